@@ -1,0 +1,175 @@
+"""What a model gives to the engine, and the result codes that the engine gives back.
+
+A model is a set of pure JAX functions of *one* trajectory; batching is the engine's business alone.
+This module imports nothing of gaitsweep, so that a user's model needs nothing but JAX and this file.
+"""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import enum
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+
+Params = Any  # a frozen pytree of scalars: a model's parameters
+State = Any  # a frozen dataclass pytree: what changes along a trajectory, modes included
+Rates = dict[str, jax.Array]  # time derivative of each continuous field of a State, by field name
+
+
+class Status(enum.IntEnum):
+    """How a row ended; every row of a table has exactly one."""
+
+    running = 0
+    settled = 1
+    cycle_limit = 2
+    fell = 3
+    diverged = 4
+    not_a_number = 5
+    event_stall = 6
+    time_limit = 7
+    complete = 8
+    inferred = 9
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.running: "The row has not ended yet.",
+    Status.settled: "The section's state stopped moving.",
+    Status.cycle_limit: "The row reached run.max_cycles without settling.",
+    Status.fell: "The model's own test of a fall came true.",
+    Status.diverged: "A state variable grew past the bound of divergence.",
+    Status.not_a_number: "A state variable became NaN.",
+    Status.event_stall: "Events followed each other at one instant without end.",
+    Status.time_limit: "The row reached run.max_time before it settled or reached run.max_cycles.",
+    Status.complete: "The row recorded all that was asked of it.",
+    Status.inferred: "The row was not simulated: its neighbours decide its label.",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """A parameter, a start value, an observable or a signal: its name, unit and meaning.
+
+    `default` is a number, or an expression over parameters ("2*sqrt(kappa)"), or None where a value must
+    be given. `low` and `high` are what a job may set, the ends excluded where `open_ends` says so.
+    `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    default: float | str | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    open_ends: bool = False
+    circular: bool = False
+    symbol: str = ""
+    source: str = ""
+
+
+class Model(abc.ABC):
+    """What every model gives; a concrete model is a frozen dataclass whose fields are its structure.
+
+    The structure (number of legs, kind of body) shapes the arrays and cannot vary inside a job.
+    Derive from `HybridModel` or from `SteppedModel`, not from this class.
+    """
+
+    name: ClassVar[str]
+    source: ClassVar[str]  # the paper
+    gaits: ClassVar[tuple[str, ...]]  # what `label` indexes
+
+    @property
+    @abc.abstractmethod
+    def parameters(self) -> tuple[Quantity, ...]:
+        """All parameters, in the order in which they are shown."""
+
+    @property
+    @abc.abstractmethod
+    def starts(self) -> tuple[Quantity, ...]:
+        """The initial conditions that a job may set."""
+
+    @property
+    @abc.abstractmethod
+    def observables(self) -> tuple[Quantity, ...]:
+        """What is read at each crossing of the Poincare section."""
+
+    @property
+    @abc.abstractmethod
+    def signals(self) -> tuple[Quantity, ...]:
+        """What a trace records."""
+
+    @property
+    def traits(self) -> tuple[Quantity, ...]:
+        """Columns that `label` gives beside `gait`."""
+        return ()
+
+    @abc.abstractmethod
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        """The frozen pytree of parameters from one scalar for each name in `parameters`."""
+
+    @abc.abstractmethod
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        """The state at t = 0, which is crossing 0 of the section, from one scalar for each start."""
+
+    @abc.abstractmethod
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        """The section's observables, read just after the jump that closes a cycle."""
+
+    @abc.abstractmethod
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """True where the events `fired` close a cycle; `before` is the state before their jump."""
+
+    @abc.abstractmethod
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+        """The signals of a trace at this state."""
+
+    @abc.abstractmethod
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """`gait` (an index into `gaits`) and the `traits`, from the observables where a row ended."""
+
+    @abc.abstractmethod
+    def failed(self, params: Params, state: State) -> jax.Array:
+        """True where the body has fallen."""
+
+    @abc.abstractmethod
+    def period(self, params: Params) -> jax.Array:
+        """A cycle's nominal duration in s; the engine's limits on time are multiples of it."""
+
+    @abc.abstractmethod
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        """The state after the events `fired` (a bool for each guard or event); it alone changes modes."""
+
+
+class HybridModel(Model):
+    """A model whose state flows by an ODE between located events.
+
+    `flow` and `guards` only read the discrete modes in the state (contacts, leg segments): a `flow` that
+    recomputes a contact inside a step ruins the location of events and the order of convergence.
+    """
+
+    @abc.abstractmethod
+    def flow(self, params: Params, state: State) -> Rates:
+        """Time derivatives of the continuous fields of `state`, by field name."""
+
+    @abc.abstractmethod
+    def guards(self, params: Params, state: State) -> jax.Array:
+        """One number for each possible event: negative while armed, firing where it becomes >= 0."""
+
+
+class SteppedModel(Model):
+    """A model advanced by a simulator's own step, whose events happen at a step's end."""
+
+    @abc.abstractmethod
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        """The state one step of `dt` (s) later, modes untouched."""
+
+    @abc.abstractmethod
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """A bool for each event that this step brought about."""

@@ -1,0 +1,273 @@
+"""One trajectory, one straight-line attempt: propose a step, look at the guards, accept, shrink or jump.
+
+The same function serves every engine. All decisions are selects, so that it can be vmapped or printed as
+a scalar kernel, and each trajectory has a time and a step of its own.
+
+An event is located by a bracket. Its near end is the state itself (every accepted step moves it forward),
+its far end is the shortest step known to fire a guard. The next trial is where the secant through both
+ends crosses zero (regula falsi with the Illinois weights, which keep both ends moving), and the jump is
+applied at the first trial past the root by less than the event tolerance: the far side of the bracket,
+where the guard has changed sign and the mode that the jump sets is already armed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import HybridModel, Model, Params, State, SteppedModel
+from gaitsweep.engine.propose import move, proposer
+
+# Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
+# crossing is ever lost and nothing has to be copied when one happens.
+GOING, CROSSING, TIME, FINISHED = 0, 1, 2, 3
+
+# Jumps at one instant before the row counts as stalled: far above any true chain of events.
+CHAIN_LIMIT = 64
+# Shorter steps than this (s) do not end a chain of jumps.
+CHAIN_STEP = 1e-9
+# Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8).
+SECANT_TRIALS = 24
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How trajectories are integrated: step (s), method, precision, tolerance of event times (s)."""
+
+    dt: float = 2.0e-3
+    method: str = "rk4"
+    precision: str = "float64"
+    event_tolerance: float = 1.0e-12
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["state", "t", "h", "near", "far", "far_guards", "weight", "trials", "chain", "stop", "halt"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class Carry:
+    """All that an attempt needs of a trajectory.
+
+    `t` time (s); `h` the step to try next; `near` the guards at the state; `far` the shortest step known
+    to fire (infinite while no event is being located) and `far_guards` the guards there; `weight` the
+    Illinois weight of the end that stayed (above zero: the near end stayed, below: the far one); `trials`
+    attempts spent on this event; `chain` jumps since time went on; `stop` the time at which to halt;
+    `halt` why the trajectory waits.
+    """
+
+    state: State
+    t: jax.Array
+    h: jax.Array
+    near: jax.Array
+    far: jax.Array
+    far_guards: jax.Array
+    weight: jax.Array
+    trials: jax.Array
+    chain: jax.Array
+    stop: jax.Array
+    halt: jax.Array
+
+
+Advance = Callable[[Params, Carry], Carry]
+Drive = Callable[[Params, jax.Array], Params]
+
+
+def start(model: Model, params: Params, state: State, *, stop: jax.Array | float = jnp.inf) -> Carry:
+    """A trajectory at t = 0; its first attempt has zero length and fires what is due at the start."""
+    if isinstance(model, HybridModel):
+        near = model.guards(params, state)
+    else:
+        near = jnp.full(_event_count(cast(SteppedModel, model), params, state), -1.0)
+    zero = jnp.zeros((), near.dtype)
+    count = jnp.zeros((), jnp.int32)
+    return Carry(
+        state=state,
+        t=zero,
+        h=zero,
+        near=near,
+        far=zero + jnp.inf,
+        far_guards=near,
+        weight=zero + 1.0,
+        trials=count,
+        chain=count,
+        stop=zero + stop,
+        halt=count,
+    )
+
+
+def _event_count(model: SteppedModel, params: Params, state: State) -> tuple[int, ...]:
+    return jax.eval_shape(lambda: model.events(params, state, state)).shape
+
+
+def advance(
+    model: Model, numerics: Numerics, *, drive: Drive | None = None, sensitivities: bool = False
+) -> Advance:
+    """The function of one attempt, `(params, carry) -> carry`.
+
+    Args:
+        model: a hybrid or a stepped model.
+        numerics: step, method and tolerances.
+        drive: for a ramp, the parameters at a time; they are held at the middle of each attempt.
+        sensitivities: make derivatives (forward mode) of event times and of states after events right. The
+            steps are then constants for differentiation, and each event's time is corrected to first order,
+            t_e - g/g', by a term whose value is zero and whose derivative is that of the event time.
+    """
+    if isinstance(model, SteppedModel):
+        return _advance_stepped(model, numerics, drive)
+    return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities)
+
+
+def _advance_hybrid(
+    model: HybridModel, numerics: Numerics, drive: Drive | None, sensitivities: bool
+) -> Advance:
+    propose = proposer(model, numerics.method)
+
+    def attempt(params: Params, carry: Carry) -> Carry:
+        dtype = carry.t.dtype
+        dt = jnp.asarray(numerics.dt, dtype)
+        # a tolerance below the resolution of time would never be met in float32
+        tolerance = jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
+        going = carry.halt == GOING
+        room = jnp.maximum(carry.stop - carry.t, 0.0)
+        h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
+        if sensitivities:
+            h = jax.lax.stop_gradient(h)
+        here = params if drive is None else drive(params, carry.t + 0.5 * h)
+        trial = propose(here, carry.state, h)
+        guards = model.guards(here, trial)
+        fired = guards >= 0.0
+        hit = jnp.any(fired)
+        late = h - _first_root(carry.near, guards, h)
+        land = hit & (late <= tolerance)
+        back = hit & ~land
+
+        bracket = _next_bracket(carry, h, guards, hit, back)
+        guess = _guess(bracket, tolerance)
+        locating = bracket["far"] < jnp.inf
+        next_h = jnp.where(land, 0.0, jnp.where(locating, guess, dt))
+
+        end = trial
+        t = carry.t + h
+        if sensitivities:
+            end, t = _implicit_event_time(model, here, trial, t, guards, fired, land)
+        after = model.jump(here, end, fired)
+        closed = land & model.section(here, trial, fired)
+        timed = ~hit & (h >= room)
+
+        chain = jnp.where(land, carry.chain + 1, jnp.where(~hit & (h > CHAIN_STEP), 0, carry.chain))
+        halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING)).astype(carry.halt.dtype)
+        moved = Carry(
+            state=_select(land, after, _select(back, carry.state, end)),
+            t=jnp.where(back, carry.t, jnp.where(timed, carry.stop, t)),
+            h=next_h,
+            chain=chain,
+            stop=carry.stop,
+            halt=halt,
+            **bracket,
+        )
+        return _select(going, moved, carry)
+
+    return attempt
+
+
+def _first_root(near: jax.Array, guards: jax.Array, h: jax.Array) -> jax.Array:
+    """Where the secants of the guards that fire put the first root, as a step from the state (s)."""
+    rise = jnp.where(guards >= 0.0, guards - near, 1.0)
+    share = jnp.where(guards >= 0.0, -near / jnp.where(rise > 0.0, rise, 1.0), 1.0)
+    return h * jnp.clip(jnp.min(share), 0.0, 1.0)
+
+
+def _next_bracket(
+    carry: Carry, h: jax.Array, guards: jax.Array, hit: jax.Array, back: jax.Array
+) -> dict[str, jax.Array]:
+    """The bracket after this attempt: far end to the trial (back), or near end to it (no hit)."""
+    on = ~hit
+    rest = carry.far - h
+    # an accepted step that reaches the far end without firing (rounding) ends the location
+    far = jnp.where(back, h, jnp.where(on & (rest > 0.0), rest, jnp.inf))
+    stayed_near = jnp.where(carry.weight > 0.0, 0.5 * carry.weight, 1.0)
+    stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
+    fresh = carry.far == jnp.inf
+    weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
+    return {
+        "near": jnp.where(on, guards, carry.near),
+        "far": far,
+        "far_guards": jnp.where(back, guards, carry.far_guards),
+        "weight": weight,
+        "trials": jnp.where(far < jnp.inf, carry.trials + 1, 0),
+    }
+
+
+def _guess(bracket: dict[str, jax.Array], tolerance: jax.Array) -> jax.Array:
+    """The next trial inside the bracket: the weighted secant, half a tolerance past its root."""
+    weight = bracket["weight"]
+    near = bracket["near"] * jnp.where(weight > 0.0, weight, 1.0)
+    far_guards = bracket["far_guards"] * jnp.where(weight < 0.0, -weight, 1.0)
+    far = jnp.where(bracket["far"] < jnp.inf, bracket["far"], 0.0)
+    secant = _first_root(near, far_guards, far) + 0.5 * tolerance
+    guess = jnp.where(bracket["trials"] > SECANT_TRIALS, 0.5 * far, secant)
+    return jnp.minimum(guess, far)
+
+
+def _implicit_event_time(
+    model: HybridModel,
+    params: Params,
+    trial: State,
+    t: jax.Array,
+    guards: jax.Array,
+    fired: jax.Array,
+    land: jax.Array,
+) -> tuple[State, jax.Array]:
+    """State and time at the event, with the derivative of the event time in them.
+
+    g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that fires; of several
+    at once the one that came first counts.
+    """
+    rates = model.flow(params, trial)
+    still = jax.lax.stop_gradient(trial)
+    along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
+    _, speed = jax.jvp(
+        lambda s: model.guards(jax.lax.stop_gradient(params), move(still, along, s)),
+        (jnp.zeros_like(t),),
+        (jnp.ones_like(t),),
+    )
+    speed = jnp.where(fired & (speed != 0.0), speed, 1.0)
+    age = jnp.where(fired, jax.lax.stop_gradient(guards) / speed, -jnp.inf)
+    first = jnp.arange(guards.size) == jnp.argmax(age)
+    drift = (guards - jax.lax.stop_gradient(guards)) / speed
+    shift = -jnp.sum(jnp.where(first & fired & land, drift, 0.0))
+    return move(trial, rates, shift), t + shift
+
+
+def _advance_stepped(model: SteppedModel, numerics: Numerics, drive: Drive | None) -> Advance:
+    def attempt(params: Params, carry: Carry) -> Carry:
+        dt = jnp.asarray(numerics.dt, carry.t.dtype)
+        going = carry.halt == GOING
+        room = carry.stop - carry.t
+        here = params if drive is None else drive(params, carry.t + 0.5 * dt)
+        trial = model.step(here, carry.state, dt)
+        fired = model.events(here, carry.state, trial)
+        hit = jnp.any(fired)
+        after = model.jump(here, trial, fired)
+        closed = hit & model.section(here, trial, fired)
+        # a simulator's step cannot be shortened, so a stop is met at the step nearest to it
+        timed = ~closed & (room <= 1.5 * dt)
+        moved = dataclasses.replace(
+            carry,
+            state=_select(hit, after, trial),
+            t=carry.t + dt,
+            halt=jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING)).astype(carry.halt.dtype),
+        )
+        return _select(going, moved, carry)
+
+    return attempt
+
+
+def _select(condition: jax.Array, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)

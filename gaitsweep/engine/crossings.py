@@ -1,0 +1,68 @@
+"""Runs that keep every crossing of the section: return maps and ramps."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Params, Status
+from gaitsweep.engine.advance import CROSSING, TIME, Carry
+from gaitsweep.engine.record import BUFFER, SPARE_CYCLES, Record, Recorder, append
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossings(Recorder):
+    """Every crossing of the section: crossing, t and the observables, the start being crossing 0.
+
+    Ends after `crossings` of them beyond the first `after_cycles`, or at `duration` (s) for a ramp.
+    """
+
+    model: Model
+    crossings: int | None = None
+    after_cycles: int = 0
+    duration: float | None = None
+
+    @property
+    def width(self) -> int:
+        return 2 + len(self.model.observables)
+
+    def stop(self, params: Params) -> jax.Array:
+        period = self.model.period(params)
+        if self.duration is not None:
+            return jnp.full_like(period, self.duration)
+        return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
+
+    def begin(self, params: Params, carry: Carry) -> Record:
+        record = super().begin(params, carry)
+        return self._keep(carry, record, jnp.asarray(self.after_cycles == 0))
+
+    def _keep(self, carry: Carry, record: Record, when: jax.Array) -> Record:
+        head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
+        return append(record, jnp.concatenate([head, record.last]), when)
+
+    def take(self, params: Params, carry: Carry, record: Record) -> tuple[Carry, Record]:
+        crossed = (carry.halt == CROSSING) & (record.filled < BUFFER)
+        taken = dataclasses.replace(
+            record,
+            cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
+            last=jnp.where(crossed, self.observables(params, carry.state), record.last),
+        )
+        taken = self._keep(carry, taken, crossed & (taken.cycles >= self.after_cycles))
+        late = Status.complete if self.duration is not None else Status.time_limit
+        status = jnp.where(carry.halt == TIME, late, Status.running)
+        if self.crossings is not None:
+            full = crossed & (taken.cycles >= self.after_cycles + self.crossings)
+            status = jnp.where(full, Status.complete, status)
+        waits = (carry.halt == CROSSING) & ~crossed
+        halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
+        return dataclasses.replace(carry, halt=halt), dataclasses.replace(
+            taken, status=status.astype(jnp.int32)
+        )
+
+    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+        if self.crossings is None:
+            return t / (self.duration or 1.0)
+        return record.cycles / (self.after_cycles + self.crossings)

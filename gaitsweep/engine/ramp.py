@@ -1,0 +1,42 @@
+"""A parameter that moves slowly along a path, up and down."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Path:
+    """Straight passes between the `values`, at `rate` (units of the parameter a second), after `hold` s."""
+
+    values: tuple[float, ...]
+    rate: float
+    hold: float = 0.0
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Times (s) at which a pass begins or ends, one for each value."""
+        lengths = [abs(b - a) / self.rate for a, b in itertools.pairwise(self.values)]
+        return self.hold + np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def duration(self) -> float:
+        return float(self.knots[-1])
+
+    def at(self, t: jax.Array) -> jax.Array:
+        """The parameter at time `t` (s); the ends are kept before and after."""
+        knots = self.knots
+        value = jnp.full_like(t, self.values[0])
+        # a sum of clipped straight lines: a search over the knots would not be straight-line code
+        for (a, b), since, until in zip(itertools.pairwise(self.values), knots[:-1], knots[1:], strict=True):
+            value = value + np.sign(b - a) * self.rate * jnp.clip(t - since, 0.0, until - since)
+        return value
+
+    def passes(self, t: np.ndarray) -> np.ndarray:
+        """The pass (0, 1, ...) in which each time falls; the hold belongs to pass 0."""
+        return np.clip(np.searchsorted(self.knots[1:-1], t, side="right"), 0, len(self.values) - 2)

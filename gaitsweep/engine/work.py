@@ -1,0 +1,43 @@
+"""What a sweep is asked to do, and how far it has come."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+
+from gaitsweep.contract import Model, Params
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.record import Recorder
+from gaitsweep.engine.xla import Values
+
+
+@dataclasses.dataclass(frozen=True)
+class Work:
+    """What is to be run: all rows, and how.
+
+    `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;
+    `drive` the parameters at a time from a row's raw values, for ramps.
+    """
+
+    model: Model
+    recorder: Recorder
+    numerics: Numerics
+    n_rows: int
+    block: int
+    lanes: int
+    devices: list[jax.Device]
+    values: Callable[[int, int], tuple[Values, Values]]
+    drive: Callable[..., Params] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """Where a run stands: rows done, rows of this run, share done, attempts, seconds since the start."""
+
+    done: int
+    rows: int
+    share: float
+    attempts: int
+    seconds: float

@@ -1,0 +1,170 @@
+"""The XLA engine: `advance` and a recorder vmapped over lanes and jitted, one program for each device.
+
+Every device runs the same program over the same number of lanes, so a row's numbers do not depend on how
+many devices there are, nor on the lane or the moment in which it ran. (One program partitioned over the
+devices would not do: XLA compiles it differently for one device and for two, to the last bits.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Params, Status
+from gaitsweep.engine.advance import Carry, Drive, Numerics, advance, start
+from gaitsweep.engine.record import CADENCE, Record, Recorder
+
+# Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
+# chances to show progress, to store and to refill.
+LOOKS = 64
+
+Values = Mapping[str, np.ndarray]
+
+
+def local_devices(count: int | None = None) -> list[jax.Device]:
+    """The devices of a run: all local ones, or the first `count`; on a CPU one for each usable core.
+
+    Sets float64 on, which is gaitsweep's default everywhere.
+
+    Raises:
+        ValueError: more devices are asked for than there are.
+    """
+    jax.config.update("jax_enable_x64", True)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    # only before JAX has started; afterwards it has the devices that it has
+    with contextlib.suppress(RuntimeError):
+        if jax.config.jax_num_cpu_devices < max(cores, count or 1):
+            jax.config.update("jax_num_cpu_devices", max(cores, count or 1))
+    devices = jax.local_devices()
+    if count is not None and count > len(devices):
+        raise ValueError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
+    return devices[:count]
+
+
+def default_lanes(n_rows: int, platform: str) -> int:
+    """Lanes for each device, from the job and the kind of device alone.
+
+    XLA on a CPU is as fast with 64 lanes as with 4 096; few lanes leave more rows for refilling, so that
+    devices end together. A GPU wants many.
+    """
+    most, least = (256, 8) if platform == "cpu" else (16384, 256)
+    wanted = max(1, n_rows // 8)
+    return int(min(most, max(least, 2 ** int(np.ceil(np.log2(wanted))))))
+
+
+class Lanes:
+    """Trajectories in flight on one device: fill some, run a chunk of attempts, read what they gave.
+
+    Args:
+        model, recorder, numerics: what is run and what is kept.
+        size: trajectories at once.
+        device: where to run.
+        drive: for a ramp, the parameters at a time, from the raw values of a row.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        recorder: Recorder,
+        numerics: Numerics,
+        *,
+        size: int,
+        device: jax.Device,
+        drive: Callable[[Values, jax.Array], Params] | None = None,
+    ) -> None:
+        self.size = size
+        self._dtype = np.dtype(numerics.precision)
+        self._device = device
+        one = _OneLane(model, recorder, numerics, drive)
+        self._open = jax.jit(jax.vmap(one.open))
+        self._fill = jax.jit(jax.vmap(one.fill))
+        self._chunk = jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(one.look)))
+        self._held: Any = None
+
+    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
+        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
+        values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
+        begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
+        if self._held is not None:
+            self._held = self._fill(values, begin, self._put(fresh), self._held)
+            return
+        held, carry, record = self._open(values, begin)
+        status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
+        self._held = held, carry, dataclasses.replace(record, status=status)
+
+    def run_chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray]:
+        """Advance all running lanes by up to `looks * CADENCE` attempts.
+
+        Returns the records with what their buffers got in this chunk, and the lanes' times (s), on the host.
+        """
+        self._held, given = self._chunk(self._put(np.int32(looks)), self._held)
+        return jax.device_get(given)
+
+    def _put(self, array: Any) -> jax.Array:
+        return jax.device_put(array, self._device)
+
+
+class _OneLane:
+    """The engine's functions of one trajectory."""
+
+    def __init__(
+        self, model: Model, recorder: Recorder, numerics: Numerics, drive: Callable[..., Params] | None
+    ) -> None:
+        self.model, self.recorder, self.numerics = model, recorder, numerics
+        self.at = drive if drive is not None else lambda values, t: model.params(values)
+        inner: Drive | None = drive
+        if inner is None:
+            self._advance = advance(model, numerics)
+        else:
+            self._advance = advance(model, numerics, drive=inner)
+        self.driven = drive is not None
+
+    def open(self, values: Any, starts: Any) -> Any:
+        zero = jnp.zeros((), next(iter(values.values())).dtype)
+        params = self.at(values, zero)
+        state = self.model.init(params, starts)
+        carry = start(self.model, params, state, stop=self.recorder.stop(params))
+        # what does not change along a trajectory is worked out once
+        held = values if self.driven else params
+        return held, carry, self.recorder.begin(params, carry)
+
+    def fill(self, values: Any, starts: Any, fresh: jax.Array, held: Any) -> Any:
+        new = self.open(values, starts)
+        return jax.tree.map(lambda a, b: jnp.where(fresh, a, b), new, held)
+
+    def attempt(self, values: Any, carry: Carry) -> Carry:
+        return self._advance(values, carry)
+
+    def look(self, values: Any, carry: Carry, record: Record) -> tuple[Carry, Record]:
+        params = self.at(values, carry.t) if self.driven else values
+        return self.recorder.look(params, carry, record, self.numerics.dt)
+
+
+def _chunk(
+    attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, held: Any
+) -> tuple[Any, tuple[Record, jax.Array]]:
+    values, carry, record = held
+
+    def going(loop: Any) -> jax.Array:
+        count, _, record = loop
+        return (count < looks) & jnp.any(record.status == Status.running)
+
+    def turn(loop: Any) -> Any:
+        count, carry, record = loop
+        carry = jax.lax.fori_loop(0, CADENCE, lambda _, c: attempt(values, c), carry)
+        carry, record = look(values, carry, record)
+        return count + 1, carry, record
+
+    _, carry, record = jax.lax.while_loop(going, turn, (jnp.zeros((), jnp.int32), carry, record))
+    given = dataclasses.replace(record, window=jnp.zeros((record.status.size, 0), record.last.dtype))
+    # the host reads what is given, so that the buffers are free again
+    record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
+    return (values, carry, record), (given, carry.t)
