@@ -27,8 +27,8 @@ from gaitsweep.engine.propose import move, proposer
 # crossing is ever lost and nothing has to be copied when one happens.
 GOING, CROSSING, TIME, FINISHED = 0, 1, 2, 3
 
-# Jumps at one instant before the row counts as stalled: far above any true chain of events.
-CHAIN_LIMIT = 64
+# Jumps at one instant for each guard before the row counts as stalled: far above any true chain of events.
+CHAIN_LIMIT = 4
 # Shorter steps than this (s) do not end a chain of jumps.
 CHAIN_STEP = 1e-9
 # Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8).

@@ -26,18 +26,18 @@ class Timings:
     attempts: int = 0
 
 
-def n_blocks(n_rows: int, block: int) -> int:
-    return -(-n_rows // block)
-
-
 def sweep(
     work: Work,
     blocks: Sequence[int],
     write: Callable[[int, BlockResult], None],
     progress: Callable[[Progress], None] | None = None,
+    timings: Timings | None = None,
 ) -> Timings:
-    """Run the rows of `blocks` and give each block to `write(number, result)` when all its rows are done."""
-    timings = Timings()
+    """Run the rows of `blocks` and give each block to `write(number, result)` when all its rows are done.
+
+    `timings`, where given, is kept up to date as the sweep goes, so that it tells of an interrupted one too.
+    """
+    timings = Timings() if timings is None else timings
     began = time.perf_counter()
     pool = Pool(work, blocks)
     label = Labels(work)

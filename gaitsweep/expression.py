@@ -1,0 +1,247 @@
+"""Arithmetic written in jobs and models: checked against a short grammar, then evaluated by simpleeval.
+
+What is read is a number, or arithmetic with `+ - * / // % **` and parentheses over names, `pi`, `e` and
+the functions of `FUNCTIONS`. Everything else that Python knows is refused before anything is evaluated.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import math
+import operator
+import re
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import simpleeval
+
+from gaitsweep import nearmiss
+
+CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
+FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
+
+_LONGEST = 500
+_DEEPEST = 60
+_OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+_WORDS: dict[type, str] = {
+    ast.Attribute: "a dot after a name",
+    ast.Subscript: "an index in brackets",
+    ast.Lambda: "a lambda",
+    ast.ListComp: "a comprehension",
+    ast.SetComp: "a comprehension",
+    ast.DictComp: "a comprehension",
+    ast.GeneratorExp: "a comprehension",
+    ast.Compare: "a comparison",
+    ast.BoolOp: "and / or",
+    ast.IfExp: "if / else",
+    ast.Tuple: "a comma outside a function (a decimal point is a dot)",
+    ast.List: "a list",
+    ast.Dict: "a mapping",
+    ast.Set: "a set",
+    ast.JoinedStr: "text in quotes",
+    ast.NamedExpr: "an assignment",
+    ast.Starred: "a star before an argument",
+    ast.BitXor: "^ (a power is written **)",
+    ast.Constant: "a parenthesis after a number (a product needs its star)",
+}
+
+
+class ExpressionError(ValueError):
+    """An expression that cannot be read or evaluated; the message is a sentence that quotes it."""
+
+
+def evaluate(
+    expression: str | float,
+    names: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]] | None = None,
+) -> Any:
+    """The value of a number or of an expression over `names`.
+
+    Args:
+        expression: a number, or text such as "2*(1-beta)*pi".
+        names: the value of each name: numbers, or NumPy arrays that broadcast together; JAX arrays or
+            tracers where `functions` is given. They may not redefine `pi` or `e`.
+        functions: what FUNCTIONS stand for, `functions_of(jnp)` under a JAX trace; NumPy's by default.
+
+    Returns:
+        A float where all is scalar, else an array of the broadcast shape. Without `functions` the result is
+        finite: overflow, division by zero and roots of negative numbers are refused.
+
+    Raises:
+        ExpressionError: with a sentence that quotes the expression and names the near miss.
+    """
+    if not isinstance(expression, str):
+        return _number(expression)
+    tree = _parse(expression)
+    for name in names_in(expression):
+        if name not in names:
+            allowed = [*names, *CONSTANTS]
+            raise ExpressionError(
+                f"in {_quoted(expression)}, {name} is not a known name{nearmiss.suggestion(name, allowed)}"
+            )
+    if clash := sorted(set(names) & set(CONSTANTS)):
+        raise ExpressionError(f"{clash[0]} is a constant and cannot be a name of its own.")
+    if functions is not None:
+        return _evaluate_tree(expression, tree, {**CONSTANTS, **names}, functions, float)
+    # A lone number goes through the loops of arrays too: NumPy's scalar powers differ from them by an ulp.
+    used = {**CONSTANTS, **{name: names[name] for name in names_in(expression)}}
+    known = {name: np.atleast_1d(np.asarray(value, np.float64)) for name, value in used.items()}
+    with np.errstate(divide="raise", over="raise", invalid="raise", under="ignore"):
+        result = _evaluate_tree(expression, tree, known, functions_of(np), lambda number: np.array([number]))
+    if not np.all(np.isfinite(result)):
+        raise ExpressionError(f"{_quoted(expression)} is not a finite number.")
+    scalar = all(np.ndim(names[name]) == 0 for name in names_in(expression))
+    return float(result[0]) if scalar else result
+
+
+def names_in(expression: str | float) -> set[str]:
+    """The names that an expression uses, constants and functions left out; empty for a number."""
+    if not isinstance(expression, str):
+        return set()
+    tree = _parse(expression)
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
+    return used - set(CONSTANTS)
+
+
+def functions_of(module: Any) -> dict[str, Callable[..., Any]]:
+    """FUNCTIONS as `module` has them, `module` being numpy or jax.numpy; min and max take two or more."""
+    table = {name: getattr(module, name) for name in FUNCTIONS if name not in ("min", "max")}
+    table["min"] = lambda *values: functools.reduce(module.minimum, values)
+    table["max"] = lambda *values: functools.reduce(module.maximum, values)
+    return table
+
+
+def _quoted(text: str) -> str:
+    return f'"{text}"' if len(text) <= 60 else f'"{text[:57]}..."'
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ExpressionError(f"{value!r} is not a number.")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ExpressionError(f"{number} is not a finite number.")
+    return number
+
+
+def _evaluate_tree(
+    text: str,
+    tree: ast.expr,
+    names: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]],
+    constant: Callable[[float], Any],
+) -> Any:
+    evaluator = simpleeval.SimpleEval(operators=_OPERATORS, functions=dict(functions), names=dict(names))
+    evaluator.nodes[ast.Constant] = lambda node: constant(node.value)
+    try:
+        result = evaluator.eval(text, previously_parsed=tree)
+    except (ZeroDivisionError, OverflowError, FloatingPointError) as error:
+        raise ExpressionError(f"{_quoted(text)} is not a finite number ({_arithmetic(error)}).") from None
+    if isinstance(result, complex):
+        raise ExpressionError(f"{_quoted(text)} is not a real number.")
+    return result
+
+
+def _arithmetic(error: Exception) -> str:
+    sort = str(error)
+    if "divi" in sort:
+        return "it divides by zero, or takes the logarithm of zero"
+    if "overflow" in sort or "too large" in sort:
+        return "it grows past 1.8e308"
+    return "a root, power or logarithm of a number that has none"
+
+
+@functools.lru_cache(maxsize=4096)
+def _parse(text: str) -> ast.expr:
+    """The tree of `text` with every constant a float, checked to hold nothing but arithmetic."""
+    if not text.strip():
+        raise ExpressionError("the text is empty where a number is needed.")
+    if len(text) > _LONGEST:
+        raise ExpressionError(f"{_quoted(text)} is longer than {_LONGEST} characters.")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            body = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        raise ExpressionError(f"{_quoted(text)} is not a number or arithmetic{_hint(text)}.") from None
+    _check(text, body)
+    return body
+
+
+def _hint(text: str) -> str:
+    if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*([A-Za-z_]\w*|\()", text):
+        return f"; a product needs its star, and a number no unit: {product[1]}*{product[2]}"
+    return ""
+
+
+def _check(text: str, body: ast.expr) -> None:
+    stack: list[tuple[ast.AST, int]] = [(body, 1)]
+    while stack:
+        node, depth = stack.pop()
+        if depth > _DEEPEST:
+            raise ExpressionError(f"{_quoted(text)} is nested more than {_DEEPEST} deep.")
+        if isinstance(node, ast.Constant):
+            node.value = _constant(text, node.value)
+        elif isinstance(node, ast.Call):
+            _check_call(text, node)
+            stack.extend((argument, depth + 1) for argument in node.args)
+            continue
+        elif isinstance(node, ast.Name):
+            if node.id in FUNCTIONS:
+                raise ExpressionError(f"in {_quoted(text)}, {node.id} is a function: write {node.id}(...).")
+        elif isinstance(node, (ast.BinOp, ast.UnaryOp)):
+            if type(node.op) not in _OPERATORS:
+                raise ExpressionError(_refusal(text, node.op))
+        elif not isinstance(node, (ast.operator, ast.unaryop, ast.expr_context)):
+            raise ExpressionError(_refusal(text, node))
+        stack.extend((child, depth + 1) for child in ast.iter_child_nodes(node))
+
+
+def _constant(text: str, value: object) -> float:
+    if isinstance(value, str):
+        raise ExpressionError(f"in {_quoted(text)}, text in quotes is not allowed; only arithmetic is.")
+    try:
+        return _number(value)
+    except ExpressionError as error:
+        raise ExpressionError(f"in {_quoted(text)}, {error}") from None
+
+
+def _check_call(text: str, node: ast.Call) -> None:
+    if not isinstance(node.func, ast.Name):
+        raise ExpressionError(_refusal(text, node.func))
+    name = node.func.id
+    if name not in FUNCTIONS:
+        raise ExpressionError(
+            f"in {_quoted(text)}, {name} is not a known function{nearmiss.suggestion(name, FUNCTIONS)}"
+        )
+    for argument in node.args:
+        if isinstance(argument, (ast.Starred, ast.GeneratorExp)):
+            raise ExpressionError(_refusal(text, argument))
+    if node.keywords:
+        raise ExpressionError(f"in {_quoted(text)}, {name} takes no named arguments.")
+    if name in ("min", "max") and len(node.args) < 2:
+        raise ExpressionError(f"in {_quoted(text)}, {name} takes two numbers or more.")
+    if name not in ("min", "max") and len(node.args) != 1:
+        raise ExpressionError(f"in {_quoted(text)}, {name} takes one number.")
+
+
+def _refusal(text: str, node: ast.AST) -> str:
+    word = _WORDS.get(type(node), "this")
+    return f"in {_quoted(text)}, {word} is not allowed; only + - * / // % ** and {', '.join(FUNCTIONS)} are."

@@ -1,0 +1,114 @@
+"""The models that a job can name, each imported when it is first asked for."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.machinery
+import inspect
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from gaitsweep import nearmiss
+from gaitsweep.contract import HybridModel, Model, SteppedModel
+
+_REGISTRY = {"multilegged": "gaitsweep.models.multilegged:Multilegged"}
+_OWN = "a model of your own is written package.module:attribute"
+
+
+class ModelError(LookupError):
+    """A model that cannot be had; the message is a sentence that goes on from the model's name."""
+
+
+def names() -> tuple[str, ...]:
+    """The registered names."""
+    return tuple(_REGISTRY)
+
+
+def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
+    """The class of a registered model, or of the user's own as "package.module:attribute".
+
+    Args:
+        name: a registered name, or where the user's own class is.
+        folders: folders whose modules may be imported, besides the working directory and what is installed.
+
+    Raises:
+        ModelError: an unknown name (with the near miss), a module that does not import, or an attribute
+            that is missing or is not a model.
+    """
+    own = name not in _REGISTRY
+    path = _REGISTRY.get(name, name)
+    if ":" not in path:
+        raise ModelError(
+            f"is {name}, which is not a known model{nearmiss.suggestion(name, names())} Or {_OWN}."
+        )
+    module_name, _, attribute = path.partition(":")
+    if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
+        raise ModelError(f"is {name}, which cannot be read; {_OWN}.")
+    module = _import(name, module_name, [*folders, Path.cwd()] if own else [])
+    if not hasattr(module, attribute):
+        classes = [
+            key for key, value in vars(module).items() if inspect.isclass(value) and issubclass(value, Model)
+        ]
+        near = nearmiss.suggestion(attribute, _concrete(classes))
+        raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
+    return _as_model(name, getattr(module, attribute))
+
+
+def _concrete(classes: list[str]) -> list[str]:
+    return [
+        name for name in classes if name not in (Model.__name__, HybridModel.__name__, SteppedModel.__name__)
+    ]
+
+
+def _as_model(name: str, found: object) -> type[Model]:
+    if not inspect.isclass(found) or not issubclass(found, (HybridModel, SteppedModel)):
+        raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
+    if inspect.isabstract(found):
+        missing = ", ".join(sorted(found.__abstractmethods__))
+        raise ModelError(f"is {name}, which is not a whole model yet: it lacks {missing}.")
+    return found
+
+
+def _import(name: str, module_name: str, folders: list[Path]) -> object:
+    try:
+        with _importable(folders):
+            module = importlib.import_module(module_name)
+    except (
+        Exception
+    ) as error:  # whatever a user's module does while it is imported, the job's author must hear of it
+        raise ModelError(
+            f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
+        ) from error
+    _refuse_namesake(name, module_name, folders)
+    return module
+
+
+@contextmanager
+def _importable(folders: list[Path]) -> Iterator[None]:
+    """Folders put last, so that a file of the user's hides no installed package from the others."""
+    added = [str(folder.resolve()) for folder in folders]
+    sys.path.extend(added)
+    importlib.invalidate_caches()
+    try:
+        yield
+    finally:
+        for folder in added:
+            sys.path.reverse()
+            sys.path.remove(folder)
+            sys.path.reverse()
+
+
+def _refuse_namesake(name: str, module_name: str, folders: list[Path]) -> None:
+    """A module of the same name loaded from elsewhere would be simulated in the place of the user's own."""
+    top = module_name.partition(".")[0]
+    loaded = getattr(sys.modules.get(top), "__file__", None)
+    for folder in folders:
+        spec = importlib.machinery.PathFinder.find_spec(top, [str(folder.resolve())])
+        if spec is not None and spec.origin is not None:
+            if loaded is not None and Path(loaded).resolve() != Path(spec.origin).resolve():
+                raise ModelError(
+                    f"is {name}, but a module {top} is loaded from {loaded}: rename {spec.origin}."
+                )
+            return

@@ -1,0 +1,224 @@
+"""A job carried out: its rows through the engine into a result directory, and its figures.
+
+`carry_out` is what `gaitsweep run` and `gaitsweep.run(...)` do. Run again, it continues where it stopped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import pandas as pd
+
+from gaitsweep import provenance
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.block import BlockResult
+from gaitsweep.engine.crossings import Crossings
+from gaitsweep.engine.ramp import Path as RampPath
+from gaitsweep.engine.record import Recorder
+from gaitsweep.engine.settle import Settle
+from gaitsweep.engine.sweep import Timings, sweep
+from gaitsweep.engine.trace import Trace
+from gaitsweep.engine.work import Progress as EngineProgress
+from gaitsweep.engine.work import Work
+from gaitsweep.engine.xla import default_lanes, local_devices
+from gaitsweep.expression import evaluate, functions_of
+from gaitsweep.frames import crossing_frame, settle_frame, trace_frame
+from gaitsweep.job import Job, Plan, plan
+from gaitsweep.plot import draw
+from gaitsweep.table import ResultDirectory, TableError, load
+
+RESULTS = Path("results")
+
+
+class RunError(Exception):
+    """A job cannot run here; the message is a sentence that says why and what to do."""
+
+
+class Progress(Protocol):
+    """Told now and then how far a run is."""
+
+    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        """Rows done and in all, rows a second, the share done (running rows count in part), a remark."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A job made ready: its rows, the engine's work, and the hash that its directory carries."""
+
+    job: Job
+    plan: Plan
+    work: Work
+    engine: str
+    job_hash: str
+    frame: Callable[[BlockResult], pd.DataFrame]
+
+    @property
+    def device(self) -> str:
+        first = self.work.devices[0]
+        return f"{len(self.work.devices)} x {first.platform} ({first.device_kind})"
+
+
+def prepare(job: Job) -> Prepared:
+    """Choose engine, devices and lanes for a job.
+
+    Raises:
+        RunError: the job asks for what is not here.
+    """
+    try:
+        devices = local_devices(job.engine.devices)
+    except ValueError as error:
+        raise RunError(str(error)) from error
+    rows = plan(job)
+    numerics = Numerics(**job.numerics.model_dump())
+    lanes = job.engine.lanes or default_lanes(rows.n_rows, devices[0].platform)
+    recorder, ramp = _recorder(job, rows)
+    work = Work(
+        model=rows.model,
+        recorder=recorder,
+        numerics=numerics,
+        n_rows=rows.n_rows,
+        block=job.engine.block,
+        lanes=lanes,
+        devices=devices,
+        values=rows.values,
+        drive=None if ramp is None else _drive(rows, *ramp),
+    )
+    engine = job.engine.resolved_name
+    job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes)
+    return Prepared(job, rows, work, engine, job_hash, functools.partial(_frame, job, rows, ramp))
+
+
+def carry_out(
+    job: Job, out: str | Path | None = None, *, progress: Progress | None = None, figures: bool = True
+) -> Path:
+    """Run what a job's directory still lacks, then draw its figures.
+
+    Args:
+        job: the job.
+        out: its result directory, `results/NAME` by default.
+        progress: told how far the run is.
+        figures: draw the job's figures at the end.
+
+    Returns:
+        The result directory.
+
+    Raises:
+        RunError, TableError: a sentence each; what was written before stays, and the next run continues.
+        KeyboardInterrupt: likewise.
+    """
+    path = RESULTS / job.name if out is None else Path(out)
+    ready = prepare(job)
+    work = ready.work
+    with ResultDirectory.open(path, job.resolved(), ready.job_hash, work.n_rows, work.block) as directory:
+        missing = directory.missing_blocks()
+        if missing:
+            _run_missing(ready, directory, missing, progress)
+    if figures:
+        draw_figures(path)
+    return path
+
+
+def _run_missing(
+    ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress | None
+) -> None:
+    before = directory.rows_done
+    directory.update_manifest(
+        engine=ready.engine,
+        device=ready.device,
+        lanes=ready.work.lanes,
+        precision=ready.work.numerics.precision,
+        versions=provenance.versions(),
+        git_commit=provenance.git_commit(),
+    )
+    spent = Timings(**directory.manifest.get("timings", {}))
+
+    def write(number: int, block: BlockResult) -> None:
+        frame = ready.frame(block)
+        directory.write_part(number, frame)
+
+    def tell(now: EngineProgress) -> None:
+        if progress is not None:
+            done, total = before + now.done, ready.work.n_rows
+            rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
+            note = f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
+            progress(done, total, rate, (before + now.share * now.rows) / total, note)
+
+    if progress is not None:
+        progress(before, ready.work.n_rows, 0.0, before / ready.work.n_rows, "compiling")
+    timings = Timings()
+    try:
+        sweep(ready.work, missing, write, tell, timings)
+    finally:
+        total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
+        directory.update_manifest(
+            timings=total, counts=directory.counts(), complete=not directory.missing_blocks()
+        )
+
+
+def draw_figures(path: str | Path) -> list[Path]:
+    """Draw the figures of a result directory from its table, without simulating.
+
+    Returns:
+        The files, in the job's order.
+
+    Raises:
+        TableError: there is no table yet.
+    """
+    table = load(path)
+    folder = Path(path) / "figures"
+    folder.mkdir(exist_ok=True)
+    files = []
+    for spec in table.attrs["job"].get("figures", []):
+        given = {key: value for key, value in spec.items() if value is not None and key not in ("kind", "name")}
+        figure = draw(spec["kind"], table, **given)
+        file = folder / f"{spec.get('name') or spec['kind']}.png"
+        try:
+            figure.savefig(file, dpi=150)
+        except OSError as error:
+            file.unlink(missing_ok=True)
+            raise TableError(f"{file} could not be written: {error.strerror or error}.") from error
+        files.append(file)
+    return files
+
+
+def _recorder(job: Job, rows: Plan) -> tuple[Recorder, tuple[str, RampPath] | None]:
+    run, model = job.run, rows.model
+    if run.kind == "settle":
+        return Settle(model, run.max_cycles, run.tolerance, run.max_time), None
+    if run.kind == "trace":
+        return Trace(model, run.duration, run.every, run.after_cycles), None
+    if run.kind == "return_map":
+        return Crossings(model, run.crossings, run.after_cycles), None
+    path = RampPath(tuple(run.path), run.rate, run.hold)
+    return Crossings(model, duration=path.duration), (run.parameter, path)
+
+
+def _drive(rows: Plan, parameter: str, path: RampPath) -> Callable[[Any, jax.Array], Any]:
+    """The parameters at a time of a ramp; formulas that use the moving parameter follow it."""
+    following = [
+        name for name in rows.order if name in rows.derived and parameter in rows.closure([name])
+    ]
+    functions = functions_of(jnp)
+
+    def drive(values: Any, t: jax.Array) -> Any:
+        moved = {**values, parameter: path.at(t)}
+        for name in following:
+            moved[name] = evaluate(rows.derived[name], moved, functions)
+        return rows.model.params(moved)
+
+    return drive
+
+
+def _frame(job: Job, rows: Plan, ramp: tuple[str, RampPath] | None, block: BlockResult) -> pd.DataFrame:
+    axes = rows.columns(block.first, block.first + len(block.status))
+    if job.run.kind == "settle":
+        return settle_frame(rows.model, axes, block)
+    if job.run.kind == "trace":
+        return trace_frame(rows.model, axes, block)
+    return crossing_frame(rows.model, axes, block, ramp)

@@ -1,0 +1,30 @@
+"""Every test runs in float64, with rank promotion an error, and without a display."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault(
+    "JAX_PLATFORMS", "cpu"
+)  # JAX_PLATFORMS=cuda runs the suite, and the tests marked gpu, on a card
+
+import hypothesis
+import jax
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_num_cpu_devices", 2)  # so that sweeps over several devices are tested anywhere
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Compilation makes an example's first run slow, so no deadline; the same examples are tried each time.
+hypothesis.settings.register_profile("suite", deadline=None, derandomize=True, print_blob=True)
+hypothesis.settings.load_profile("suite")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip tests marked `gpu` where there is no CUDA device."""
+    if any(item.get_closest_marker("gpu") for item in items) and jax.default_backend() != "gpu":
+        for item in items:
+            if item.get_closest_marker("gpu"):
+                item.add_marker(pytest.mark.skip(reason="no CUDA device"))

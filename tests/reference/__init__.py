@@ -1,0 +1,1 @@
+"""Independent references for the models, in plain NumPy and SciPy; nothing here imports gaitsweep."""

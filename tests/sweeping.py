@@ -1,0 +1,78 @@
+"""Rows through the engine without a job or a directory, for tests of the engine."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.block import BlockResult
+from gaitsweep.engine.record import Recorder
+from gaitsweep.engine.sweep import sweep
+from gaitsweep.engine.work import Work
+from gaitsweep.expression import evaluate
+
+
+def complete(model: Model, params: Mapping[str, Any], n: int) -> dict[str, np.ndarray]:
+    """All parameters of a model, (n,) each: those given, then the defaults."""
+    values: dict[str, Any] = {}
+    for quantity in model.parameters:
+        given = params.get(quantity.name, quantity.default)
+        values[quantity.name] = evaluate(given, values) if isinstance(given, str) else given
+    return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in values.items()}
+
+
+def scalars(model: Model, **params: Any) -> Any:
+    """The model's own parameters of one trajectory."""
+    return model.params({k: jax.numpy.asarray(v[0]) for k, v in complete(model, params, 1).items()})
+
+
+def run_rows(
+    model: Model,
+    recorder: Recorder,
+    starts: Mapping[str, Any],
+    *,
+    params: Mapping[str, Any] | None = None,
+    numerics: Numerics | None = None,
+    lanes: int = 8,
+    devices: int = 1,
+    block: int | None = None,
+    drive: Any = None,
+) -> BlockResult:
+    """Run one row for each element of the starts; the results of all blocks as one."""
+    n = max(np.size(v) for v in starts.values())
+    held = complete(model, params or {}, n)
+    defaults = {q.name: q.default for q in model.starts if q.default is not None}
+    begin = {
+        q.name: np.broadcast_to(np.asarray(starts.get(q.name, defaults.get(q.name)), np.float64), (n,))
+        for q in model.starts
+    }
+    work = Work(
+        model=model,
+        recorder=recorder,
+        numerics=numerics or Numerics(),
+        n_rows=n,
+        block=block or n,
+        lanes=lanes,
+        devices=jax.local_devices()[:devices],
+        values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
+        drive=drive,
+    )
+    blocks: dict[int, BlockResult] = {}
+    sweep(work, range(-(-n // work.block)), blocks.__setitem__)
+    ordered = [blocks[number] for number in sorted(blocks)]
+    merged: dict[str, Any] = {"first": 0}
+    for field in dataclasses.fields(BlockResult):
+        parts = [getattr(part, field.name) for part in ordered]
+        if field.name == "labels":
+            merged["labels"] = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+        elif field.name == "samples":
+            merged["samples"] = np.concatenate([part for part in parts if part.size] or parts)
+        elif field.name != "first":
+            merged[field.name] = np.concatenate(parts)
+    return BlockResult(**merged)

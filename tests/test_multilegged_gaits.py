@@ -1,0 +1,130 @@
+"""Labels of settled states: the analytic solution that they lie nearest to."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitsweep.analysis.multilegged.gaits import (
+    GAITS,
+    LOCKED,
+    NONE,
+    SOURCE,
+    classify,
+    distances,
+    gait_of,
+)
+from gaitsweep.analysis.multilegged.solution_sets import Branch, Chain, branches, solution_set
+
+LEGS = (3, 4, 6, 9)
+TURN = 2.0 * np.pi
+labels = jax.jit(jax.vmap(lambda psi: classify(psi.shape[0], psi)))
+away = jax.jit(lambda psi: distances(3, Chain(), psi))
+
+
+def test_known_points_of_the_full_model_take_their_gait() -> None:
+    psi = [
+        [1.1301, 0.9842, 1.4960],
+        [3.959, 5.300, 5.291],
+        [1.130, 1.102, 5.282],
+        [5.209, 0.0, 1.074],
+        [3, 3, 3],
+    ]
+    gait, k, distance = labels(jnp.array(psi))
+    assert [GAITS[g] for g in gait] == ["direct", "retrograde", "source", "locked", "none"]
+    assert k.tolist() == [0, 0, 3, 0, 0]
+    assert float(distance[:3].max()) < 0.12  # the paper's largest distance is 0.11 rad
+    almost = jnp.array([[5.209, 0.06, 1.074], [5.209, 0.02, 1.074], [jnp.nan, 1.0, 1.0]])
+    assert labels(almost)[0].tolist() == [NONE, LOCKED, NONE]
+
+
+@pytest.mark.parametrize("N", LEGS)
+def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
+    # the ends left out: there the next set is as near
+    psi = jnp.stack([solution_set(N, branch, samples=24, section=1)[2:-2] for branch in branches(N)])
+    gait, k, distance = (np.asarray(out).reshape(len(psi), -1) for out in labels(psi.reshape(-1, N)))
+    for row, branch in enumerate(branches(N)):
+        assert set(gait[row]) == {gait_of(branch)}
+        assert set(k[row]) == {branch.k if gait_of(branch) == SOURCE else 0}
+    assert distance.max() < 1e-12
+
+
+@pytest.mark.parametrize("N", LEGS)
+def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
+    mirrors = {Branch("direct", N): Branch("B", 2), Branch("B", 2): Branch("direct", N)}
+    for branch in branches(N):
+        beyond = 2 if branch.kind == "A" else 3
+        mirrors.setdefault(branch, Branch(branch.kind, N + beyond - branch.k))
+    psi = jnp.stack([solution_set(N, branch, samples=8, section=N + 1)[1:-1] for branch in branches(N)])
+    reversed_legs = -psi[:, :, ::-1].reshape(-1, N)  # section N + 1 becomes section 1
+    gait, k, distance = (np.asarray(out).reshape(len(psi), -1) for out in labels(reversed_legs))
+    for row, branch in enumerate(branches(N)):
+        mirror = mirrors[branch]
+        assert set(gait[row]) == {gait_of(mirror)}
+        assert set(k[row]) == {mirror.k if gait_of(mirror) == SOURCE else 0}
+    assert distance.max() < 1e-12
+
+
+angles = st.lists(st.floats(0, TURN), min_size=3, max_size=3)
+
+
+@settings(max_examples=200)
+@given(angles, st.lists(st.integers(-2, 2), min_size=3, max_size=3))
+def test_labels_do_not_change_with_whole_turns(psi: list[float], turns: list[int]) -> None:
+    both = np.array([psi, np.add(psi, TURN * np.array(turns))])
+    gait, k, distance = (np.asarray(out) for out in labels(both))
+    assert distance[0] == pytest.approx(distance[1], abs=1e-9)
+    nearest = np.sort(away(both[0]))
+    # rounding may decide where two sets are equally near, and at the edge of `none`
+    if nearest[1] - nearest[0] > 1e-9 and abs(nearest[0] - 0.2) > 1e-9:
+        assert (gait[0], k[0]) == (gait[1], k[1])
+
+
+@settings(max_examples=100)
+@given(angles, st.integers(0, 4), st.integers(0, 255))
+def test_no_densely_sampled_point_is_nearer_than_the_distance_to_its_set(
+    psi: list[float], row: int, at: int
+) -> None:
+    point = np.asarray(_dense()[row][at])
+    gap = np.linalg.norm((np.array(psi) - point + np.pi) % TURN - np.pi)
+    assert float(away(np.array(psi))[row]) <= gap + 1e-9
+    nearest = np.linalg.norm((np.array(psi) - _dense()[row] + np.pi) % TURN - np.pi, axis=1).min()
+    assert float(away(np.array(psi))[row]) > nearest - 0.02  # half the distance between samples
+
+
+def _dense(sets: list[np.ndarray] = []) -> list[np.ndarray]:  # noqa: B006: filled once
+    if not sets:
+        sets += [np.asarray(solution_set(3, branch, samples=256, section=1)) for branch in branches(3)]
+    return sets
+
+
+def test_unequal_ends_keep_their_end_points_gait() -> None:
+    tail = {"m_1": 0.6, "m_end": 0.95}
+    psi = solution_set(3, Branch("B", 2), Chain(**tail), section=1)[-1]
+    gait, _, distance = classify(3, psi, **tail)
+    assert (GAITS[int(gait)], float(distance) < 1e-9) == ("retrograde", True)
+    head = {"m_1": 0.95, "m_end": 0.6}
+    psi = solution_set(3, Branch("direct", 3), Chain(**head), section=1)[-1]
+    gait, _, distance = classify(3, psi, **head)
+    assert (GAITS[int(gait)], float(distance) < 1e-9) == ("direct", True)
+
+
+def test_rows_may_differ_in_every_parameter() -> None:
+    chains = (Chain(), Chain(beta=0.72, kappa=140.0, m=1.1, m_1=0.8, m_end=0.8, a=0.35, g=9.81))
+    psi = jnp.stack([solution_set(4, Branch("B", 3), chain, section=1)[20] for chain in chains])
+    columns = {
+        name: jnp.array(pair) for name, pair in zip(Chain._fields, zip(*chains, strict=True), strict=True)
+    }
+    gait, k, distance = jax.jit(jax.vmap(lambda p, values: classify(4, p, **values)))(psi, columns)
+    assert gait.tolist() == [SOURCE, SOURCE]
+    assert k.tolist() == [3, 3]
+    assert float(distance.max()) < 1e-12
+
+
+def test_two_legs_in_phase_are_locked_in_longer_chains() -> None:
+    psi = jnp.array([[5.1, 1.0, 0.01, 1.0], [5.1, 1.0, 0.1, 1.0]])
+    assert labels(psi)[0].tolist() == [LOCKED, NONE]

@@ -1,0 +1,196 @@
+"""The analytic solutions of the multi-legged chain against its reduced map and the printed equations."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from reference import multilegged_reduced as reduced
+
+from gaitsweep.analysis.multilegged.gaits import locked_state, segments
+from gaitsweep.analysis.multilegged.section import touches_early, transport
+from gaitsweep.analysis.multilegged.solution_sets import (
+    Branch,
+    Chain,
+    Steps,
+    all_steps,
+    branches,
+    shift,
+    solution,
+    solution_set,
+    steps,
+    touchdown_phase,
+)
+from gaitsweep.analysis.multilegged.waves import wave_speed, wavelength
+
+TABLE_1 = Chain()
+OTHER = Chain(beta=0.72, kappa=140.0, m=1.1, m_1=0.8, m_end=0.8, a=0.35, g=9.81)
+LEGS = (3, 4, 6, 9)
+TURN = 2.0 * np.pi
+
+
+def apart(one: object, other: object) -> float:
+    """Largest wrapped difference, rad."""
+    return float(np.abs((np.asarray(one) - np.asarray(other) + np.pi) % TURN - np.pi).max())
+
+
+@cache
+def points(N: int, chain: Chain, section: int | None = None) -> list[np.ndarray]:
+    """Four points of every set, none at its end or in its middle (where two legs of set A touch at once)."""
+
+    circle = touchdown_phase(chain)
+
+    def some(rule: Steps, leg: jax.Array) -> jax.Array:
+        free = rule.low + jnp.array([0.03, 0.22, 0.61, 0.97]) * (rule.high - rule.low)
+        return jax.vmap(lambda s: solution(rule, s, circle, leg))(free)
+
+    legs = jnp.array([branch.k if section is None else section for branch in branches(N)])
+    return list(np.asarray(jax.jit(jax.vmap(some))(all_steps(N, chain), legs)))
+
+
+@pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
+@pytest.mark.parametrize("N", LEGS)
+def test_solutions_on_section_1_are_fixed_points_of_the_reduced_map(N: int, chain: Chain) -> None:
+    every = slice(None) if N == 3 else slice(1, 2)
+    for branch, psis in zip(branches(N), points(N, chain, 1), strict=True):
+        for psi in psis[every]:
+            after, met = reduced.cycle(N, chain, psi)
+            # rounding of phases of order 2 pi over N + 1 touchdowns; a wrong order of touchdowns gives 0.1
+            assert apart(after, psi) < 1e-12, branch
+            assert apart(met, touchdown_phase(chain)) < 1e-12
+            assert len(met) == N + 1
+
+
+def test_a_state_off_the_sets_is_no_fixed_point() -> None:
+    psi = points(3, TABLE_1, 1)[2][2] + [0.05, 0.0, 0.0]
+    after, _ = reduced.cycle(3, TABLE_1, psi)
+    assert apart(after, psi) > 0.01
+
+
+def test_the_locked_state_is_a_fixed_point_of_the_reduced_map() -> None:
+    for chain in (TABLE_1, OTHER):
+        psi, touchdown = np.asarray(locked_state(chain)), TURN - chain.m * float(shift(chain))
+        after, met = reduced.cycle(3, chain, psi, touchdown, tie=1e-13)
+        assert apart(after, psi) < 1e-11  # `tie` is 2e-13 rad of phase for each leg
+        assert apart(met, touchdown) < 1e-11
+        assert len(met) == 4
+    # the full model's, from its page; its direct wave is as far from the theory's (0.011 rad)
+    assert apart(locked_state(TABLE_1), [5.209, 0.0, 1.074]) < 0.02
+
+
+def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray) -> np.ndarray:
+    """Eqs. (17), (20), (24) to the letter on section k; T_1, T_2 and the free relative phase taken from psi."""
+    b, m, m_B, beta, k = float(shift(chain)), chain.m, chain.m_1, chain.beta, branch.k
+    threshold = 2 * beta * np.pi + (2 * m_B - m) * b
+    early = np.asarray(touches_early(jnp.asarray(psi), touchdown_phase(chain), threshold, k))
+    printed = psi.copy()
+    for i in range(1, N + 1):
+        forward = 2 * (1 - beta) * np.pi - ((2 if early[i - 1] else 3) * m_B - m) * b
+        backward = 2 * beta * np.pi + ((2 if early[i] else 3) * m_B - m) * b
+        if branch.kind == "direct":
+            printed[i - 1] = psi[i - 1] if i == N else forward
+        elif i == k and branch.kind == "A":
+            printed[i - 1] = psi[k - 2] + (4 * beta - 2) * np.pi + (4 * m_B - m) * b
+        elif i != k - 1:
+            printed[i - 1] = forward if i < k - 1 else backward
+    return printed
+
+
+@pytest.mark.parametrize("N", LEGS)
+def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
+    b, beta, m_B = float(shift(OTHER)), OTHER.beta, OTHER.m_1
+    psi_A = 2 * (1 - beta) * np.pi - (3 * m_B - OTHER.m) * b
+    psi_B = 2 * (1 - beta) * np.pi - m_B * b
+    for branch, psis in zip(branches(N), points(N, OTHER), strict=True):
+        for psi in psis:
+            assert apart(psi, _printed(N, branch, OTHER, psi)) < 1e-12, branch
+    rules = all_steps(N, OTHER)
+    for branch, low, high in zip(branches(N), rules.low, rules.high, strict=True):
+        if branch.kind == "direct":
+            assert (
+                apart([-high, -low], [2 * (1 - beta) * np.pi, 2 * beta * np.pi + m_B * b]) < 1e-12
+            )  # eq. (25)
+        else:
+            low_high = (psi_A, psi_B) if branch.kind == "A" else (psi_B, 2 * beta * np.pi)
+            assert apart([low, high], low_high) < 1e-12  # eqs. (19), (20)
+
+
+def test_order_sets_come_into_play_for_more_legs() -> None:
+    psi = np.asarray(solution_set(9, Branch("B", 5), samples=33))
+    assert (
+        len({round(float(row[1]), 6) for row in psi}) == 2
+    )  # psi_2 jumps where leg 2 comes to touch before leg 3
+    assert np.ptp(psi[:, 1]) == pytest.approx(0.9 * float(shift(TABLE_1)), abs=1e-12)
+    assert np.ptp(psi[:, 2]) < 1e-12
+
+
+@pytest.mark.parametrize("N", LEGS)
+def test_transport_between_sections_is_exact_and_undone_by_going_back(N: int) -> None:
+    circle = touchdown_phase(TABLE_1)
+    moved = jax.jit(jax.vmap(transport, in_axes=(0, None, None, None)), static_argnums=(2, 3))
+    owns, firsts, lasts = points(N, TABLE_1), points(N, TABLE_1, 1), points(N, TABLE_1, N + 1)
+    for k in {branch.k for branch in branches(N)}:
+        own, first, last = (
+            np.concatenate([psi for psi, branch in zip(sets, branches(N), strict=True) if branch.k == k])
+            for sets in (owns, firsts, lasts)
+        )
+        for leg, there in ((1, first), (N + 1, last)):
+            assert apart(moved(own, circle, k, leg), there) < 1e-12
+            assert apart(moved(there, circle, leg, k), own) < 1e-12
+
+
+def test_numbers_of_the_models_page() -> None:
+    assert float(shift(TABLE_1)) == pytest.approx(0.153938, abs=5e-7)
+    assert float(touchdown_phase(TABLE_1)) == pytest.approx(6.14464, abs=5e-6)
+    assert float(wavelength()) == pytest.approx(6.17588, abs=5e-6)
+    printed, exact = wave_speed(0.4)
+    assert float(printed) == pytest.approx(0.39317, abs=5e-6)
+    assert float(exact) == pytest.approx(0.40203, abs=5e-6)
+    beta, kappa, m, m_B, _, a, g = OTHER
+    equation_27 = (1 / (1 - beta) - m_B * g / (2 * kappa * a)) / (1 - (3 * m_B - m) * g / (2 * kappa * a))
+    assert float(wavelength(OTHER)) == pytest.approx(equation_27, rel=1e-12)
+
+
+@pytest.mark.parametrize("N", [3, 6])
+def test_pieces_are_the_whole_of_the_sets_and_join_but_for_resets(N: int) -> None:
+    lines = segments(N)
+    half, middle, direction = (np.asarray(part) for part in (lines.half, lines.middle, lines.direction))
+    rules = all_steps(N, TABLE_1)
+    whole = np.asarray(rules.high - rules.low) * np.linalg.norm(rules.slope, axis=1)
+    assert np.allclose(2 * half.sum(axis=1), whole, atol=1e-12)
+    reach = direction * half[..., None]
+    # the direct wave's pieces are numbered away from where it joins set A of k = N
+    half, middle, reach = (np.concatenate([part[:1, ::-1], part[1:]]) for part in (half, middle, reach))
+    reach, middle = (part.reshape(-1, N)[half.ravel() > 1e-9] for part in (reach, middle))
+    # one piece after another along the line of all sets: a leg's reset on the way shifts two psi by m_B b
+    jump = 0.9 * float(shift(TABLE_1))
+    ends = np.stack([middle - reach, middle + reach])
+    pairs = [(one[:-1], other[1:]) for one in ends for other in ends]
+    gaps = np.min([np.abs((one - other + np.pi) % TURN - np.pi).max(axis=1) for one, other in pairs], axis=0)
+    assert (np.minimum(gaps, np.abs(gaps - jump)) < 1e-9).all(), gaps
+
+
+def test_unequal_ends_leave_the_end_points_of_the_models_page() -> None:
+    tail, beta = Chain(m_1=0.6, m_end=0.95), 0.8
+    b = float(shift(tail))
+    psi = np.array([2 * beta * np.pi + (1.9 - 0.6) * b, *[2 * beta * np.pi + (2.85 - 1.0) * b] * 2])
+    after, _ = reduced.cycle(3, tail, psi)
+    assert apart(after, psi) < 1e-12
+    assert apart(solution_set(3, Branch("B", 2), tail, section=1)[-1], psi) < 1e-12
+    head = Chain(m_1=0.95, m_end=0.6)
+    mirrored = -psi[::-1]  # reversing the legs makes section 1 that of the last leg
+    assert apart(solution_set(3, Branch("direct", 3), head, section=4)[-1], mirrored) < 1e-12
+    on_first = np.asarray(solution_set(3, Branch("direct", 3), head, section=1)[-1])
+    after, _ = reduced.cycle(3, head, on_first, tie=1e-14)
+    assert apart(after, on_first) < 1e-12
+
+
+@pytest.mark.parametrize("branch", [Branch("A", 4), Branch("B", 1), Branch("direct", 2)])
+def test_a_boundary_leg_outside_the_chain_is_refused(branch: Branch) -> None:
+    with pytest.raises(ValueError, match=r"one of 2 \.\. 3"):
+        steps(3, branch, TABLE_1)
+    with pytest.raises(ValueError, match="N >= 2"):
+        branches(1)
