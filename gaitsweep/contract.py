@@ -77,7 +77,8 @@ class Quantity:
 class Model(abc.ABC):
     """What every model gives; a concrete model is a frozen dataclass whose fields are its structure.
 
-    The structure (number of legs, kind of body) shapes the arrays and cannot vary inside a job.
+    The structure (number of legs, kind of body) shapes the arrays and cannot vary inside a job. It has to
+    be hashable, since compiled programs are kept by model.
     Derive from `HybridModel` or from `SteppedModel`, not from this class.
     """
 

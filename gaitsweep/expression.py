@@ -149,7 +149,8 @@ def _evaluate_tree(
     constant: Callable[[float], Any],
 ) -> Any:
     evaluator = simpleeval.SimpleEval(operators=_OPERATORS, functions=dict(functions), names=dict(names))
-    evaluator.nodes[ast.Constant] = lambda node: constant(node.value)
+    if evaluator.nodes is not None:  # it never is; simpleeval's own type says that it may be
+        evaluator.nodes[ast.Constant] = lambda node: constant(node.value)
     try:
         result = evaluator.eval(text, previously_parsed=tree)
     except (ZeroDivisionError, OverflowError, FloatingPointError) as error:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable
@@ -31,7 +32,7 @@ from gaitsweep.expression import evaluate, functions_of
 from gaitsweep.frames import crossing_frame, settle_frame, trace_frame
 from gaitsweep.job import Job, Plan, plan
 from gaitsweep.plot import draw
-from gaitsweep.table import ResultDirectory, TableError, load
+from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
 
 RESULTS = Path("results")
 
@@ -95,7 +96,12 @@ def prepare(job: Job) -> Prepared:
 
 
 def carry_out(
-    job: Job, out: str | Path | None = None, *, progress: Progress | None = None, figures: bool = True
+    job: Job,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
+    figures: bool = True,
 ) -> Path:
     """Run what a job's directory still lacks, then draw its figures.
 
@@ -103,6 +109,7 @@ def carry_out(
         job: the job.
         out: its result directory, `results/NAME` by default.
         progress: told how far the run is.
+        tell: told, in a sentence each, what was found and mended in the directory.
         figures: draw the job's figures at the end.
 
     Returns:
@@ -116,6 +123,9 @@ def carry_out(
     ready = prepare(job)
     work = ready.work
     with ResultDirectory.open(path, job.resolved(), ready.job_hash, work.n_rows, work.block) as directory:
+        for note in directory.notes:
+            if tell is not None:
+                tell(note)
         missing = directory.missing_blocks()
         if missing:
             _run_missing(ready, directory, missing, progress)
@@ -152,13 +162,19 @@ def _run_missing(
     if progress is not None:
         progress(before, ready.work.n_rows, 0.0, before / ready.work.n_rows, "compiling")
     timings = Timings()
+    def sum_up() -> None:
+        total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
+        complete = not directory.missing_blocks()
+        directory.update_manifest(timings=total, counts=directory.counts(), complete=complete)
+
     try:
         sweep(ready.work, missing, write, tell, timings)
-    finally:
-        total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
-        directory.update_manifest(
-            timings=total, counts=directory.counts(), complete=not directory.missing_blocks()
-        )
+    except BaseException:
+        # what stopped the run is the news, not that the manifest cannot be written either
+        with contextlib.suppress(WriteError):
+            sum_up()
+        raise
+    sum_up()
 
 
 def draw_figures(path: str | Path) -> list[Path]:
@@ -169,6 +185,7 @@ def draw_figures(path: str | Path) -> list[Path]:
 
     Raises:
         TableError: there is no table yet.
+        WriteError: a figure cannot be written; the old one stands.
     """
     table = load(path)
     folder = Path(path) / "figures"
@@ -179,10 +196,9 @@ def draw_figures(path: str | Path) -> list[Path]:
         figure = draw(spec["kind"], table, **given)
         file = folder / f"{spec.get('name') or spec['kind']}.png"
         try:
-            figure.savefig(file, dpi=150)
+            replace_file(file, lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=150))
         except OSError as error:
-            file.unlink(missing_ok=True)
-            raise TableError(f"{file} could not be written: {error.strerror or error}.") from error
+            raise WriteError(f"{file} could not be written: {reason(error)}.") from error
         files.append(file)
     return files
 

@@ -20,6 +20,7 @@ from scipy.stats import qmc
 
 from gaitsweep import models
 from gaitsweep.job import Job, JobError, Plan, load_job, plan, schema
+from gaitsweep.job.runs import Ramp, Settle
 
 TOY = "toy_model:Toy"
 BASE: dict[str, Any] = {"name": "toy", "model": TOY, "run": {"kind": "settle"}}
@@ -83,6 +84,7 @@ def test_a_file_becomes_rows(tmp_path: Path) -> None:
     assert params["kicking"].dtype == np.float64
     assert start["launch_2"].tolist() == [1.0, 1.0]
     assert rows.derived == {"kick": "0.25*sqrt(stiffness/mass)"}
+    assert isinstance(job.run, Settle)
     assert job.run.max_cycles == 100
     assert job.run.max_time == pytest.approx(6 * math.pi / 5, rel=1e-15)
     assert job.numerics.dt == 2e-3
@@ -266,6 +268,7 @@ def test_formulas_may_use_the_structure() -> None:
 def test_a_ramp_starts_at_its_path_and_takes_formulas_along() -> None:
     run = {"kind": "ramp", "parameter": "stiffness", "path": ["4*mass", 100, 4], "rate": 0.1}
     job = toy(run=run, vary={"launch_1": [1, 2]})
+    assert isinstance(job.run, Ramp)
     assert job.run.path == [4.0, 100.0, 4.0]
     assert plan(job).values(0, 1)[0]["stiffness"].tolist() == [4.0]
     assert "stiffness" not in job.resolved()["params"]
@@ -311,6 +314,7 @@ def test_overrides_are_laid_over_the_file(tmp_path: Path) -> None:
         "figures=",
     ]
     job = load_job(path, overrides)
+    assert isinstance(job.run, Settle)
     assert job.run.max_cycles == 10
     assert job.engine.block == 7
     assert job.params["preload"] == 0.1

@@ -18,7 +18,7 @@ from gaitsweep.analysis.multilegged.gaits import (
     distances,
     gait_of,
 )
-from gaitsweep.analysis.multilegged.solution_sets import Branch, Chain, branches, solution_set
+from gaitsweep.analysis.multilegged.solution_sets import Branch, Chain, branches, solution_set, solution_sets
 
 LEGS = (3, 4, 6, 9)
 TURN = 2.0 * np.pi
@@ -27,13 +27,8 @@ away = jax.jit(lambda psi: distances(3, Chain(), psi))
 
 
 def test_known_points_of_the_full_model_take_their_gait() -> None:
-    psi = [
-        [1.1301, 0.9842, 1.4960],
-        [3.959, 5.300, 5.291],
-        [1.130, 1.102, 5.282],
-        [5.209, 0.0, 1.074],
-        [3, 3, 3],
-    ]
+    a, b, c = [1.1301, 0.9842, 1.4960], [3.959, 5.300, 5.291], [1.130, 1.102, 5.282]
+    psi = [a, b, c, [5.209, 0.0, 1.074], [3.0, 3.0, 3.0]]
     gait, k, distance = labels(jnp.array(psi))
     assert [GAITS[g] for g in gait] == ["direct", "retrograde", "source", "locked", "none"]
     assert k.tolist() == [0, 0, 3, 0, 0]
@@ -45,7 +40,7 @@ def test_known_points_of_the_full_model_take_their_gait() -> None:
 @pytest.mark.parametrize("N", LEGS)
 def test_every_point_of_a_set_takes_the_sets_label(N: int) -> None:
     # the ends left out: there the next set is as near
-    psi = jnp.stack([solution_set(N, branch, samples=24, section=1)[2:-2] for branch in branches(N)])
+    psi = solution_sets(N, samples=24, section=1)[:, 2:-2]
     gait, k, distance = (np.asarray(out).reshape(len(psi), -1) for out in labels(psi.reshape(-1, N)))
     for row, branch in enumerate(branches(N)):
         assert set(gait[row]) == {gait_of(branch)}
@@ -59,7 +54,7 @@ def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
     for branch in branches(N):
         beyond = 2 if branch.kind == "A" else 3
         mirrors.setdefault(branch, Branch(branch.kind, N + beyond - branch.k))
-    psi = jnp.stack([solution_set(N, branch, samples=8, section=N + 1)[1:-1] for branch in branches(N)])
+    psi = solution_sets(N, samples=8, section=N + 1)[:, 1:-1]
     reversed_legs = -psi[:, :, ::-1].reshape(-1, N)  # section N + 1 becomes section 1
     gait, k, distance = (np.asarray(out).reshape(len(psi), -1) for out in labels(reversed_legs))
     for row, branch in enumerate(branches(N)):
@@ -85,21 +80,13 @@ def test_labels_do_not_change_with_whole_turns(psi: list[float], turns: list[int
 
 
 @settings(max_examples=100)
-@given(angles, st.integers(0, 4), st.integers(0, 255))
-def test_no_densely_sampled_point_is_nearer_than_the_distance_to_its_set(
-    psi: list[float], row: int, at: int
-) -> None:
-    point = np.asarray(_dense()[row][at])
-    gap = np.linalg.norm((np.array(psi) - point + np.pi) % TURN - np.pi)
-    assert float(away(np.array(psi))[row]) <= gap + 1e-9
-    nearest = np.linalg.norm((np.array(psi) - _dense()[row] + np.pi) % TURN - np.pi, axis=1).min()
-    assert float(away(np.array(psi))[row]) > nearest - 0.02  # half the distance between samples
-
-
-def _dense(sets: list[np.ndarray] = []) -> list[np.ndarray]:  # noqa: B006: filled once
-    if not sets:
-        sets += [np.asarray(solution_set(3, branch, samples=256, section=1)) for branch in branches(3)]
-    return sets
+@given(angles)
+def test_distances_are_those_from_densely_sampled_sets(psi: list[float]) -> None:
+    dense = np.asarray(solution_sets(3, samples=512, section=1))
+    nearest = np.linalg.norm((np.array(psi) - dense + np.pi) % TURN - np.pi, axis=2).min(axis=1)
+    exact = np.asarray(away(np.array(psi)))
+    assert (exact <= nearest + 1e-9).all()
+    assert (exact > nearest - 6e-3).all()  # half the distance between samples
 
 
 def test_unequal_ends_keep_their_end_points_gait() -> None:
@@ -116,9 +103,7 @@ def test_unequal_ends_keep_their_end_points_gait() -> None:
 def test_rows_may_differ_in_every_parameter() -> None:
     chains = (Chain(), Chain(beta=0.72, kappa=140.0, m=1.1, m_1=0.8, m_end=0.8, a=0.35, g=9.81))
     psi = jnp.stack([solution_set(4, Branch("B", 3), chain, section=1)[20] for chain in chains])
-    columns = {
-        name: jnp.array(pair) for name, pair in zip(Chain._fields, zip(*chains, strict=True), strict=True)
-    }
+    columns = dict(zip(Chain._fields, jnp.array(chains).T, strict=True))
     gait, k, distance = jax.jit(jax.vmap(lambda p, values: classify(4, p, **values)))(psi, columns)
     assert gait.tolist() == [SOURCE, SOURCE]
     assert k.tolist() == [3, 3]

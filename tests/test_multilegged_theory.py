@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,13 +13,11 @@ from gaitsweep.analysis.multilegged.section import touches_early, transport
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
     Chain,
-    Steps,
     all_steps,
     branches,
     shift,
-    solution,
     solution_set,
-    steps,
+    solution_sets,
     touchdown_phase,
 )
 from gaitsweep.analysis.multilegged.waves import wave_speed, wavelength
@@ -37,18 +33,13 @@ def apart(one: object, other: object) -> float:
     return float(np.abs((np.asarray(one) - np.asarray(other) + np.pi) % TURN - np.pi).max())
 
 
-@cache
-def points(N: int, chain: Chain, section: int | None = None) -> list[np.ndarray]:
-    """Four points of every set, none at its end or in its middle (where two legs of set A touch at once)."""
+def points(N: int, chain: Chain, section: int | None = None) -> np.ndarray:
+    """Points of every set, none at its end or in its middle (where two legs of set A touch at once)."""
+    return np.asarray(solution_sets(N, chain, 8, section))[:, 1:-1]
 
-    circle = touchdown_phase(chain)
 
-    def some(rule: Steps, leg: jax.Array) -> jax.Array:
-        free = rule.low + jnp.array([0.03, 0.22, 0.61, 0.97]) * (rule.high - rule.low)
-        return jax.vmap(lambda s: solution(rule, s, circle, leg))(free)
-
-    legs = jnp.array([branch.k if section is None else section for branch in branches(N)])
-    return list(np.asarray(jax.jit(jax.vmap(some))(all_steps(N, chain), legs)))
+def own_legs(N: int) -> np.ndarray:
+    return np.array([branch.k for branch in branches(N)])
 
 
 @pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
@@ -65,7 +56,7 @@ def test_solutions_on_section_1_are_fixed_points_of_the_reduced_map(N: int, chai
 
 
 def test_a_state_off_the_sets_is_no_fixed_point() -> None:
-    psi = points(3, TABLE_1, 1)[2][2] + [0.05, 0.0, 0.0]
+    psi = points(3, TABLE_1, 1)[2][3] + [0.05, 0.0, 0.0]
     after, _ = reduced.cycle(3, TABLE_1, psi)
     assert apart(after, psi) > 0.01
 
@@ -81,11 +72,9 @@ def test_the_locked_state_is_a_fixed_point_of_the_reduced_map() -> None:
     assert apart(locked_state(TABLE_1), [5.209, 0.0, 1.074]) < 0.02
 
 
-def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray) -> np.ndarray:
-    """Eqs. (17), (20), (24) to the letter on section k; T_1, T_2 and the free relative phase taken from psi."""
+def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray, early: np.ndarray) -> np.ndarray:
+    """Eqs. (17), (20), (24) to the letter on section k; the free relative phase taken from psi."""
     b, m, m_B, beta, k = float(shift(chain)), chain.m, chain.m_1, chain.beta, branch.k
-    threshold = 2 * beta * np.pi + (2 * m_B - m) * b
-    early = np.asarray(touches_early(jnp.asarray(psi), touchdown_phase(chain), threshold, k))
     printed = psi.copy()
     for i in range(1, N + 1):
         forward = 2 * (1 - beta) * np.pi - ((2 if early[i - 1] else 3) * m_B - m) * b
@@ -102,27 +91,29 @@ def _printed(N: int, branch: Branch, chain: Chain, psi: np.ndarray) -> np.ndarra
 @pytest.mark.parametrize("N", LEGS)
 def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
     b, beta, m_B = float(shift(OTHER)), OTHER.beta, OTHER.m_1
+    sets, legs, circle = points(N, OTHER), own_legs(N), touchdown_phase(OTHER)
+    threshold = 2 * beta * np.pi + (2 * m_B - OTHER.m) * b
+    order = jax.vmap(jax.vmap(lambda psi, leg: touches_early(psi, circle, threshold, leg), (0, None)))
+    for branch, psis, early in zip(branches(N), sets, np.asarray(jax.jit(order)(sets, legs)), strict=True):
+        for psi, who in zip(psis, early, strict=True):
+            assert apart(psi, _printed(N, branch, OTHER, psi, who)) < 1e-12, branch
+
     psi_A = 2 * (1 - beta) * np.pi - (3 * m_B - OTHER.m) * b
     psi_B = 2 * (1 - beta) * np.pi - m_B * b
-    for branch, psis in zip(branches(N), points(N, OTHER), strict=True):
-        for psi in psis:
-            assert apart(psi, _printed(N, branch, OTHER, psi)) < 1e-12, branch
     rules = all_steps(N, OTHER)
     for branch, low, high in zip(branches(N), rules.low, rules.high, strict=True):
         if branch.kind == "direct":
-            assert (
-                apart([-high, -low], [2 * (1 - beta) * np.pi, 2 * beta * np.pi + m_B * b]) < 1e-12
-            )  # eq. (25)
+            ends = [2 * (1 - beta) * np.pi, 2 * beta * np.pi + m_B * b]
+            assert apart([-high, -low], ends) < 1e-12  # eq. (25)
         else:
-            low_high = (psi_A, psi_B) if branch.kind == "A" else (psi_B, 2 * beta * np.pi)
-            assert apart([low, high], low_high) < 1e-12  # eqs. (19), (20)
+            ends = [psi_A, psi_B] if branch.kind == "A" else [psi_B, 2 * beta * np.pi]
+            assert apart([low, high], ends) < 1e-12  # eqs. (19), (20)
 
 
 def test_order_sets_come_into_play_for_more_legs() -> None:
     psi = np.asarray(solution_set(9, Branch("B", 5), samples=33))
-    assert (
-        len({round(float(row[1]), 6) for row in psi}) == 2
-    )  # psi_2 jumps where leg 2 comes to touch before leg 3
+    # psi_2 jumps where leg 2 comes to touch before leg 3
+    assert len({round(float(row[1]), 6) for row in psi}) == 2
     assert np.ptp(psi[:, 1]) == pytest.approx(0.9 * float(shift(TABLE_1)), abs=1e-12)
     assert np.ptp(psi[:, 2]) < 1e-12
 
@@ -130,16 +121,12 @@ def test_order_sets_come_into_play_for_more_legs() -> None:
 @pytest.mark.parametrize("N", LEGS)
 def test_transport_between_sections_is_exact_and_undone_by_going_back(N: int) -> None:
     circle = touchdown_phase(TABLE_1)
-    moved = jax.jit(jax.vmap(transport, in_axes=(0, None, None, None)), static_argnums=(2, 3))
-    owns, firsts, lasts = points(N, TABLE_1), points(N, TABLE_1, 1), points(N, TABLE_1, N + 1)
-    for k in {branch.k for branch in branches(N)}:
-        own, first, last = (
-            np.concatenate([psi for psi, branch in zip(sets, branches(N), strict=True) if branch.k == k])
-            for sets in (owns, firsts, lasts)
-        )
-        for leg, there in ((1, first), (N + 1, last)):
-            assert apart(moved(own, circle, k, leg), there) < 1e-12
-            assert apart(moved(there, circle, leg, k), own) < 1e-12
+    across = jax.vmap(jax.vmap(lambda psi, one, other: transport(psi, circle, one, other), (0, None, None)))
+    moved, own, legs = jax.jit(across), points(N, TABLE_1), own_legs(N)
+    for leg in (1, N + 1):
+        there, target = points(N, TABLE_1, leg), np.full_like(legs, leg)
+        assert apart(moved(own, legs, target), there) < 1e-12
+        assert apart(moved(there, target, legs), own) < 1e-12
 
 
 def test_numbers_of_the_models_page() -> None:
@@ -191,6 +178,6 @@ def test_unequal_ends_leave_the_end_points_of_the_models_page() -> None:
 @pytest.mark.parametrize("branch", [Branch("A", 4), Branch("B", 1), Branch("direct", 2)])
 def test_a_boundary_leg_outside_the_chain_is_refused(branch: Branch) -> None:
     with pytest.raises(ValueError, match=r"one of 2 \.\. 3"):
-        steps(3, branch, TABLE_1)
+        solution_set(3, branch)
     with pytest.raises(ValueError, match="N >= 2"):
         branches(1)

@@ -18,11 +18,8 @@ Case = tuple[list[float], list[float], float]
 def _cases(n: int) -> st.SearchStrategy[Case]:
     lengths = st.floats(0.5, 1.5) | st.sampled_from([0.6, 0.8, 1.0])  # equal legs touch together
     masses = st.floats(0.05, 3.0)
-    return st.tuples(
-        st.lists(lengths, min_size=n, max_size=n),
-        st.lists(masses, min_size=n, max_size=n),
-        st.floats(5.0, 2000.0),
-    )
+    stiffness = st.floats(5.0, 2000.0)
+    return st.tuples(*(st.lists(one, min_size=n, max_size=n) for one in (lengths, masses)), stiffness)
 
 
 @settings(max_examples=150)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
+import jax
 import numpy as np
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.block import Block
 from gaitsweep.engine.record import Record
 from gaitsweep.engine.work import Progress, Work
-from gaitsweep.engine.xla import Lanes
+from gaitsweep.engine.xla import LOOKS, Lanes
 
 
 class Pool:
@@ -41,6 +43,15 @@ class Pool:
         for number in blocks:
             self.open[number] = Block(self.work, number)
             yield from ((number, row) for row in range(self.open[number].rows))
+
+    def chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray]:
+        """Advance the lanes of all devices at once; their records, and their times (s)."""
+        if len(self.groups) == 1:
+            return self.groups[0].run_chunk(looks)
+        # a thread for each device: JAX lets go of Python while a program is compiled or runs
+        with ThreadPoolExecutor(len(self.groups)) as threads:
+            given = list(threads.map(lambda lanes: lanes.run_chunk(looks), self.groups))
+        return jax.tree.map(lambda *parts: np.concatenate(parts), *given)
 
     @property
     def busy(self) -> bool:
@@ -92,7 +103,10 @@ class Pool:
             if block.missing == 0:
                 complete.append(int(self.block_of[lane]))
             self.block_of[lane] = -1
+        # the first rows to end are the quick ones: those that still run say how long a row takes, too
         typical = self.cycles / self.done if self.done else 0.0
+        if running.any() and self.done:
+            typical = max(typical, float(np.mean(record.cycles[running])))
         self._running_share = float(np.sum(self.work.recorder.share(record, t, typical)[running]))
         self._running_attempts = int(np.sum(record.attempts[running]))
         return sorted(complete)

@@ -5,15 +5,10 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-
-import jax
-import numpy as np
 
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.labels import Labels
 from gaitsweep.engine.pool import Pool
-from gaitsweep.engine.record import Record
 from gaitsweep.engine.work import Progress, Work
 
 
@@ -43,22 +38,16 @@ def sweep(
     label = Labels(work)
     if pool.total == 0:
         return timings
-    with ThreadPoolExecutor(len(work.devices)) as threads:
-        # a thread for each device: JAX lets go of Python while a program is compiled or runs
-        def chunk(*looks: int) -> tuple[Record, np.ndarray]:
-            given = list(threads.map(lambda lanes: lanes.run_chunk(*looks), pool.groups))
-            return jax.tree.map(lambda *parts: np.concatenate(parts), *given)
-
+    pool.refill()
+    pool.collect(*pool.chunk(0))
+    timings.compile_s = time.perf_counter() - began
+    while pool.busy:
+        for number in pool.collect(*pool.chunk()):
+            block = pool.close(number)
+            write(number, block.result(label(block)))
+        timings.attempts = pool.attempts
+        timings.run_s = time.perf_counter() - began - timings.compile_s
+        if progress is not None:
+            progress(pool.progress(timings.run_s))
         pool.refill()
-        pool.collect(*chunk(0))
-        timings.compile_s = time.perf_counter() - began
-        while pool.busy:
-            for number in pool.collect(*chunk()):
-                block = pool.close(number)
-                write(number, block.result(label(block)))
-            timings.attempts = pool.attempts
-            timings.run_s = time.perf_counter() - began - timings.compile_s
-            if progress is not None:
-                progress(pool.progress(timings.run_s))
-            pool.refill()
     return timings

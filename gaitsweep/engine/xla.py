@@ -11,8 +11,8 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -83,10 +83,7 @@ class Lanes:
         self.size = size
         self._dtype = np.dtype(numerics.precision)
         self._device = device
-        one = _OneLane(model, recorder, numerics, drive)
-        self._open = jax.jit(jax.vmap(one.open))
-        self._fill = jax.jit(jax.vmap(one.fill))
-        self._chunk = jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(one.look)))
+        self._programs = _programs(model, recorder, numerics, drive)
         self._held: Any = None
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
@@ -94,9 +91,9 @@ class Lanes:
         values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
         begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
         if self._held is not None:
-            self._held = self._fill(values, begin, self._put(fresh), self._held)
+            self._held = self._programs.fill(values, begin, self._put(fresh), self._held)
             return
-        held, carry, record = self._open(values, begin)
+        held, carry, record = self._programs.open(values, begin)
         status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
         self._held = held, carry, dataclasses.replace(record, status=status)
 
@@ -105,11 +102,32 @@ class Lanes:
 
         Returns the records with what their buffers got in this chunk, and the lanes' times (s), on the host.
         """
-        self._held, given = self._chunk(self._put(np.int32(looks)), self._held)
+        self._held, given = self._programs.chunk(self._put(np.int32(looks)), self._held)
         return jax.device_get(given)
 
     def _put(self, array: Any) -> jax.Array:
         return jax.device_put(array, self._device)
+
+
+class _Programs(NamedTuple):
+    """The three programs of a run, vmapped over lanes and jitted; each device compiles its own."""
+
+    open: Callable[..., Any]
+    fill: Callable[..., Any]
+    chunk: Callable[..., Any]
+
+
+# kept for the process, so that running a job again in a notebook does not compile again
+@lru_cache(maxsize=16)
+def _programs(
+    model: Model, recorder: Recorder, numerics: Numerics, drive: Callable[..., Params] | None
+) -> _Programs:
+    one = _OneLane(model, recorder, numerics, drive)
+    return _Programs(
+        open=jax.jit(jax.vmap(one.open)),
+        fill=jax.jit(jax.vmap(one.fill)),
+        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(one.look))),
+    )
 
 
 class _OneLane:

@@ -76,8 +76,9 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
         with _importable(folders):
             module = importlib.import_module(module_name)
     except (
-        Exception
-    ) as error:  # whatever a user's module does while it is imported, the job's author must hear of it
+        Exception,
+        SystemExit,
+    ) as error:  # a user's module may do anything, and its author must hear of it
         raise ModelError(
             f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
         ) from error

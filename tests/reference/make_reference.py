@@ -1,4 +1,4 @@
-"""Makes the data files beside it: `cd tests && python -m reference.make_reference [crossings|settled|traces]`.
+"""Makes the data files beside it: `cd tests && python -m reference.make_reference crossings|settled|traces`.
 
 Work is kept row by row in a cache folder, so that a run may stop (--minutes) and be taken up again.
 """
@@ -98,7 +98,8 @@ def difference(one: Array, other: Array) -> Array:
 def header(lines: list[str]) -> str:
     made = f"numpy {np.__version__}, scipy {scipy.__version__}, Python {platform.python_version()}"
     sets = [f"set {s.name}: {s.starts} starts, {json.dumps(s.changes)}" for s in SETS]
-    return "".join(f"# {line}\n" for line in [*lines, f"made by tests/reference/make_reference.py; {made}", *sets])
+    lines = [*lines, f"made by tests/reference/make_reference.py; {made}", *sets]
+    return "".join(f"# {line}\n" for line in lines)
 
 
 def compute(cache: Cache, method: str, chosen: StartSet, k: int, psi: Array) -> list[list[float]] | None:
@@ -122,13 +123,15 @@ def make_crossings(cache: Cache) -> str:
         worst = worst if graze else max(worst, float(apart[-1]))
         for n, (t, landed, *psi) in enumerate(table):
             cells = [f"{angle:.12f}" for angle in psi] + [""] * (9 - len(psi))
-            rows.append(f"{chosen.name},{k},{n},{t:.12f},{landed:.0f},{graze:d},{apart[n]:.1e}," + ",".join(cells))
+            row = f"{chosen.name},{k},{n},{t:.12f},{landed:.0f},{graze:d},{apart[n]:.1e}"
+            rows.append(",".join([row, *cells]))
     names = "set,start,crossing,t,landed,graze,difference," + ",".join(f"psi_{i}" for i in range(1, 10))
     lines = [
-        "Section crossings of the multi-legged model (t in s, psi in rad, in [0, 2 pi)); crossing 0 is the start.",
+        "Section crossings of the multi-legged model: t (s), psi (rad, mod 2 pi); crossing 0 is the start.",
         "Values: scipy solve_ivp DOP853, rtol 1e-11, atol 1e-13, max_step 10 ms, terminal events.",
-        "difference: from the exact propagator, largest up to this crossing (rad, s); graze: > 1e-6 in this start.",
-        f"Largest difference without the {grazing} grazing starts: {worst:.1e}; not compared: {unchecked} starts.",
+        "difference: from the exact propagator, largest so far (rad, s); graze: above 1e-6 in this start.",
+        f"Largest difference of {len(rows)} rows, {grazing} grazing starts aside: {worst:.1e}; "
+        f"not compared: {unchecked} starts.",
     ]
     (HERE / "multilegged_crossings.csv").write_text(header(lines) + names + "\n" + "\n".join(rows) + "\n")
     return lines[-1]
@@ -152,9 +155,9 @@ def make_settled(cache: Cache) -> str:
         cells = [f"{angle:.6f}" for angle in psi] + [f"{angle:.9f}" for angle in table[-1, 2:]]
         rows.append(f"{k},{table[-1, 0]:.9f},{int((table[:, 1] == 0).sum())},{step:.1e}," + ",".join(cells))
     lines = [
-        f"psi (rad) at crossing {SETTLING_CROSSINGS} of random starts (N = 3, Table 1), by the exact propagator.",
-        "t: its time (s); wraps: crossings without a landing; step: largest change of psi in the last cycle (rad).",
-        f"Over ten crossings of {len(checked)} starts it is within {max(checked, default=np.nan):.1e} of solve_ivp.",
+        f"psi (rad) at crossing {SETTLING_CROSSINGS} of random starts (N = 3, Table 1), propagated exactly.",
+        "t: its time (s); wraps: crossings without a landing; step: largest last change of psi (rad).",
+        f"Ten crossings of {len(checked)} starts: within {max(checked, default=np.nan):.1e} of solve_ivp.",
         f"Unfinished: {unfinished} starts.",
     ]
     names = "start,t,wraps,step,psi_1,psi_2,psi_3,psi_1_end,psi_2_end,psi_3_end"
@@ -167,7 +170,7 @@ def flat(state: State, p: Parameters) -> list[float]:
 
 
 def make_traces(cache: Cache) -> str:
-    """multilegged_traces.csv: the whole state at TRACE_TIMES of three starts, and how far the methods differ."""
+    """multilegged_traces.csv: the state at TRACE_TIMES of three starts, and how far the methods differ."""
     p = SETS[8].parameters
     rows, apart, unfinished = [], np.zeros(5), 0
     for k, psi in enumerate(random_starts("traces")):
@@ -184,15 +187,15 @@ def make_traces(cache: Cache) -> str:
         for line in record:
             cells = [f"{number:.12f}" for number in line[1:17]] + [f"{flag:.0f}" for flag in line[17:]]
             rows.append(f"{k},{start},{line[0]:.4f}," + ",".join(cells))
-    distances = ", ".join(f"{name} {d:.0e}" for name, d in zip(["x", "v", "phi", "y", "contact"], apart, strict=True))
+    names = ("x", "v", "phi", "y", "contact")
+    distances = ", ".join(f"{name} {d:.0e}" for name, d in zip(names, apart, strict=True))
     lines = [
-        "The state at given times t (s) of three starts psi (N = 3, Table 1): x (m, height), v (m/s), phi (rad,",
-        "in [0, 2 pi]), y (rad/s), contact (0 or 1) of legs 1..4, by solve_ivp as in multilegged_crossings.csv.",
+        "The state at times t (s) of three starts psi (N = 3, Table 1): x (height, m), v (m/s), phi (rad,",
+        "0 to 2 pi), y (rad/s), contact (0 or 1) of legs 1..4, by solve_ivp as in multilegged_crossings.csv.",
         f"Largest distance from the exact propagator: {distances}. Unfinished: {unfinished} starts.",
     ]
-    columns = [f"{name}_{i}" for name in ("x", "v", "phi", "y", "contact") for i in range(1, 5)]
-    names = "start,psi_1,psi_2,psi_3,t," + ",".join(columns)
-    (HERE / "multilegged_traces.csv").write_text(header(lines) + names + "\n" + "\n".join(rows) + "\n")
+    columns = ",".join(["start,psi_1,psi_2,psi_3,t", *(f"{name}_{i}" for name in names for i in range(1, 5))])
+    (HERE / "multilegged_traces.csv").write_text(header(lines) + columns + "\n" + "\n".join(rows) + "\n")
     return lines[-1]
 
 
@@ -203,7 +206,7 @@ def sample(run: Callable[..., Record], p: Parameters, psi: Array) -> list[list[f
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=["crossings", "settled", "traces"])
-    parser.add_argument("--cache", type=Path, default=Path("/tmp/gaitsweep-reference"), help="folder of finished rows")
+    parser.add_argument("--cache", type=Path, default=Path("/tmp/gaitsweep-reference"), help="finished rows")
     parser.add_argument("--minutes", type=float, default=1e9, help="begin no new row after this many minutes")
     chosen = parser.parse_args()
     cache = Cache(chosen.cache, chosen.minutes)

@@ -1,6 +1,6 @@
-"""The multi-legged model by exact propagation: between events it is linear, with a matrix for each contact mode.
+"""The multi-legged model by exact propagation: between events it is linear, a matrix for each contact mode.
 
-The state (x, v, l, w, c, 1), with w = l'(phi) y and c = l'(phi) omega, obeys s' = A s, where A depends only on
+The state (x, v, l, w, c, 1), with w = dl/dphi y and c = dl/dphi omega, obeys s' = A s; A depends only on
 which legs push. Blocks of samples come from tabled exponentials; steps double from 0.25 ms after an event
 to 8 ms. A sample interval where a guard rises through zero, or where its tangents leave room for a hidden
 touch, is looked at again in 0.25 ms steps, there by the Taylor polynomial of order 18 and `brentq`.
@@ -9,8 +9,9 @@ touch, is looked at again in 0.25 ms steps, there by the Taylor polynomial of or
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 from scipy.linalg import expm
@@ -66,7 +67,7 @@ def propagators(p: Parameters, pushing: tuple[bool, ...], level: int) -> Array:
 
 
 class Flow:
-    """The exact solution from one state on, its modes held: samples of it, its guards, its Taylor polynomial."""
+    """The exact solution from one state on, its modes held: samples, guards, Taylor polynomial."""
 
     def __init__(self, p: Parameters, state: State) -> None:
         self.p, self.state, self.n = p, state, p.N + 1
@@ -123,9 +124,10 @@ class Flow:
     def after(self, s: float, mechanics: Array) -> State:
         """The state `s` seconds on, given (x, v) there."""
         p, old = self.p, self.state
+        x, v = mechanics[: self.n].copy(), mechanics[self.n :].copy()
         phi = old.phi + p.omega * s - old.y * p.tau * np.expm1(-s / p.tau)
-        modes = (old.contact, old.segment, old.slack, old.landed)
-        return State(old.t + s, mechanics[: self.n].copy(), mechanics[self.n :].copy(), phi, old.y * np.exp(-s / p.tau), *modes)
+        y = old.y * np.exp(-s / p.tau)
+        return State(old.t + s, x, v, phi, y, old.contact, old.segment, old.slack, old.landed)
 
     def corner(self) -> tuple[float, int]:
         """Seconds until the first leg reaches the end of its segment, and that leg."""
@@ -138,28 +140,40 @@ class Flow:
             def short(s: float, gap: float = gap, y: float = y) -> float:
                 return p.omega * s - y * p.tau * np.expm1(-s / p.tau) - gap
 
-            moment = 0.0 if gap <= 0.0 else float(brentq(short, 0.0, gap / p.omega + 1e-12, xtol=1e-15))
+            moment = 0.0 if gap <= 0.0 else _zero(short, gap / p.omega + 1e-12)
             if moment < best:
                 best, leg = moment, i
         return best, leg
 
 
+def _zero(function: Callable[[float], float], end: float) -> float:
+    return cast(float, brentq(function, 0.0, end, xtol=1e-15))
+
+
+def _value(series: list[float], s: float) -> float:
+    """The polynomial whose coefficients fall from the highest power (Horner)."""
+    value = 0.0
+    for coefficient in series:
+        value = value * s + coefficient
+    return value
+
+
 def _root(coefficients: Array, end: float, fresh: bool) -> float | None:
     """First s in [0, end] (units of FINEST) where the guard's polynomial rises through zero, or None."""
-    series = coefficients[::-1].copy()
+    series = coefficients[::-1].tolist()
     if fresh:
         series = series[:-1]  # this guard is zero at s = 0 by its own event: divide that root out
-    if np.polyval(series, 0.0) >= 0.0:
+    if series[-1] >= 0.0:
         return None if fresh else 0.0
-    if np.polyval(series, end) < 0.0:
-        slope = np.polyder(series)
-        if np.polyval(slope, 0.0) <= 0.0 or np.polyval(slope, end) >= 0.0:
+    if _value(series, end) < 0.0:
+        slope = [(len(series) - 1 - k) * coefficient for k, coefficient in enumerate(series[:-1])]
+        if slope[-1] <= 0.0 or _value(slope, end) >= 0.0:
             return None
-        top = float(brentq(lambda s: np.polyval(slope, s), 0.0, end, xtol=1e-15))
-        if np.polyval(series, top) < 0.0:
+        top = _zero(lambda s: _value(slope, s), end)
+        if _value(series, top) < 0.0:
             return None
         end = top
-    return float(brentq(lambda s: np.polyval(series, s), 0.0, end, xtol=1e-15))
+    return _zero(lambda s: _value(series, s), end)
 
 
 def next_event(p: Parameters, state: State, fresh: int | None, until: float) -> tuple[State, str, int]:
@@ -186,7 +200,7 @@ def next_event(p: Parameters, state: State, fresh: int | None, until: float) -> 
             roots = [(_root(polynomial[:, k], end / FINEST, k == fresh), int(k)) for k in suspects]
             found = min(((root, k) for root, k in roots if root is not None), default=None)
             s = end if found is None else found[0] * FINEST
-            mechanics = np.polynomial.polynomial.polyval(s / FINEST, series[:, : 2 * flow.n])
+            mechanics = (s / FINEST) ** np.arange(ORDER + 1) @ series[:, : 2 * flow.n]
             state = flow.after(s, mechanics)
             if found is not None:
                 leg = found[1] % flow.n

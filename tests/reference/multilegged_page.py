@@ -22,7 +22,7 @@ STANCE, TAKEOFF, LANDING = 0, 1, 2
 
 @dataclass(frozen=True)
 class Parameters:
-    """Table 1; `m_1`, `m_end`, `sigma`, `D` left at None take their formulas. Units: kg, m, s, N/m, N s/m, rad/s."""
+    """Table 1, in kg, m, s, N/m, N s/m, rad/s; `m_1`, `m_end`, `sigma`, `D` of None take their formulas."""
 
     N: int = 3
     beta: float = 0.8
@@ -111,7 +111,7 @@ class Crossing:
 
 @dataclass
 class Record:
-    """What a run leaves: its crossings (0 is the start), sampled states, and the numbers of events and steps."""
+    """What a run leaves: crossings (0 is the start), sampled states, the numbers of events and steps."""
 
     crossings: list[Crossing] = field(default_factory=list)
     samples: list[State] = field(default_factory=list)
@@ -139,7 +139,7 @@ def ground_force(p: Parameters, state: State) -> Array:
 
 
 def obstacle(p: Parameters, lengths: Array) -> tuple[Array, Array]:
-    """Rigid obstacle problem: heights x >= l and loads R >= 0 with R = m g + kappa * neighbours x, R (x - l) = 0.
+    """Rigid obstacle problem: heights x >= l, loads R = m g + kappa neighbours x >= 0, R (x - l) = 0.
 
     Every set of touching legs is tried; the one whose worst violation is least is the answer.
     """
@@ -162,12 +162,12 @@ def obstacle(p: Parameters, lengths: Array) -> tuple[Array, Array]:
         if worst > best + 1e-13:
             best, found = worst, (x, load)
     if best < -1e-9:
-        raise ArithmeticError(f"the obstacle problem has no solution to 1e-9 m (worst violation {best:.3g} m)")
+        raise ArithmeticError(f"the obstacle problem has no solution to 1e-9 m (at best {best:.3g} m)")
     return found
 
 
 def start(p: Parameters, psi: Sequence[float] | Array, phi_1: float | None = None) -> State:
-    """The state on section 1 just after leg 1's kick, crossing 0; with `phi_1` given no leg is special: no kick."""
+    """The state on section 1 just after leg 1's kick (crossing 0); with `phi_1` given there is no kick."""
     first = TURN - float(p.mass[0]) * p.b if phi_1 is None else phi_1
     phi = np.mod(first + np.concatenate([[0.0], np.cumsum(np.asarray(psi, dtype=float))]), TURN)
     segment = (phi > p.corners[0]).astype(np.int64) + (phi > p.corners[1])

@@ -36,7 +36,7 @@ def _gaps(N: int, chain: Chain) -> Callable[[Array], tuple[jax.Array, jax.Array]
 
 
 def next_touchdown(N: int, chain: Chain, phi: Array, tie: float = 0.0) -> tuple[float, NDArray[np.bool_]]:
-    """Phase until the next leg touches, rad, to rounding, and which legs do: those within `tie` (m) of the ground."""
+    """Phase until the next leg touches, rad, to rounding, and which legs do, those less than `tie` (m) up."""
     low, high = 0.0, TURN
     while True:
         ahead = np.linspace(low, high, 257)

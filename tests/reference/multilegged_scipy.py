@@ -46,6 +46,24 @@ def right_hand_side(p: Parameters, state: State) -> Callable[[float, Array], Arr
     return lambda t, z: matrix.dot(z) + constant
 
 
+def _switch(n: int, leg: int, slope: float, origin: float, sign: float) -> Guard:
+    return lambda t, z: sign * (slope * (z[2 * n + leg] - origin) - z[leg])
+
+
+def _turn(n: int, leg: int, corner: float) -> Guard:
+    return lambda t, z: z[2 * n + leg] - corner
+
+
+def _force(p: Parameters, leg: int, slope: float, origin: float, sign: float) -> Guard:
+    n, stiff, damper, omega = p.N + 1, p.K, p.ground_damper, p.omega
+
+    def force(t: float, z: Array) -> float:
+        gap = slope * (z[2 * n + leg] - origin) - z[leg]
+        return sign * (stiff * gap + damper * (slope * (omega + z[3 * n + leg]) - z[n + leg]))
+
+    return force
+
+
 def guards(p: Parameters, state: State) -> tuple[list[Event], list[Guard]]:
     """The events that can come next and their guards, each rising through zero where it fires."""
     n = p.N + 1
@@ -65,22 +83,11 @@ def guards(p: Parameters, state: State) -> tuple[list[Event], list[Guard]]:
         corner = float(p.corners[segment])
         sign = -1.0 if state.contact[leg] else 1.0
 
-        def touch(t: float, z: Array, i: int = leg, s: float = slope, o: float = origin, d: float = sign) -> float:
-            return d * (s * (z[2 * n + i] - o) - z[i])
-
-        def turn(t: float, z: Array, i: int = leg, end: float = corner) -> float:
-            return z[2 * n + i] - end
-
-        add("lift" if state.contact[leg] else "touch", leg, touch)
-        add("corner", leg, turn)
+        add("lift" if state.contact[leg] else "touch", leg, _switch(n, leg, slope, origin, sign))
+        add("corner", leg, _turn(n, leg, corner))
         if p.clamp and state.contact[leg]:
             pull = 1.0 if state.slack[leg] else -1.0
-
-            def force(t: float, z: Array, i: int = leg, s: float = slope, o: float = origin, d: float = pull) -> float:
-                gap = s * (z[2 * n + i] - o) - z[i]
-                return d * (p.K * gap + p.ground_damper * (s * (p.omega + z[3 * n + i]) - z[n + i]))
-
-            add("force", leg, force)
+            add("force", leg, _force(p, leg, slope, origin, pull))
     return events, functions
 
 

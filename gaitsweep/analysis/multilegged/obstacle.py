@@ -1,0 +1,59 @@
+"""The chain at rest on its legs: the rigid obstacle problem."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+
+def obstacle_problem(
+    l: jax.Array,  # noqa: E741
+    m: jax.Array,
+    kappa: jax.Array,
+    g: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """Lowest heights of the masses at or above their leg tips, and the load that each leg carries.
+
+    Let q be the chain that hangs free. Then z = x - q bends only where a leg pushes, and there downwards,
+    so z is the lowest concave sequence above l - q whose first slope is at most 0 and whose last slope is at
+    least -(total weight)/kappa: a greatest of chords, of level rays from the right, and of rays of the last
+    slope from the left.
+
+    Args:
+        l: leg lengths, m, shape (n,), n >= 2.
+        m: masses, kg, shape (n,).
+        kappa: spring between neighbours, N/m, natural length zero.
+        g: gravitational acceleration, m/s2.
+
+    Returns:
+        x (m) and R (N), shape (n,): x >= l, R >= 0, and R exactly 0 where a leg does not touch.
+
+    Source: eq. (8), with the complementarity below it.
+    """
+    n = l.shape[0]
+    sag = m * g / kappa
+    slopes = jnp.cumsum(sag)
+    q = jnp.concatenate([jnp.zeros_like(sag[:1]), jnp.cumsum(slopes[:-1])])
+    h = l - q
+
+    place = jnp.arange(n, dtype=h.dtype)
+    run = place[None, :] - place[:, None]  # run[i, j] = j - i
+    level = jnp.max(jnp.where(run >= 0, h[None, :], -jnp.inf), axis=1)
+    falling = jnp.max(jnp.where(run <= 0, h[None, :] + run * slopes[-1], -jnp.inf), axis=1)
+    z = jnp.maximum(jnp.maximum(level, falling), _highest_chord(h, run))
+
+    touches = z <= h
+    x = jnp.where(touches, l, jnp.maximum(q + z, l))
+    pull = kappa * (x[1:] - x[:-1])  # of the next mass on each, upwards
+    end = jnp.zeros_like(pull[:1])
+    load = m * g - jnp.concatenate([pull, end]) + jnp.concatenate([end, pull])
+    return x, jnp.where(touches, jnp.maximum(load, 0.0), 0.0)
+
+
+def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
+    """For each i, the greatest value at i of the chords of h from j < i to k > i; -inf at both ends."""
+    ahead = run[:, None, :]  # (i, 1, k): k - i
+    behind = -run[:, :, None]  # (i, j, 1): i - j
+    inside = (ahead > 0) & (behind > 0)
+    chord = (h[None, :, None] * ahead + h[None, None, :] * behind) / jnp.where(inside, ahead + behind, 1.0)
+    return jnp.max(jnp.where(inside, chord, -jnp.inf), axis=(1, 2))

@@ -1,0 +1,179 @@
+"""The analytic periodic solutions: source waves with any boundary leg, and the direct wave.
+
+Each is a line of solutions with one free relative phase s. The places of the legs on the circle of
+`section.py` step by
+
+    direct region (legs 1 .. k-1):     +delta a leg,
+    retrograde region (legs k .. N+1): -delta a leg,       delta = 2 (1-beta) pi - (3 m_B - m) b,
+    between legs k-1 and k:            +s,
+
+which is eq. (17) once the order of touchdowns is read from the places. In set B s runs from psi_B =
+2 (1-beta) pi - m_B b to 2 beta pi; in set A from delta to psi_B, and legs k and k+1 share what is left:
+they step by -(delta + psi_B - s) (eq. 20). The direct wave (24, 25) is the mirror image of set B with k = 2:
+all steps +delta, the last one -s. Where set A of k = 2 and set B of k = 2 are the retrograde wave.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.analysis.multilegged.section import TWO_PI, Leg, phases_on_section, relative
+
+Scalar = jax.Array | float
+
+
+class Chain(NamedTuple):
+    """Parameters of the theory; the defaults are Table 1's. They may be traced scalars.
+
+    beta: duty factor. kappa: spring between neighbours, N/m. m, m_1, m_end: mass inside, at the head and at
+    the tail, kg (the paper's m_B is m_1 = m_end). a: amplitude of the leg, m. g: gravity, m/s2.
+    """
+
+    beta: Scalar = 0.8
+    kappa: Scalar = 100.0
+    m: Scalar = 1.0
+    m_1: Scalar = 0.9
+    m_end: Scalar = 0.9
+    a: Scalar = 0.4
+    g: Scalar = 9.8
+
+
+class Branch(NamedTuple):
+    """One set of solutions: A or B of the source wave with boundary leg k = 2 .. N, or the direct wave."""
+
+    kind: Literal["A", "B", "direct"]
+    k: int
+
+
+class Steps(NamedTuple):
+    """theta_{i+1} - theta_i = fixed + slope * s along a set, for low <= s <= high; all in rad but the slope.
+
+    fixed, slope: shape (N,); low, high: scalars. For several sets each field has a leading axis.
+    """
+
+    fixed: jax.Array
+    slope: jax.Array
+    low: jax.Array
+    high: jax.Array
+
+
+def branches(N: int) -> tuple[Branch, ...]:
+    """All sets of a chain of N + 1 legs, along the line that they form: direct, A N, B N, ..., A 2, B 2."""
+    if N < 2:
+        raise ValueError(f"N is {N}: the solutions need three legs at least, so N >= 2.")
+    waves = [Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")]
+    return (Branch("direct", N), *waves)
+
+
+def shift(chain: Chain) -> jax.Array:
+    """b, rad/kg: the phase by which a kilogram brings a touchdown forward; below eq. (17)."""
+    return jnp.asarray((1.0 - chain.beta) * chain.g * jnp.pi / (chain.kappa * chain.a))
+
+
+def end_mass(chain: Chain) -> jax.Array:
+    """m_B, kg: of unequal end masses the heavier one, which sets the touchdown phase of what is left."""
+    return jnp.maximum(jnp.asarray(chain.m_1), jnp.asarray(chain.m_end))
+
+
+def touchdown_phase(chain: Chain) -> jax.Array:
+    """Phase at which every leg touches the ground along a solution, rad; eq. (16)."""
+    return TWO_PI - end_mass(chain) * shift(chain)
+
+
+def lag(chain: Chain) -> jax.Array:
+    """delta, rad: the lag between neighbouring legs of a wave, reset aside; second row of eq. (17)."""
+    return 2.0 * (1.0 - chain.beta) * jnp.pi - (3.0 * end_mass(chain) - chain.m) * shift(chain)
+
+
+def all_steps(N: int, chain: Chain) -> Steps:
+    """The steps of every set, in the order of `branches(N)`, shape (2 N - 1, N) and (2 N - 1,).
+
+    With unequal end masses nothing is left of the lines but their ends: B of k = 2 then runs on by
+    (m_end - m_1) b to the retrograde end point where the tail is heavier, the direct line by (m_1 - m_end) b
+    to the direct one where the head is.
+    """
+    sets = branches(N)
+    lags, shared, slope = (np.zeros((len(sets), N)) for _ in range(3))
+    for row, (kind, k) in enumerate(sets):
+        free = N if kind == "direct" else k - 1
+        lags[row] = np.where(np.arange(1, N + 1) < free, 1.0, -1.0)
+        lags[row, free - 1] = 0.0
+        slope[row, free - 1] = -1.0 if kind == "direct" else 1.0
+        if kind == "A":
+            slope[row, k - 1], shared[row, k - 1] = 1.0, -1.0
+
+    heavier, b, delta = end_mass(chain), shift(chain), lag(chain)
+    psi_B = 2.0 * (1.0 - chain.beta) * jnp.pi - heavier * b
+    stance = 2.0 * chain.beta * jnp.pi
+    is_A = np.array([branch.kind == "A" for branch in sets])
+    over = jnp.zeros(len(sets)).at[0].set(heavier - chain.m_end).at[-1].set(heavier - chain.m_1) * b
+    low = jnp.where(is_A, delta, psi_B)
+    return Steps(
+        fixed=jnp.asarray(lags) * delta + jnp.asarray(shared) * psi_B,
+        slope=jnp.asarray(slope),
+        low=low,
+        high=jnp.maximum(jnp.where(is_A, psi_B, stance + over), low),
+    )
+
+
+def _row(N: int, branch: Branch) -> int:
+    if branch not in branches(N):
+        raise ValueError(
+            f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
+            f"2 .. {N}; the direct wave has k = {N}."
+        )
+    return branches(N).index(branch)
+
+
+def places(rule: Steps, s: jax.Array) -> jax.Array:
+    """Places theta of the legs on the circle at the free phase s, rad, shape (N+1,); leg 1 at 0."""
+    return jnp.concatenate([jnp.zeros_like(rule.fixed[:1]), jnp.cumsum(rule.fixed + rule.slope * s)])
+
+
+def solution(rule: Steps, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
+    """psi on the section of leg `section` at the free phase s (rad), shape (N,), rad in [0, 2 pi).
+
+    Args:
+        rule: steps of the set.
+        s: the free phase, rad; the relative phase psi_{k-1} on the set's own section, 2 pi - psi_N if direct.
+        circle: the touchdown phase, rad.
+        section: leg, 1 .. N+1.
+    """
+    return relative(phases_on_section(places(rule, s), circle, section))
+
+
+@partial(jax.jit, static_argnames=("N", "samples", "section"))
+def solution_sets(
+    N: int, chain: Chain | None = None, samples: int = 65, section: int | None = None
+) -> jax.Array:
+    """Evenly spaced points of all sets, in the order of `branches(N)`: psi, shape (2 N - 1, samples, N), rad.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        chain: parameters; Table 1's if not given.
+        samples: number of points of each set, both ends included.
+        section: the leg whose section they are read on; each set's own (k, or N if direct) where not given.
+
+    Source: eqs. (16)-(20), (24), (25).
+    """
+    chain = Chain() if chain is None else chain
+    circle = touchdown_phase(chain)
+
+    def points(rule: Steps, leg: jax.Array) -> jax.Array:
+        free = jnp.linspace(rule.low, rule.high, samples)
+        return jax.vmap(lambda s: solution(rule, s, circle, leg))(free)
+
+    legs = jnp.array([branch.k if section is None else section for branch in branches(N)])
+    return jax.vmap(points)(all_steps(N, chain), legs)
+
+
+def solution_set(
+    N: int, branch: Branch, chain: Chain | None = None, samples: int = 65, section: int | None = None
+) -> jax.Array:
+    """Evenly spaced points of one set, one of `branches(N)`, shape (samples, N); else as `solution_sets`."""
+    return solution_sets(N, chain, samples, section)[_row(N, branch)]

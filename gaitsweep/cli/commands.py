@@ -1,0 +1,188 @@
+"""The commands: each reads its options, calls what does the work, and says what came out.
+
+Each imports what it needs when it runs, so that `--help` and `--version` need not wait for JAX and pandas.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gaitsweep.version import version
+
+if TYPE_CHECKING:
+    from gaitsweep.job import Job
+
+app = typer.Typer(
+    help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+JobFile = Annotated[Path, typer.Argument(metavar="JOB.yaml", help="The job: what is swept, and how.")]
+Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"gaitsweep {version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    job_file: JobFile,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
+    ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option("--engine", metavar="NAME", help="auto or xla; the job's by default."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what the job would need, and run nothing.")
+    ] = False,
+) -> None:
+    """Run a job, or continue it where it stopped: its table and its figures."""
+    from gaitsweep.cli import show
+    from gaitsweep.cli.progress import ProgressBar
+    from gaitsweep.job import load_job
+    from gaitsweep.table import Snapshot
+
+    overrides = list(settings or ())
+    if engine is not None:
+        overrides.append(f"engine.name={engine}")
+    job = load_job(job_file, overrides)
+    if dry_run:
+        from gaitsweep.estimate import estimate  # after a bad job has been refused
+
+        print(show.estimate(estimate(job)))
+        return
+    from gaitsweep.runner import carry_out
+
+    bar = ProgressBar() if sys.stderr.isatty() else None
+    try:
+        if bar is None:
+            path = carry_out(job, out, tell=_tell)
+        else:
+            with bar:
+                path = carry_out(job, out, progress=bar, tell=_tell)
+    except KeyboardInterrupt:
+        print(_stopped(job, out), file=sys.stderr)
+        raise
+    print(show.outcome(Snapshot.of(path)))
+
+
+def _tell(sentence: str) -> None:
+    print(sentence, file=sys.stderr)
+
+
+def _stopped(job: Job, out: Path | None) -> str:
+    from gaitsweep.runner import RESULTS
+    from gaitsweep.table import Snapshot, TableError
+
+    path = out or RESULTS / job.name
+    try:
+        snapshot = Snapshot.of(path)
+    except TableError:
+        return "Stopped before anything was written; the same command starts the job again."
+    safe = f"{snapshot.rows_done} of {snapshot.manifest['rows']} rows are safe in {path}"
+    return f"Stopped: {safe}, and the same command continues from them."
+
+
+@app.command()
+def plot(directory: Directory) -> None:
+    """Draw the figures of a table again, without simulating."""
+    from gaitsweep.runner import draw_figures
+
+    paths = draw_figures(directory)
+    for path in paths:
+        print(path)
+    if not paths:
+        print(
+            f"The job of {directory} asks for no figure: add `figures:` to it and run it again.",
+            file=sys.stderr,
+        )
+
+
+@app.command()
+def info(directory: Directory) -> None:
+    """Say what a result directory holds, and how it was made."""
+    from gaitsweep.cli import show
+    from gaitsweep.table import Snapshot
+
+    print(show.directory(Snapshot.of(directory)))
+
+
+@app.command()
+def models(name: Annotated[str | None, typer.Argument(metavar="[NAME]")] = None) -> None:
+    """List the models, or the parameters, starts, observables and gaits of one."""
+    from gaitsweep import models as registry
+    from gaitsweep.cli import show
+
+    if name is None:
+        show.model_list([(known, registry.find(known)) for known in registry.names()])
+    else:
+        show.model(registry.find(name))
+
+
+@app.command()
+def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")]) -> None:
+    """Check jobs without running them, a line each."""
+    from gaitsweep.job import JobError, load_job, plan
+
+    bad = 0
+    for job_file in job_files:
+        try:
+            rows = plan(load_job(job_file)).n_rows
+            print(f"{job_file}: good, {rows} row{'s' * (rows != 1)}")
+        except JobError as error:
+            bad += 1
+            print(error, file=sys.stderr)
+    if bad:
+        raise typer.Exit(2)
+
+
+@app.command()
+def report(directory: Directory) -> None:
+    """Write report.html into a result directory: job, counts, figures and provenance in one file."""
+    from gaitsweep.report import write_report
+
+    print(write_report(directory))
+
+
+@app.command(name="schema")
+def write_schema(
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; printed by default.")
+    ] = None,
+) -> None:
+    """Write the JSON schema of job files, for editors."""
+    from gaitsweep.job import schema
+    from gaitsweep.table import replace_file
+
+    text = json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
+    if out is None:
+        print(text, end="")
+    else:
+        replace_file(out, lambda file: file.write(text.encode()))
+        print(out)

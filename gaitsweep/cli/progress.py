@@ -1,0 +1,57 @@
+"""The progress of a run on a terminal: a bar, the rate and the time left."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+_WHOLE = 1_000_000  # steps of the bar
+
+
+class ProgressBar:
+    """A bar on standard error, told by calls how far a run has come; a context manager.
+
+    A continued run starts its bar where the last one stopped, and measures its time left from there.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._progress = Progress(
+            TextColumn("{task.fields[rows]} rows"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=console or Console(stderr=True),
+            transient=True,
+        )
+        self._task: TaskID | None = None
+
+    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        """Show how far the run is.
+
+        Args:
+            done: rows that have ended.
+            total: rows of the whole sweep.
+            rate: rows a second; 0 while it is not known.
+            fraction: share of the whole, rows under way counted by their part (0 to 1).
+            note: what is going on besides, such as a compilation.
+        """
+        rows = f"{done}/{total}"
+        speed = f"{rate:.3g} rows/s" if rate > 0 else ""
+        steps = round(fraction * _WHOLE)
+        if self._task is None:
+            # told where it starts, the bar does not take what an earlier run did for this one's speed
+            self._task = self._progress.add_task(note, total=_WHOLE, completed=steps, rows=rows, rate=speed)
+        self._progress.update(self._task, description=note, completed=steps, rows=rows, rate=speed)
+
+    def __enter__(self) -> ProgressBar:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()

@@ -1,0 +1,176 @@
+"""What the commands print: models, estimates and result directories in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+from gaitsweep.contract import Model, Quantity, Status
+from gaitsweep.table import Snapshot
+
+if TYPE_CHECKING:
+    from gaitsweep.estimate import Estimate
+
+_PIPED_WIDTH = 240  # columns, where nobody's terminal wraps the lines
+
+
+def estimate(needs: Estimate) -> str:
+    """Say what a job would need."""
+    time = f"about {duration(needs.seconds)}"
+    if needs.seconds_most > 1.05 * needs.seconds:
+        time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
+    return aligned(
+        {
+            "rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}",
+            "engine": f"{needs.engine} on {needs.device}, {needs.lanes} lanes",
+            "memory": f"about {size(needs.memory_bytes)}",
+            "disk": f"about {size(needs.disk_bytes)}",
+            "time": time,
+        }
+    )
+
+
+def counts(by_status: dict[str, int]) -> str:
+    """Say how many rows ended how: "15 settled, 1 fell"."""
+    return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
+
+
+def outcome(snapshot: Snapshot) -> str:
+    """Say what a run left on disk."""
+    rows = snapshot.manifest["rows"]
+    so_far = "" if snapshot.complete else f" of {rows}"
+    lines = [
+        f"{snapshot.rows_done}{so_far} row{'s' * (rows != 1)}: {counts(snapshot.counts)}.",
+        f"Table: {snapshot.table_folder} ({len(snapshot.footers)} parts).",
+    ]
+    lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
+    return "\n".join(lines)
+
+
+def directory(snapshot: Snapshot) -> str:
+    """Say what a result directory holds: its job, how far it is, how rows ended, and its provenance."""
+    rows = snapshot.manifest["rows"]
+    state = "complete" if snapshot.complete else "not complete: the same command continues it"
+    lines = {
+        "job": f"{snapshot.job.get('name', '?')} (model {snapshot.job.get('model', '?')})",
+        "rows": f"{snapshot.rows_done} of {rows}, {state}",
+    }
+    for status, number in snapshot.counts.items():
+        meaning = f"   {Status[status].sentence}" if status in Status.__members__ else ""
+        lines[f"  {status}"] = f"{number}{meaning}"
+    for number in snapshot.damaged:
+        lines[f"part {number}"] = "damaged: running the job again makes it anew"
+    for key, value in snapshot.manifest.items():
+        if key not in ("rows", "counts"):
+            lines[key] = plain(value)
+    for number, figure in enumerate(snapshot.figures):
+        lines["figures" if number == 0 else " " * (8 + number)] = str(figure)
+    return aligned(lines)
+
+
+def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:
+    """Print the registered models."""
+    rows = [(name, (kind.__doc__ or "").strip().splitlines()[0], kind.source) for name, kind in known]
+    _print_table("", ("model", "what it is", "source"), rows)
+
+
+def model(kind: type[Model]) -> None:
+    """Print what a job can say about a model."""
+    instance = kind()
+    doc = (kind.__doc__ or "").strip().splitlines()
+    console = _console()
+    console.print(f"{kind.name}: {doc[0] if doc else ''}\n{kind.source}", highlight=False, markup=False)
+    structure = [
+        (field.name, str(field.default), _bounds(field.metadata), str(field.metadata.get("meaning", "")))
+        for field in dataclasses.fields(kind)  # pyright: ignore[reportArgumentType] (each is a dataclass)
+    ]
+    if structure:
+        _print_table("structure (one job for each)", ("name", "default", "allowed", "meaning"), structure)
+    columns = ("name", "unit", "default", "allowed", "meaning", "source")
+    _print_table("parameters", columns, [_quantity(quantity) for quantity in instance.parameters])
+    _print_table("start", columns[:5], [_quantity(quantity)[:5] for quantity in instance.starts])
+    for title, quantities in (
+        ("observables", instance.observables),
+        ("signals", instance.signals),
+        ("traits", instance.traits),
+    ):
+        if quantities:
+            _print_table(
+                title, ("name", "unit", "meaning"), [(q.name, q.unit, q.meaning) for q in quantities]
+            )
+    console.print(f"\ngaits: {', '.join(kind.gaits)}", highlight=False, markup=False)
+
+
+def _quantity(quantity: Quantity) -> tuple[str, ...]:
+    if quantity.default is None:
+        default = "needed"
+    elif isinstance(quantity.default, float) and math.isnan(quantity.default):
+        default = "the model's"
+    else:
+        default = plain(quantity.default)
+    low, high = quantity.low, quantity.high
+    left, right = "()" if quantity.open_ends else "[]"
+    left, right = left if math.isfinite(low) else "(", right if math.isfinite(high) else ")"
+    allowed = "" if math.isinf(low) and math.isinf(high) else f"{left}{low:g}, {high:g}{right}"
+    return quantity.name, quantity.unit, default, allowed, quantity.meaning, quantity.source
+
+
+def _bounds(metadata: Mapping[str, object]) -> str:
+    low, high = metadata.get("low"), metadata.get("high")
+    return "" if low is None and high is None else f"[{low}, {high}]"
+
+
+def _console() -> Console:
+    return Console() if sys.stdout.isatty() else Console(width=_PIPED_WIDTH)
+
+
+def _print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    console = _console()
+    if title:
+        console.print(f"\n{title}", highlight=False, style="bold")
+    table = Table(box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, overflow="fold", no_wrap=column == "name")
+    for row in rows:
+        table.add_row(*(text.replace("[", r"\[") for text in row))
+    console.print(table, highlight=False)
+
+
+def aligned(lines: dict[str, str]) -> str:
+    """Put keys and values in two columns."""
+    width = max(map(len, lines)) + 2
+    return "\n".join(f"{key:<{width}}{value}".rstrip() for key, value in lines.items())
+
+
+def plain(value: object) -> str:
+    """Write a value of a manifest on one line."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {plain(inner)}" for key, inner in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(plain, value))
+    return str(value)
+
+
+def size(number: float) -> str:
+    """Write a number of bytes in the unit that suits it."""
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if number < 1000:
+            return f"{number:.3g} {unit}"
+        number /= 1000
+    return f"{number:.3g} TB"
+
+
+def duration(seconds: float) -> str:
+    """Write a time in the unit that suits it."""
+    scales = (("days", 86400.0, 172800.0), ("h", 3600.0, 7200.0), ("min", 60.0, 120.0))
+    unit, length = next(((unit, length) for unit, length, least in scales if seconds >= least), ("s", 1.0))
+    number = seconds / length
+    return f"{number:.0f} {unit}" if number >= 10 else f"{number:.2g} {unit}"

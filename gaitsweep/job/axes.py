@@ -1,0 +1,231 @@
+"""The axes of a job, as written (`values`, `linspace`, ...) and as rows read them, point by point."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+from scipy.stats import qmc
+
+from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.job.complaints import found
+from gaitsweep.job.numbers import Number, PointCount, Refused, Seed, Text, checked, word
+from gaitsweep.job.runs import Part
+
+_SOBOL_BITS = 30
+
+
+def _of_length(value: Any, length: int, words: str) -> Any:
+    if not isinstance(value, (list, tuple)) or len(value) != length:
+        raise Refused(f"is {found(value)}, but takes {words}.")
+    return value
+
+
+def _three() -> BeforeValidator:
+    return BeforeValidator(checked(_of_length, length=3, words="[first, last, number of points]"))
+
+
+def _two() -> BeforeValidator:
+    return BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
+
+
+Ends = Annotated[tuple[Number, Number, PointCount], _three()]
+At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
+_AT = "ends: both ends are points; centre: the points are the middles of equal cells"
+_SEED = "seed of the points, with the name of what varies"
+
+
+class Values(Part):
+    """Points one by one."""
+
+    values: list[Number] = Field(min_length=1, max_length=10**7, description="the points")
+
+
+class Linspace(Part):
+    """Points at equal distances."""
+
+    linspace: Ends = Field(description="[first, last, number of points]")
+    at: At = Field(default="ends", description=_AT)
+
+
+class Logspace(Part):
+    """Points at equal ratios, the ends given as values above 0."""
+
+    logspace: Ends = Field(description="[first, last, number of points], the ends above 0")
+    at: At = Field(default="ends", description=_AT)
+
+
+class Random(Part):
+    """Independent uniform points."""
+
+    random: Ends = Field(description="[low, high, number of points]")
+    seed: Seed = Field(default=0, description=_SEED)
+
+
+class Sobol(Part):
+    """Points of a shifted Sobol sequence."""
+
+    sobol: Ends = Field(description="[low, high, number of points]")
+    seed: Seed = Field(default=0, description=_SEED)
+
+
+class Sample(Part):
+    """Points of a box, drawn together."""
+
+    n: PointCount = Field(description="number of points")
+    seed: Seed = Field(default=0, description=_SEED)
+    method: Annotated[Literal["random", "sobol"], word("random", "sobol")] = Field(
+        default="random", description="random: independent uniform points; sobol: one joint Sobol sequence"
+    )
+    of: dict[Text, Annotated[tuple[Number, Number], _two()]] = Field(
+        min_length=1, description="[low, high] of each name that varies"
+    )
+
+
+Axis = Values | Linspace | Logspace | Random | Sobol
+AXIS_KINDS: dict[str, type[Part]] = {
+    "values": Values,
+    "linspace": Linspace,
+    "logspace": Logspace,
+    "random": Random,
+    "sobol": Sobol,
+}
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Points given one by one, numbers or expressions."""
+
+    numbers: tuple[float | str, ...]
+
+    @property
+    def length(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """The expressions among its numbers."""
+        return tuple(number for number in self.numbers if isinstance(number, str))
+
+    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
+        """Points `index` (n,); `names` has a float or (n,) for each name that the formulas use."""
+        numbers = np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
+        result = numbers[index]
+        for place, number in enumerate(self.numbers):
+            if isinstance(number, str) and (here := index == place).any():
+                used = {name: _picked(names[name], here) for name in names_in(number)}
+                result[here] = evaluate(number, used)
+        return result
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Equal steps over [0, 1]: both ends included, or the middles of equal cells."""
+
+    count: int
+    at: str
+
+    def __call__(self, index: np.ndarray) -> np.ndarray:
+        return (index + 0.5) / self.count if self.at == "centre" else index / max(self.count - 1, 1)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Points of [0, 1) that were drawn beforehand, (length,)."""
+
+    points: np.ndarray
+
+    def __call__(self, index: np.ndarray) -> np.ndarray:
+        return self.points[index]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Points between two ends, linearly or by their logarithms; `fraction` maps indices (n,) to [0, 1]."""
+
+    low: float | str
+    high: float | str
+    length: int
+    fraction: Steps | Drawn
+    logarithmic: bool = False
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """The expressions among its ends."""
+        return tuple(number for number in (self.low, self.high) if isinstance(number, str))
+
+    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
+        """Points `index` (n,); `names` has a float or (n,) for each name that the ends use.
+
+        Raises:
+            ExpressionError: an end of a logarithmic axis that is not above 0.
+        """
+        low, high = (
+            evaluate(end, {name: names[name] for name in names_in(end)}) for end in (self.low, self.high)
+        )
+        part = self.fraction(index)
+        if not self.logarithmic:
+            between = low + (high - low) * part
+        else:
+            if np.any(np.less_equal(low, 0.0)) or np.any(np.less_equal(high, 0.0)):
+                raise ExpressionError("the ends of a logspace must be above 0.")
+            between = np.exp(np.log(low) + (np.log(high) - np.log(low)) * part)
+        # The ends exactly as written, whatever rounding makes of low + (high - low).
+        return np.where(part == 0.0, low, np.where(part == 1.0, high, between))
+
+
+Points = Listed | Spread
+
+
+def points_of(axis: Axis, name: str) -> Points:
+    """The points of an axis that varies `name`."""
+    if isinstance(axis, Values):
+        return Listed(tuple(axis.values))
+    if isinstance(axis, (Linspace, Logspace)):
+        low, high, count = axis.linspace if isinstance(axis, Linspace) else axis.logspace
+        return Spread(low, high, count, Steps(count, axis.at), isinstance(axis, Logspace))
+    low, high, count = axis.random if isinstance(axis, Random) else axis.sobol
+    method = "random" if isinstance(axis, Random) else "sobol"
+    return sample_points(Sample(n=count, seed=axis.seed, method=method, of={name: (low, high)}))[name]
+
+
+def sample_points(sample: Sample) -> dict[str, Spread]:
+    """The points of each name of a sample, drawn once: a slice of rows sees what the whole sees."""
+    names = list(sample.of)
+    if sample.method == "random":
+        drawn = {name: _uniform(sample.seed, name, sample.n) for name in names}
+    else:
+        drawn = _sobol(sample.seed, names, sample.n)
+    return {name: Spread(*sample.of[name], sample.n, Drawn(drawn[name])) for name in names}
+
+
+def _picked(value: Any, here: np.ndarray) -> Any:
+    return value if np.ndim(value) == 0 else value[here]
+
+
+def _bits(seed: int, name: str, count: int) -> np.ndarray:
+    """Raw 64-bit words, of which NumPy promises that they never change; each name has a stream of its own."""
+    key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
+    return np.asarray(np.random.Philox(key=key).random_raw(count))
+
+
+def _uniform(seed: int, name: str, count: int) -> np.ndarray:
+    return (_bits(seed, name, count) >> np.uint64(11)) * 2.0**-53
+
+
+def _sobol(seed: int, names: list[str], count: int) -> dict[str, np.ndarray]:
+    """An unscrambled Sobol sequence under a digital shift of our own: SciPy's scrambling may change."""
+    sequence = qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS).random_base2(
+        math.ceil(math.log2(count))
+    )
+    cells = np.rint(sequence[:count] * 2.0**_SOBOL_BITS).astype(np.uint64)
+    shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
+    return {
+        name: ((cells[:, column] ^ shifts[column]) + 0.5) * 2.0**-_SOBOL_BITS
+        for column, name in enumerate(names)
+    }

@@ -1,0 +1,130 @@
+"""Whether every value that the rows of a job take is one that its model allows."""
+
+from __future__ import annotations
+
+import dataclasses
+import graphlib
+import math
+
+import numpy as np
+
+from gaitsweep import nearmiss
+from gaitsweep.contract import Quantity
+from gaitsweep.expression import CONSTANTS, ExpressionError
+from gaitsweep.job.complaints import Complaint, Path
+from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
+from gaitsweep.job.runs import Ramp
+from gaitsweep.job.subject import Subject
+
+_CHUNK = 50_000
+
+
+def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
+    """Complaints about formulas that use what is not there, or that go round in a circle."""
+    complaints: list[Complaint] = []
+    own = [*subject.parameters, *subject.sizes]
+    for name in [*plan.settings, *plan.names]:
+        allowed = own if name in subject.parameters else [*own, *subject.starts]
+        for used in sorted(plan.uses(name)):
+            if used in allowed:
+                continue
+            text = f"uses {used}, which is not a parameter of {subject.model.name}"
+            if used in subject.starts:
+                text = f"uses {used}, a start value, on which no parameter may depend"
+            text += nearmiss.suggestion(used, [*allowed, *CONSTANTS])
+            complaints.append(Complaint(place(plan, subject, name), text))
+    if complaints:
+        return complaints
+    try:
+        plan.order  # noqa: B018 - computing the order is what finds a circle
+    except graphlib.CycleError as error:
+        circle = list(reversed(error.args[1]))
+        text = f"depends on itself: {' -> '.join(circle)}."
+        complaints.append(Complaint(place(plan, subject, circle[0]), text))
+    return complaints
+
+
+def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
+    """Complaints about values outside what the model allows, each with the first row that has one."""
+    complaints: list[Complaint] = []
+    moving = run.parameter if isinstance(run, Ramp) else None
+    wrong: set[str] = set()
+    for name in plan.order:
+        if name == moving or plan.closure([name]) & wrong:
+            continue  # what follows from a wrong value is not told beside it
+        complaint = _check_quantity(plan, subject, name, subject.quantities[name])
+        if complaint is not None:
+            complaints.append(complaint)
+            wrong.add(name)
+    if isinstance(run, Ramp):
+        complaints.extend(_check_ramp(plan, subject, run))
+    return complaints
+
+
+def place(plan: Plan, subject: Subject, name: str) -> Path:
+    """Where the value of a name is written, or would be."""
+    for group in plan.groups:
+        if name in group.paths:
+            return group.paths[name]
+    return ("params" if name in subject.parameters else "start", name)
+
+
+def _check_quantity(plan: Plan, subject: Subject, name: str, quantity: Quantity) -> Complaint | None:
+    path = place(plan, subject, name)
+    if not plan.checkable(name):
+        return None  # Plan.values checks these, block by block
+    spans = [(plan.groups[position].length, plan.stride(position)) for position in plan.spans(name)]
+    count = math.prod(length for length, _ in spans)
+    for begin in range(0, count, _CHUNK):
+        points = np.arange(begin, min(begin + _CHUNK, count), dtype=np.int64)
+        rows = _rows_of(points, spans)
+        try:
+            values = plan.at(rows, [name])[name]
+        except ExpressionError as error:
+            return Complaint(path, f"has no value: {error}")
+        wrong = np.flatnonzero(~inside(values, quantity))
+        if wrong.size:
+            row = int(rows[wrong].min()) if spans else None
+            value = float(values[wrong[np.argmin(rows[wrong])]])
+            return Complaint(path, _out_of_range(plan, name, quantity, value, row))
+    return None
+
+
+def _rows_of(points: np.ndarray, spans: list[tuple[int, int]]) -> np.ndarray:
+    """The rows that go through all combinations of some axes, the others at their first point."""
+    rows = np.zeros_like(points)
+    for length, stride in reversed(spans):
+        rows += points % length * stride
+        points = points // length
+    return rows
+
+
+def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: int | None) -> str:
+    setting = plan.settings.get(name)
+    formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
+    where = "" if row is None else f" in row {row}"
+    return f"is {formula}{value:g}{where}, but {must(quantity)}."
+
+
+def _check_ramp(plan: Plan, subject: Subject, run: Ramp) -> list[Complaint]:
+    quantity = subject.parameters[run.parameter]
+    complaints = []
+    for index, value in enumerate(run.path):
+        if not inside(np.array(value), quantity):
+            complaints.append(Complaint(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
+    if complaints:
+        return complaints
+    followers = [name for name in plan.derived if run.parameter in plan.closure([name])]
+    for name in followers:
+        rows = math.prod(plan.groups[position].length for position in plan.spans(name))
+        turns = (
+            sorted(set(run.path)) if rows * len(run.path) <= MOST_CHECKED else [min(run.path), max(run.path)]
+        )
+        for value in turns:
+            there = dataclasses.replace(plan, settings={**plan.settings, run.parameter: value})
+            complaint = _check_quantity(there, subject, name, subject.parameters[name])
+            if complaint is not None:
+                text = f"{complaint.text.removesuffix('.')}, where the ramp has {run.parameter} = {value:g}."
+                complaints.append(Complaint(complaint.path, text))
+                break
+    return complaints

@@ -1,0 +1,161 @@
+"""What is wrong with a job, as sentences: where it stands, what was found, what is allowed or meant."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from gaitsweep import nearmiss
+
+Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
+
+_SHOWN = 5
+_TEXT_LIMIT = 60
+
+
+@dataclasses.dataclass(frozen=True)
+class Complaint:
+    """One thing that is wrong: the field's path, the sentence's end, and where it is written, if known."""
+
+    path: Path
+    text: str
+    file: str = ""
+    line: int | None = None
+    place: str = ""  # "--set key=value" where that, not a line, brought it in
+
+    def __str__(self) -> str:
+        parts = [self.file] if self.file else []
+        if self.place:
+            parts.append(self.place)
+        elif self.line is not None:
+            parts.append(f"line {self.line}")
+        where = ", ".join(parts)
+        field = shown(self.path)
+        what = f"{field} {self.text}" if field else self.text
+        return f"{where}: {what}" if where else what
+
+
+class JobError(Exception):
+    """A job that cannot be run: `complaints` has all that is wrong, the message the first few."""
+
+    def __init__(self, complaints: Sequence[Complaint]) -> None:
+        self.complaints = tuple(dict.fromkeys(complaints))
+        lines = [str(complaint) for complaint in self.complaints[:_SHOWN]]
+        if len(self.complaints) > _SHOWN:
+            lines.append(f"... and {len(self.complaints) - _SHOWN} more.")
+        super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Complaint, ...]]]:
+        return JobError, (self.complaints,)
+
+
+def shown(path: Path) -> str:
+    """A path as a reader would write it: vary.psi_1.linspace[0]."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def found(value: object) -> str:
+    """What was written, short enough to be quoted."""
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        text = f'"{value}"'
+    elif isinstance(value, dict):
+        text = f"a mapping ({', '.join(map(str, value))})" if value else "an empty mapping"
+    elif isinstance(value, (list, tuple)):
+        text = f"a list ({', '.join(map(found, value))})" if value else "an empty list"
+    else:
+        text = str(value)
+    return text if len(text) <= _TEXT_LIMIT else f"{text[: _TEXT_LIMIT - 3]}..."
+
+
+def unknown_field(path: Path, owner: str, allowed: Iterable[str]) -> Complaint:
+    """The complaint about a field that its owner does not have."""
+    field = str(path[-1])
+    of = f" of {owner}" if owner else ""
+    return Complaint(path, f"is not a field{of}{nearmiss.suggestion(field, allowed)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Owner:
+    """A part of a job: how a sentence calls it, its class, and the field whose union it belongs to."""
+
+    words: str
+    part: type[BaseModel]
+    union: str = ""
+
+    @property
+    def fields(self) -> list[str]:
+        return list(self.part.model_fields)
+
+
+def from_pydantic(
+    error: ValidationError, owners: dict[str, Owner], top: str, prefix: Path = ()
+) -> list[Complaint]:
+    """Our sentence for each thing that pydantic refused.
+
+    Args:
+        error: what pydantic raised.
+        owners: the parts by the field, or the union's tag, under which pydantic reports them.
+        top: the key in `owners` of what was validated.
+        prefix: the path of what was validated inside the job.
+    """
+    return [_from_details(details, owners, top, prefix) for details in error.errors(include_url=False)]
+
+
+def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, prefix: Path) -> Complaint:
+    loc = tuple(details["loc"])
+    path: Path = (*prefix, *_without_tags(loc, owners))
+    sort, value, context = details["type"], details["input"], details.get("ctx", {})
+    owner = owners.get(str(loc[-2]) if len(loc) > 1 else top, owners[top])
+    if sort == "gaitsweep":
+        return Complaint(path, context["text"])
+    if sort == "extra_forbidden":
+        return unknown_field(path, owner.words, owner.fields)
+    if sort == "missing":
+        return Complaint(path, f"is missing: {owner.part.model_fields[str(path[-1])].description}.")
+    if sort in ("union_tag_invalid", "union_tag_not_found"):
+        return _about_kind(path, value, owners)
+    if sort in ("too_short", "too_long"):
+        end, limit = ("at least", "min_length") if sort == "too_short" else ("at most", "max_length")
+        return Complaint(path, f"has {context['actual_length']} items, but takes {end} {context[limit]}.")
+    if sort == "list_type":
+        return Complaint(path, f"is {found(value)}, but takes a list in brackets.")
+    if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
+        return _about_kind(path, value, owners)
+    if sort in ("model_type", "dict_type", "model_attributes_type"):
+        inner = owners.get(str(next(reversed(loc), "")))
+        fields = f" {nearmiss.allowing(inner.fields)}" if inner else ""
+        return Complaint(path, f"is {found(value)}, but takes fields (key: value).{fields}")
+    return Complaint(path, f"is {found(value)}, which this field does not take.")
+
+
+def _about_kind(path: Path, value: object, owners: dict[str, Owner]) -> Complaint:
+    kinds = [tag for tag, owner in owners.items() if owner.union == path[0]]
+    if not isinstance(value, dict):
+        return Complaint(
+            path, f"is {found(value)}, but takes fields, kind among them. {nearmiss.allowing(kinds)}"
+        )
+    if "kind" not in value:
+        return Complaint((*path, "kind"), f"is missing. {nearmiss.allowing(kinds)}")
+    kind = value["kind"]
+    return Complaint(
+        (*path, "kind"), f"is {found(kind)}, which is none{nearmiss.suggestion(str(kind), kinds)}"
+    )
+
+
+def _without_tags(loc: Path, owners: dict[str, Owner]) -> Path:
+    """The path as written: pydantic puts a union's tag after run and after figures[i]."""
+    if len(loc) > 1 and loc[0] == "run" and loc[1] in owners:
+        return (loc[0], *loc[2:])
+    if len(loc) > 2 and loc[0] == "figures" and loc[2] in owners:
+        return (*loc[:2], *loc[3:])
+    return loc

@@ -1,0 +1,100 @@
+"""Parameter sets in files of their own (`config: ../configs/ambe2021.yaml`), under what a job says itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gaitsweep.job import complaints
+from gaitsweep.job.complaints import Complaint, JobError, found, unknown_field
+from gaitsweep.job.document import Document, read_document
+
+_FIELDS = ("model", "structure", "params", "source")
+
+
+class Config:
+    """A job's mapping with its config merged in, and which fields came from there."""
+
+    def __init__(self, raw: dict[str, Any], folder: Path) -> None:
+        self.raw = raw
+        self.complaints: list[Complaint] = []
+        self._document: Document | None = None
+        self._own: set[complaints.Path] = set()
+        named = raw.get("config")
+        if named is None:
+            return
+        if not isinstance(named, (str, Path)) or not str(named).strip():
+            self.complaints.append(
+                Complaint(("config",), f"is {found(named)}, but takes the path of a YAML file.")
+            )
+            return
+        try:
+            self._document = read_document(folder / named)
+        except JobError as error:
+            self.complaints.extend(_under_config(complaint) for complaint in error.complaints)
+            return
+        self._merge(self._document.data)
+
+    def locate(self, complaint: Complaint) -> Complaint:
+        """The complaint with the config's file and line, where the config and not the job wrote the field."""
+        if self._document is None or complaint.file or complaint.path[:2] not in self._own:
+            return complaint
+        return self._document.locate(complaint)
+
+    def _merge(self, data: Mapping[str, Any]) -> None:
+        assert self._document is not None
+        for key in data:
+            if key not in _FIELDS:
+                complaint = self._document.locate(unknown_field((str(key),), "a config", _FIELDS))
+                self.complaints.append(complaint)
+        merged = dict(self.raw)
+        if "model" in data and self.raw.get("model") is None:
+            merged["model"] = data["model"]
+            self._own.add(("model",))
+        for section in ("structure", "params"):
+            theirs = data.get(section)
+            if theirs is not None and not isinstance(theirs, Mapping):
+                text = f"is {found(theirs)}, but takes numbers by name (name: number)."
+                self.complaints.append(self._document.locate(Complaint((section,), text)))
+                continue
+            own = self.raw.get(section)
+            if theirs and (own is None or isinstance(own, Mapping)):
+                merged[section] = self._without_overridden(theirs, section) | dict(own or {})
+                self._own |= {(section, str(key)) for key in theirs if key not in (own or {})}
+        self.raw = merged
+
+    def _without_overridden(self, theirs: Mapping[str, Any], section: str) -> dict[str, Any]:
+        """The config's values but for those that the job varies, ramps, or writes in the other section."""
+        overridden = _moving(self.raw)
+        other = self.raw.get("structure" if section == "params" else "params")
+        if isinstance(other, Mapping):
+            overridden |= {str(key) for key in other}
+        return {str(key): value for key, value in theirs.items() if key not in overridden}
+
+
+def _under_config(complaint: Complaint) -> Complaint:
+    """A complaint about the config's file, told at the job's field where it has no line of its own."""
+    if complaint.line is not None:
+        return complaint
+    return Complaint(("config",), f"names {complaint.file}, which {complaint.text}")
+
+
+def _moving(raw: Mapping[str, Any]) -> set[str]:
+    names: set[str] = set()
+    vary = raw.get("vary")
+    for key, value in vary.items() if isinstance(vary, Mapping) else ():
+        groups = value if isinstance(value, list) else [value]
+        if key in ("zip", "sample"):
+            inner = [
+                group.get("of", {}) if key == "sample" else group
+                for group in groups
+                if isinstance(group, Mapping)
+            ]
+            names |= {str(name) for each in inner if isinstance(each, Mapping) for name in each}
+        else:
+            names.add(str(key))
+    run = raw.get("run")
+    if isinstance(run, Mapping) and run.get("kind") == "ramp":
+        names.add(str(run.get("parameter")))
+    return names

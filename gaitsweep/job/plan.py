@@ -1,0 +1,212 @@
+"""The rows of a job: what varies in each, and the complete parameters and starts, by index arithmetic."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import graphlib
+import math
+import re
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.expression import evaluate, names_in
+from gaitsweep.job.complaints import Complaint, JobError
+from gaitsweep.job.numbers import bound
+from gaitsweep.job.vary import Group
+
+if TYPE_CHECKING:
+    from gaitsweep.job.schema import Job
+
+MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanAxis:
+    """What moves together and how many points it has: one name, or those of a `zip` or `sample`."""
+
+    names: tuple[str, ...]
+    length: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A job's rows; nothing is held that grows with their number.
+
+    `settings` has a number or a formula for each parameter and start that does not vary, the model's
+    defaults among them; NaN stands for a start that the model itself decides. A ramp's parameter has the
+    first value of its path. `sizes` are the structure's numbers.
+    """
+
+    model: Model
+    groups: tuple[Group, ...]
+    settings: dict[str, float | str]
+    sizes: dict[str, float]
+
+    @property
+    def n_rows(self) -> int:
+        """The product of the axes' lengths; 1 where nothing varies."""
+        return math.prod(group.length for group in self.groups)
+
+    @property
+    def axes(self) -> tuple[PlanAxis, ...]:
+        """The axes in the order in which they multiply: the last varies fastest."""
+        return tuple(PlanAxis(tuple(group.points), group.length) for group in self.groups)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names that vary, in the order of the table's columns."""
+        return tuple(name for group in self.groups for name in group.points)
+
+    @functools.cached_property
+    def derived(self) -> dict[str, str]:
+        """The parameters that are formulas of others, the structure's numbers written into them.
+
+        A parameter that moves while a row runs (a ramp) moves these as well.
+        """
+        parameters = [quantity.name for quantity in self.model.parameters]
+        formulas = {name: self.settings[name] for name in parameters if name in self.settings}
+        return {name: self._with_sizes(text) for name, text in formulas.items() if isinstance(text, str)}
+
+    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
+        """What varies in rows start..stop-1: a float64 array (stop - start,) by name.
+
+        Raises:
+            IndexError: rows that the job does not have.
+            ExpressionError: an expression that has no value in one of these rows.
+        """
+        return self.at(self._rows(start, stop), self.names)
+
+    def values(self, start: int, stop: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """All parameters and all starts in rows start..stop-1: float64 arrays (stop - start,) by name.
+
+        Raises:
+            IndexError: rows that the job does not have.
+            ExpressionError: an expression that has no value in one of these rows.
+            JobError: a value that the model does not allow; only where `checkable` is false.
+        """
+        parameters = [quantity.name for quantity in self.model.parameters]
+        starts = [quantity.name for quantity in self.model.starts]
+        values = self.at(self._rows(start, stop), [*parameters, *starts])
+        self._check_block(start, values)
+        return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
+
+    def at(self, rows: np.ndarray, wanted: Iterable[str]) -> dict[str, np.ndarray]:
+        """The `wanted` names in `rows` (n,) of int64: float64 arrays (n,), in the order wanted."""
+        wanted = tuple(wanted)
+        needed = self.closure(wanted)
+        known: dict[str, Any] = dict(self.sizes)
+        for name in self.order:
+            if name not in needed:
+                continue
+            if name in self._places:
+                group, stride = self._places[name]
+                known[name] = group.points[name].at(rows // stride % group.length, known)
+            else:
+                setting = self.settings[name]
+                known[name] = (
+                    evaluate(setting, _only(known, setting)) if isinstance(setting, str) else setting
+                )
+        return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
+
+    def closure(self, names: Iterable[str]) -> set[str]:
+        """The names and all that their formulas use, directly or not."""
+        reached: set[str] = set()
+        waiting = list(names)
+        while waiting:
+            name = waiting.pop()
+            if name not in reached:
+                reached.add(name)
+                waiting.extend(self.uses(name))
+        return reached
+
+    def uses(self, name: str) -> set[str]:
+        """The quantities that the formulas of `name` use directly."""
+        if name in self._places:
+            texts: tuple[float | str, ...] = self._places[name][0].points[name].formulas
+        else:
+            texts = (self.settings[name],)
+        return {used for text in texts for used in names_in(text)} - set(self.sizes)
+
+    @functools.cached_property
+    def order(self) -> tuple[str, ...]:
+        """All names, each after those that it uses; raises graphlib.CycleError where no order is."""
+        graph = {name: sorted(self.uses(name)) for name in [*self.settings, *self._places]}
+        return tuple(graphlib.TopologicalSorter(graph).static_order())
+
+    def stride(self, position: int) -> int:
+        """How many rows pass before the group at `position` moves on."""
+        return math.prod(group.length for group in self.groups[position + 1 :])
+
+    def spans(self, name: str) -> tuple[int, ...]:
+        """The positions of the groups on which the value of a name depends."""
+        needed = self.closure([name])
+        return tuple(place for place, group in enumerate(self.groups) if needed & set(group.points))
+
+    def checkable(self, name: str) -> bool:
+        """Whether all values of a name are few enough to be checked before the job runs.
+
+        Plain numbers always are; a formula is where the axes that it depends on make few combinations.
+        """
+        plain = name in self._places and not self.uses(name)
+        return plain or math.prod(self.groups[place].length for place in self.spans(name)) <= MOST_CHECKED
+
+    def _check_block(self, start: int, values: Mapping[str, np.ndarray]) -> None:
+        for quantity in (*self.model.parameters, *self.model.starts):
+            if quantity.name in self._unchecked:
+                wrong = np.flatnonzero(~inside(values[quantity.name], quantity))
+                if wrong.size:
+                    value, row = values[quantity.name][wrong[0]], start + int(wrong[0])
+                    raise JobError(
+                        [Complaint((quantity.name,), f"is {value:g} in row {row}, but {must(quantity)}.")]
+                    )
+
+    @functools.cached_property
+    def _unchecked(self) -> frozenset[str]:
+        return frozenset(name for name in self.order if not self.checkable(name))
+
+    @functools.cached_property
+    def _places(self) -> dict[str, tuple[Group, int]]:
+        return {
+            name: (group, self.stride(position))
+            for position, group in enumerate(self.groups)
+            for name in group.points
+        }
+
+    def _rows(self, start: int, stop: int) -> np.ndarray:
+        if not 0 <= start <= stop <= self.n_rows:
+            raise IndexError(f"Rows {start} to {stop} are not all among the {self.n_rows} rows of this job.")
+        return np.arange(start, stop, dtype=np.int64)
+
+    def _with_sizes(self, text: str) -> str:
+        for name, size in self.sizes.items():
+            text = re.sub(rf"\b{re.escape(name)}\b", repr(size), text)
+        return text
+
+
+def plan(job: Job) -> Plan:
+    """The rows of a job."""
+    return job.plan
+
+
+def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
+    """Where a quantity may have these values; the NaN of a start that the model decides itself passes."""
+    if quantity.open_ends:
+        within = (values > quantity.low) & (values < quantity.high)
+    else:
+        within = (values >= quantity.low) & (values <= quantity.high)
+    undecided = isinstance(quantity.default, float) and math.isnan(quantity.default)
+    return within | np.isnan(values) if undecided else within
+
+
+def must(quantity: Quantity) -> str:
+    """The end of a sentence about a value out of range: what it must be, what it is, its unit."""
+    unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
+    return f"must be {bound(quantity.low, quantity.high, quantity.open_ends)} ({quantity.meaning}{unit})"
+
+
+def _only(known: Mapping[str, Any], text: str) -> dict[str, Any]:
+    return {name: known[name] for name in names_in(text)}

@@ -1,0 +1,226 @@
+"""How a job is read: each part in its turn, all complaints gathered, then its rows laid out and checked."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.job.checks import check_names, check_ranges
+from gaitsweep.job.complaints import Complaint, JobError, Owner, found, from_pydantic
+from gaitsweep.job.config import Config
+from gaitsweep.job.figures import check_figures, table_columns
+from gaitsweep.job.numbers import SCOPE, Scope
+from gaitsweep.job.plan import Plan
+from gaitsweep.job.runs import MOST_SAMPLES, Numerics, Ramp, Trace
+from gaitsweep.job.subject import Subject, read_settings, read_subject
+from gaitsweep.job.vary import Vary, read_vary
+
+
+@dataclasses.dataclass
+class Reading:
+    """What was read of a job before its `run`, `numerics`, `engine` and `figures`."""
+
+    raw: dict[str, Any]
+    config: Config
+    subject: Subject | None
+    vary: Vary
+    settings: dict[str, float | str]
+    complaints: list[Complaint]
+    ramped: str | None
+    plan: Plan | None = None
+
+    def refuse(self, complaints: list[Complaint]) -> None:
+        """Raise JobError if there is anything to complain about."""
+        if complaints:
+            raise JobError([self.config.locate(complaint) for complaint in complaints])
+
+
+def read_parts(data: Any, folder: Path) -> Reading:
+    """The model, structure, params, start and vary of a job.
+
+    Args:
+        data: the job's mapping as written.
+        folder: the folder to which `config` is relative and where the user's own modules are.
+
+    Raises:
+        JobError: data that is not a mapping; other complaints are gathered in the result.
+    """
+    if not isinstance(data, Mapping):
+        raise JobError([Complaint((), f"holds {found(data)}, but a job is a mapping (key: value).")])
+    given = {str(key): _plain(value) for key, value in data.items() if value is not None}
+    config = Config(given, folder)
+    raw = config.raw
+    complaints = list(config.complaints)
+    subject = None
+    if "model" in raw:
+        subject, wrong = read_subject(raw["model"], raw.get("structure"), raw.get("params"), [folder])
+        complaints.extend(wrong)
+    settings: dict[str, float | str] = {}
+    if subject is not None:
+        for field in ("params", "start"):
+            read, wrong = read_settings(raw.get(field), field, subject)
+            settings |= read
+            complaints.extend(wrong)
+    ramped = _ramped(raw, subject)
+    written = dict(settings)
+
+    def reason(name: str) -> str | None:
+        if subject is None:
+            return None
+        if name in written:
+            field = "params" if name in subject.parameters else "start"
+            return f"varies, but {field}.{name} fixes it: take one of the two out."
+        if name == ramped:
+            return "varies, but run.parameter moves it: take one of the two out."
+        return subject.unknown(name, "vary")
+
+    vary = read_vary(raw.get("vary"), subject.quantities if subject else {}, reason)
+    complaints.extend(vary.complaints)
+    reading = Reading(raw, config, subject, vary, settings, complaints, ramped)
+    if subject is not None and not vary.complaints:
+        _lay_out(reading, subject)
+    return reading
+
+
+def _plain(value: Any) -> Any:
+    return value.model_dump() if isinstance(value, BaseModel) else value
+
+
+def _ramped(raw: Mapping[str, Any], subject: Subject | None) -> str | None:
+    run = raw.get("run")
+    name = run.get("parameter") if isinstance(run, Mapping) and run.get("kind") == "ramp" else None
+    return name if subject is not None and isinstance(name, str) and name in subject.parameters else None
+
+
+def _lay_out(reading: Reading, subject: Subject) -> None:
+    """The plan, with the model's defaults; a ramp's parameter has the default or 1 until its path is read."""
+    varied = {name for group in reading.vary.groups for name in group.points}
+    settings: dict[str, float | str] = {}
+    for name, quantity in subject.quantities.items():
+        field = "params" if name in subject.parameters else "start"
+        if name in varied:
+            continue
+        if name == reading.ramped and name in reading.settings:
+            text = "is fixed, but run.parameter moves it: take one of the two out."
+            reading.complaints.append(Complaint((field, name), text))
+        if name in reading.settings:
+            settings[name] = reading.settings[name]
+        elif name == reading.ramped:
+            settings[name] = 1.0
+        elif quantity.default is not None:
+            settings[name] = (
+                quantity.default if isinstance(quantity.default, str) else float(quantity.default)
+            )
+        elif (field, name) not in {complaint.path[:2] for complaint in reading.complaints}:
+            text = (
+                f"is missing: {quantity.meaning} ({quantity.unit}) has no default; set it here or under vary."
+            )
+            reading.complaints.append(Complaint((field, name), text))
+            settings[name] = 1.0
+    plan = Plan(subject.model, tuple(reading.vary.groups), settings, subject.sizes)
+    wrong = check_names(plan, subject)
+    reading.complaints.extend(wrong)
+    if not wrong:
+        reading.plan = plan
+
+
+def scope_of(reading: Reading) -> Scope:
+    """What expressions under `run`, `numerics` and `figures` may use: the parameters that stay fixed."""
+    plan, subject = reading.plan, reading.subject
+    if plan is None or subject is None:
+        return Scope(known=False)
+    fixed: dict[str, float] = dict(subject.sizes)
+    moving = dict.fromkeys(plan.names, "varies in this job")
+    if reading.ramped is not None:
+        moving[reading.ramped] = "moves in this ramp"
+    for name in plan.order:
+        if name in moving or name not in subject.parameters:
+            continue
+        setting = plan.settings[name]
+        if any(used in moving for used in names_in(setting)):
+            moving[name] = "follows what has no one value in this job"
+            continue
+        try:
+            fixed[name] = evaluate(setting, {used: fixed[used] for used in names_in(setting)})
+        except ExpressionError:  # `check_ranges` says so
+            moving[name] = "has no value"
+    return Scope(fixed, moving)
+
+
+def read_rest(reading: Reading, handler: Callable[[Any], Any], owners: dict[str, Owner]) -> Any:
+    """The job as pydantic makes it, after the parts that `read_parts` read.
+
+    Raises:
+        JobError: everything that is wrong with the job, these parts included.
+    """
+    ready = {
+        key: value
+        for key, value in reading.raw.items()
+        if key not in ("params", "start", "vary", "structure")
+    }
+    if reading.subject is not None:
+        parameters = reading.subject.parameters
+        ready["structure"] = reading.subject.structure
+        ready["params"] = {name: value for name, value in reading.settings.items() if name in parameters}
+        ready["start"] = {name: value for name, value in reading.settings.items() if name not in parameters}
+    ready["vary"] = reading.vary.plain
+    token = SCOPE.set(scope_of(reading))
+    job = None
+    try:
+        job = handler(ready)
+    except ValidationError as error:
+        reading.complaints.extend(from_pydantic(error, owners, ""))
+    finally:
+        SCOPE.reset(token)
+    reading.refuse(reading.complaints)
+    return job
+
+
+def finish(reading: Reading, run: Any, numerics: Numerics, engine: str, figures: list[Any]) -> Plan:
+    """The plan of a job whose parts are all well formed, checked as a whole.
+
+    Raises:
+        JobError: values out of range, a run that does not fit its model, figures that name what is not there.
+    """
+    plan, subject = reading.plan, reading.subject
+    assert plan is not None
+    assert subject is not None
+    complaints: list[Complaint] = []
+    if isinstance(run, Ramp):
+        if run.parameter not in subject.parameters:
+            reason = subject.unknown(run.parameter, "params") or ""
+            reading.refuse([Complaint(("run", "parameter"), f"is {run.parameter}, which {reason}")])
+        plan = dataclasses.replace(plan, settings={**plan.settings, run.parameter: run.path[0]})
+    if isinstance(run, Trace):
+        complaints.extend(_check_trace(run))
+    if numerics.event_tolerance >= numerics.dt:
+        text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
+        complaints.append(Complaint(("numerics", "event_tolerance"), text))
+    if engine == "kernel":
+        text = "is kernel, which is not built yet. Allowed: auto, xla."
+        complaints.append(Complaint(("engine", "name"), text))
+    columns = table_columns(subject.model, plan.names, run)
+    for group in plan.groups:
+        for name, path in group.paths.items():
+            if columns.count(name) > 1:
+                text = f"varies {name}, but the table has a column of that name: rename the model's quantity."
+                complaints.append(Complaint(path, text))
+    complaints.extend(check_ranges(plan, subject, run))
+    complaints.extend(check_figures(figures, subject.model, plan.names, run))
+    reading.refuse(complaints)
+    return plan
+
+
+def _check_trace(run: Trace) -> list[Complaint]:
+    if run.every > run.duration:
+        text = f"is {run.every:g} s, but must not be longer than run.duration, {run.duration:g} s."
+        return [Complaint(("run", "every"), text)]
+    if run.duration / run.every > MOST_SAMPLES:
+        text = f"makes {run.duration / run.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
+        return [Complaint(("run", "every"), text)]
+    return []

@@ -1,0 +1,95 @@
+"""What a job does with each row (`run`), and by which numerics and engine."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gaitsweep.job.numbers import Count, CountOrZero, NotNegative, Positive, Real, Text, word
+
+MOST_SAMPLES = 10_000_000  # of a row's trace
+
+
+class Part(BaseModel):
+    """A part of a job: no field but its own, frozen, numbers possibly written as expressions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Settle(Part):
+    """Follow each row until its section's state stops moving; one row a start."""
+
+    kind: Literal["settle"] = Field(description="settle: until the section's state stops moving")
+    max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
+    tolerance: Positive = Field(
+        default=1e-3, description="change a cycle below which a row has settled, in rad a cycle"
+    )
+    max_time: Positive | None = Field(
+        default=None, description="simulated time after which a row is given up, in s"
+    )
+
+
+class Trace(Part):
+    """Record the signals of each row at equal intervals of time."""
+
+    kind: Literal["trace"] = Field(description="trace: a time series of each row")
+    duration: Positive = Field(description="length of the recording, in s")
+    every: Positive = Field(description="interval between samples, in s")
+    after_cycles: CountOrZero = Field(
+        default=0, description="section crossings to let pass first; t counts from there"
+    )
+
+
+class Ramp(Part):
+    """Move one parameter slowly along a path and record every section crossing."""
+
+    kind: Literal["ramp"] = Field(description="ramp: a parameter moved slowly, every crossing recorded")
+    parameter: Text = Field(description="the model's parameter that moves")
+    path: list[Real] = Field(
+        min_length=2, max_length=1000, description="values between which it moves, in order"
+    )
+    rate: Positive = Field(description="its speed, in its unit a second")
+    hold: NotNegative = Field(default=0.0, description="time at the first value before it moves, in s")
+
+
+class ReturnMap(Part):
+    """Record successive section values of each row."""
+
+    kind: Literal["return_map"] = Field(description="return_map: successive section values")
+    crossings: Count = Field(description="section crossings to record")
+    after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
+
+
+Run = Annotated[Settle | Trace | Ramp | ReturnMap, Field(discriminator="kind")]
+
+
+class Numerics(Part):
+    """How a trajectory is integrated."""
+
+    dt: Positive = Field(default=2.0e-3, description="largest step, in s")
+    method: Annotated[Literal["rk4"], word("rk4")] = Field(
+        default="rk4", description="rk4: classic Runge-Kutta, 4th order"
+    )
+    precision: Annotated[Literal["float64", "float32"], word("float64", "float32")] = Field(
+        default="float64", description="float64, or float32 where a model allows it"
+    )
+    event_tolerance: Positive = Field(default=1e-12, description="error of an event's time, in s")
+
+
+class EngineChoice(Part):
+    """On what the rows run."""
+
+    name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
+        default="auto", description="auto: the best that is built; xla: JAX on CPU or GPU"
+    )
+    lanes: Count | None = Field(
+        default=None, description="trajectories advanced at once; chosen for the device if not given"
+    )
+    block: Count = Field(default=1024, description="rows of one part of the table")
+    devices: Count | None = Field(default=None, description="devices to use; all if not given")
+
+    @property
+    def resolved_name(self) -> str:
+        """The engine that runs: auto is xla until another is built."""
+        return "xla" if self.name == "auto" else self.name

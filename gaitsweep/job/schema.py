@@ -1,0 +1,169 @@
+"""A job: its fields, its resolved form, its hash, and its JSON schema."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import (
+    Field,
+    ModelWrapValidatorHandler,
+    PlainValidator,
+    PrivateAttr,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+
+from gaitsweep.job.complaints import Owner
+from gaitsweep.job.figures import Basin, Cycles, Figure, Footprints, SolutionSet
+from gaitsweep.job.numbers import Stem, Text
+from gaitsweep.job.plan import Plan
+from gaitsweep.job.reading import finish, read_parts, read_rest
+from gaitsweep.job.runs import EngineChoice, Numerics, Part, Ramp, ReturnMap, Run, Settle, Trace
+from gaitsweep.job.vary import vary_schema
+
+_HASHED_FORM = 1  # raised when the meaning of a resolved job changes, so that no old directory is resumed
+
+_PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
+_SETTINGS = WithJsonSchema(
+    {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean", "integer"]}}
+)
+_STRUCTURE = WithJsonSchema(
+    {"type": "object", "additionalProperties": {"type": ["integer", "number", "string", "boolean"]}}
+)
+
+
+class Job(Part):
+    """A parameter sweep: a model, what varies, what is done with each row, and the figures.
+
+    Build it with `load_job`, or in Python by its fields: `Job(name="quick", model="multilegged", vary={...},
+    run={"kind": "settle"})`. `params` and `start` have what is set, formulas as text; numbers elsewhere are
+    numbers. Raises JobError with a sentence for each thing that is wrong.
+    """
+
+    name: Stem = Field(description="the job's name, which names its result directory")
+    model: Text = Field(description="a registered model, or package.module:attribute of your own")
+    structure: Annotated[dict[str, Any], _STRUCTURE] = Field(
+        default_factory=dict, description="what shapes the model, such as N; one job for each"
+    )
+    config: Annotated[str | Path | None, _PATH, WithJsonSchema({"type": "string"})] = Field(
+        default=None,
+        description="path, from the job's folder, of a YAML file with model, structure and params",
+    )
+    params: Annotated[dict[str, float | str], _SETTINGS] = Field(
+        default_factory=dict, description="fixed parameters, by name"
+    )
+    start: Annotated[dict[str, float | str], _SETTINGS] = Field(
+        default_factory=dict, description="fixed start values, by name"
+    )
+    vary: Annotated[dict[str, Any], WithJsonSchema(vary_schema())] = Field(
+        default_factory=dict,
+        description="axes by name, zip and sample groups; they multiply, the last varies fastest",
+    )
+    run: Run = Field(description="what is done with each row (kind: settle, trace, ramp or return_map)")
+    numerics: Numerics = Field(default_factory=Numerics, description="how trajectories are integrated")
+    engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
+    figures: list[Figure] = Field(default_factory=list, description="figures made from the table")
+
+    _plan: Plan = PrivateAttr()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
+        if isinstance(data, Job):
+            return data
+        reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
+        job = read_rest(reading, handler, _OWNERS)
+        job._plan = finish(reading, job.run, job.numerics, job.engine.name, job.figures)
+        return job
+
+    @property
+    def plan(self) -> Plan:
+        """The job's rows."""
+        return self._plan
+
+    def resolved(self) -> dict[str, Any]:
+        """The job as plain values with everything filled in, the model's defaults and the config too.
+
+        Loading it again gives the same job. Formulas stay formulas, since they may follow what varies; a
+        start that the model decides itself, and the parameter of a ramp, are left out.
+        """
+        dumped = self.model_dump(mode="json", exclude={"config", "params", "start"})
+        moving = self.run.parameter if isinstance(self.run, Ramp) else None
+        settings = {
+            name: setting
+            for name, setting in self._plan.settings.items()
+            if name != moving and not (isinstance(setting, float) and math.isnan(setting))
+        }
+        parameters = {quantity.name for quantity in self._plan.model.parameters}
+        dumped["params"] = {name: setting for name, setting in settings.items() if name in parameters}
+        dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
+        dumped["engine"]["name"] = self.engine.resolved_name
+        return {name: dumped[name] for name in type(self).model_fields if name in dumped}
+
+    def hash(self, *, device: str = "cpu", engine: str | None = None, lanes: int | None = None) -> str:
+        """The sha256, in hex, of what decides the job's numbers: neither its name nor its figures.
+
+        The order of `vary` counts, since it is the order of rows and columns; no other order does.
+
+        Args:
+            device: class of the device that computes, such as "cpu" or "gpu".
+            engine: the engine that runs, where the caller chose another than the job's resolved one.
+            lanes: the lanes that the engine chose, where the job leaves them open.
+        """
+        resolved = self.resolved()
+        deciding = {
+            key: resolved[key] for key in ("model", "structure", "params", "start", "run", "numerics")
+        }
+        deciding["vary"] = _in_order(resolved["vary"])
+        deciding["engine"] = {
+            "name": engine if engine is not None else self.engine.resolved_name,
+            "lanes": lanes if lanes is not None else self.engine.lanes,
+            "block": self.engine.block,
+            "device": device,
+        }
+        deciding["form"] = _HASHED_FORM
+        text = json.dumps(deciding, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _in_order(vary: dict[str, Any]) -> list[Any]:
+    """`vary` with its names in lists, so that their order is hashed."""
+    ordered: list[Any] = []
+    for name, value in vary.items():
+        groups = value if isinstance(value, list) else [value]
+        if name == "zip":
+            ordered.append([name, [list(group.items()) for group in groups]])
+        elif name == "sample":
+            ordered.append([name, [[*group.items(), list(group["of"].items())] for group in groups]])
+        else:
+            ordered.append([name, value])
+    return ordered
+
+
+_OWNERS = {
+    "": Owner("a job", Job),
+    "settle": Owner("run (settle)", Settle, "run"),
+    "trace": Owner("run (trace)", Trace, "run"),
+    "ramp": Owner("run (ramp)", Ramp, "run"),
+    "return_map": Owner("run (return_map)", ReturnMap, "run"),
+    "numerics": Owner("numerics", Numerics),
+    "engine": Owner("engine", EngineChoice),
+    "basin": Owner("a figure (basin)", Basin, "figures"),
+    "solution_set": Owner("a figure (solution_set)", SolutionSet, "figures"),
+    "cycles": Owner("a figure (cycles)", Cycles, "figures"),
+    "footprints": Owner("a figure (footprints)", Footprints, "figures"),
+}
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema of a job file, for editors; each field has a description."""
+    described = Job.model_json_schema()
+    described["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    described["title"] = "gaitsweep job"
+    described["required"].remove("model")  # a config may name it
+    return described

@@ -1,0 +1,165 @@
+"""What a job simulates: the model with its structure, and the parameters and starts that are set."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path as FilePath
+from typing import Any
+
+from gaitsweep import models, nearmiss
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.expression import CONSTANTS, FUNCTIONS
+from gaitsweep.job.complaints import Complaint, Path, found
+from gaitsweep.job.numbers import Refused, read_flag, read_number, read_real, read_text, read_whole
+
+_RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Subject:
+    """A model's instance with the quantities that a job may set, by name."""
+
+    model: Model
+    structure: dict[str, Any]
+    parameters: dict[str, Quantity]
+    starts: dict[str, Quantity]
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """Parameters, then starts."""
+        return {**self.parameters, **self.starts}
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """The structure's numbers, which expressions may use: {"N": 3.0}."""
+        return {
+            name: float(value) for name, value in self.structure.items() if isinstance(value, (int, float))
+        }
+
+    def unknown(self, name: str, field: str) -> str | None:
+        """Why `name` cannot stand in `params` or `start` (or `vary`), or None where it can."""
+        here = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
+        if name in here:
+            return None
+        if name in self.structure:
+            where = "it goes under structure or params; one job for each value"
+            return (
+                f"shapes the arrays and cannot {'vary' if field == 'vary' else 'be a start value'}: {where}."
+            )
+        if name in self.quantities:
+            noun, other = ("start value", "start") if field == "params" else ("parameter", "params")
+            return f"is a {noun} of {self.model.name}: write it under {other}."
+        noun = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}[
+            field
+        ]
+        return f"is not {noun} of {self.model.name}{nearmiss.suggestion(name, here)}"
+
+
+def read_subject(
+    name: Any, structure: Any, params: Any, folders: Sequence[FilePath]
+) -> tuple[Subject | None, list[Complaint]]:
+    """The model that a job names, its structure taken from `structure` and from what `params` has of it.
+
+    Returns:
+        The subject, or None where the complaints stand in its way.
+    """
+    try:
+        found_class = models.find(read_text(name), folders)
+    except (models.ModelError, Refused) as error:
+        return None, [Complaint(("model",), str(error))]
+    written = [(("structure", key), key, value) for key, value in _items(structure)]
+    fields = {field.name: field for field in dataclasses.fields(found_class) if field.init}  # type: ignore[arg-type]
+    written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
+    complaints: list[Complaint] = []
+    shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
+    seen: dict[str, Any] = {}
+    for path, key, value in written:
+        if key not in fields:
+            text = f"is not part of the structure of {name}{nearmiss.suggestion(str(key), fields)}"
+            complaints.append(Complaint(path, text))
+            continue
+        try:
+            shape[key] = _read_size(value, fields[key], typing.get_type_hints(found_class).get(key))
+        except Refused as error:
+            complaints.append(Complaint(path, str(error)))
+        if seen.setdefault(key, shape[key]) != shape[key]:
+            complaints.append(
+                Complaint(path, f"is {found(value)}, but structure.{key} is {found(seen[key])}.")
+            )
+    for key, value in shape.items():
+        if value is dataclasses.MISSING:
+            complaints.append(Complaint(("structure", key), f"is missing: {name} has no default for it."))
+    if complaints:
+        return None, complaints
+    return _instance(str(name), found_class, shape)
+
+
+def _items(mapping: Any) -> list[tuple[str, Any]]:
+    return [(str(key), value) for key, value in mapping.items()] if isinstance(mapping, Mapping) else []
+
+
+def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
+    if hint is bool:
+        return read_flag(value)
+    if hint is str:
+        return read_text(value)
+    low, high = field.metadata.get("low"), field.metadata.get("high")
+    if hint is float:
+        return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
+    return read_whole(value, 1 if low is None else low, 10**6 if high is None else high)
+
+
+def _instance(
+    name: str, model_class: type[Model], shape: dict[str, Any]
+) -> tuple[Subject | None, list[Complaint]]:
+    try:
+        model = model_class(**shape)
+        parameters = {quantity.name: quantity for quantity in model.parameters}
+        starts = {quantity.name: quantity for quantity in model.starts}
+    except Exception as error:  # a user's model may refuse its structure in any way
+        return None, [Complaint(("structure",), f"is refused by {name}: {error}.")]
+    names = [*parameters, *starts, *shape]
+    for each in names:
+        if each in _RESERVED or names.count(each) > 1:
+            reason = "which jobs read otherwise" if each in _RESERVED else "twice"
+            return None, [
+                Complaint(("model",), f"is {name}, which has a quantity named {each}, {reason}: rename it.")
+            ]
+    return Subject(model, shape, parameters, starts), []
+
+
+def read_settings(raw: Any, field: str, subject: Subject) -> tuple[dict[str, float | str], list[Complaint]]:
+    """The numbers and formulas under `params` or `start`, less the structure, and what is wrong there."""
+    if raw is None:
+        return {}, []
+    if not isinstance(raw, Mapping):
+        return {}, [Complaint((field,), f"is {found(raw)}, but takes numbers by name (name: number).")]
+    settings: dict[str, float | str] = {}
+    complaints: list[Complaint] = []
+    for key, value in raw.items():
+        name = str(key)
+        path: Path = (field, name)
+        if field == "params" and name in subject.structure:
+            continue
+        if (reason := subject.unknown(name, field)) is not None:
+            complaints.append(Complaint(path, reason))
+            continue
+        try:
+            settings[name] = _read_setting(value, subject.quantities[name])
+        except Refused as error:
+            complaints.append(Complaint(path, str(error)))
+    return settings, complaints
+
+
+def _read_setting(value: Any, quantity: Quantity) -> float | str:
+    switch = (quantity.low, quantity.high, quantity.open_ends) == (0.0, 1.0, False)
+    if switch and isinstance(value, bool):
+        return float(value)
+    if switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
+        raise Refused(f"is {found(value)}, but takes true, false or a number from 0 to 1.")
+    if isinstance(value, (list, tuple, Mapping)):
+        raise Refused(f"is {found(value)}, but takes one number; what varies goes under vary.")
+    return read_number(value)

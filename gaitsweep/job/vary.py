@@ -1,0 +1,205 @@
+"""The groups of a job's `vary`: what moves together, in the order in which the groups multiply."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from gaitsweep import nearmiss
+from gaitsweep.contract import Quantity
+from gaitsweep.job.axes import AXIS_KINDS, Axis, Points, Random, Sample, Sobol, points_of, sample_points
+from gaitsweep.job.complaints import Complaint, Owner, Path, found, from_pydantic, unknown_field
+
+MOST_ROWS = 10**9
+
+_OWNERS = {kind: Owner(f"an axis ({kind})", part) for kind, part in AXIS_KINDS.items()}
+_OWNERS["sample"] = Owner("a sample", Sample)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Names that move together: an axis, a `zip` or a `sample`; `paths` say where each is written."""
+
+    points: dict[str, Points]
+    paths: dict[str, Path]
+
+    @property
+    def length(self) -> int:
+        return next(iter(self.points.values())).length
+
+
+@dataclass
+class Vary:
+    """What was read of `vary`: its groups, itself in plain normal form, and what is wrong with it."""
+
+    groups: list[Group]
+    plain: dict[str, Any]
+    complaints: list[Complaint]
+
+
+def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[str], str | None]) -> Vary:
+    """The groups of `vary`.
+
+    Args:
+        raw: the mapping as written: axes by name, `zip` and `sample` with a group each or a list of groups.
+        quantities: the model's parameters and starts; empty while the model is unknown.
+        refuse: why a name may not vary, as the end of a sentence, or None where it may.
+    """
+    vary = Vary([], {}, [])
+    if raw is None:
+        return vary
+    if not isinstance(raw, Mapping):
+        vary.complaints.append(Complaint(("vary",), f"is {found(raw)}, but takes axes (name: axis)."))
+        return vary
+    for name, value in raw.items():
+        path: Path = ("vary", str(name))
+        if name in ("zip", "sample"):
+            read = _read_zip if name == "zip" else _read_sample
+            if isinstance(value, list):
+                vary.plain[name] = [
+                    read(item, (*path, place), quantities, vary) for place, item in enumerate(value)
+                ]
+            else:
+                vary.plain[name] = read(value, path, quantities, vary)
+        elif (points := _read_axis(str(name), value, path, quantities, vary)) is not None:
+            vary.groups.append(Group({str(name): points[0]}, {str(name): path}))
+            vary.plain[str(name)] = points[1]
+    _check_names(vary, refuse)
+    rows = 1
+    for group in vary.groups:
+        rows *= group.length
+    if rows > MOST_ROWS:
+        vary.complaints.append(Complaint(("vary",), f"makes {rows} rows; a job has at most {MOST_ROWS}."))
+    return vary
+
+
+def _read_axis(
+    name: str, value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary
+) -> tuple[Points, dict[str, Any]] | None:
+    """The points of an axis and its normal form, or None with a complaint."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        value = {"values": list(value)}
+    kinds = [kind for kind in AXIS_KINDS if isinstance(value, Mapping) and kind in value]
+    if not isinstance(value, Mapping):
+        kinds_of = ", ".join(AXIS_KINDS)
+        text = f"is {found(value)}, but takes a list or one of {kinds_of}; one value goes under params."
+        vary.complaints.append(Complaint(path, text))
+        return None
+    if len(kinds) != 1:
+        vary.complaints.append(_about_kinds(value, kinds, path))
+        return None
+    part = AXIS_KINDS[kinds[0]]
+    value = dict(value)
+    if kinds == ["values"] and isinstance(value["values"], (list, tuple, np.ndarray)):
+        value["values"] = [_switch(item, quantities.get(name)) for item in value["values"]]
+    try:
+        axis: Axis = part.model_validate(value)  # type: ignore[assignment]
+    except ValidationError as error:
+        vary.complaints.extend(from_pydantic(error, _OWNERS, kinds[0], path))
+        return None
+    if isinstance(axis, (Random, Sobol)):
+        low, high, _ = axis.random if isinstance(axis, Random) else axis.sobol
+        _check_order(low, high, (*path, kinds[0]), vary)
+    return points_of(axis, name), axis.model_dump(mode="json")
+
+
+def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Complaint:
+    if kinds:
+        return Complaint(path, f"has {' and '.join(kinds)}, but an axis is one of them.")
+    if not value:
+        return Complaint(path, f"is empty, but takes one of {', '.join(AXIS_KINDS)}.")
+    for key in value:
+        if key not in ("at", "seed"):
+            return unknown_field((*path, str(key)), "an axis", AXIS_KINDS)
+    return Complaint(path, f"has no points. {nearmiss.allowing(AXIS_KINDS)}")
+
+
+def _switch(item: Any, quantity: Quantity | None) -> Any:
+    """True and false as 1 and 0 where the model has a quantity from 0 to 1."""
+    switch = quantity is not None and (quantity.low, quantity.high, quantity.open_ends) == (0.0, 1.0, False)
+    return float(item) if switch and isinstance(item, bool) else item
+
+
+def _read_zip(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or not value:
+        vary.complaints.append(
+            Complaint(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
+        )
+        return {}
+    points: dict[str, Points] = {}
+    plain: dict[str, Any] = {}
+    for name, axis in value.items():
+        read = _read_axis(str(name), axis, (*path, str(name)), quantities, vary)
+        if read is not None:
+            points[str(name)], plain[str(name)] = read
+    lengths = {name: each.length for name, each in points.items()}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+        vary.complaints.append(Complaint(path, f"needs axes of equal length, but {shown}."))
+    elif points:
+        vary.groups.append(Group(points, {name: (*path, name) for name in points}))
+    return plain
+
+
+def _read_sample(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        text = f"is {found(value)}, but takes fields. {nearmiss.allowing(Sample.model_fields)}"
+        vary.complaints.append(Complaint(path, text))
+        return {}
+    try:
+        sample = Sample.model_validate(dict(value))
+    except ValidationError as error:
+        vary.complaints.extend(from_pydantic(error, _OWNERS, "sample", path))
+        return {}
+    paths = {name: (*path, "of", name) for name in sample.of}
+    for name, (low, high) in sample.of.items():
+        _check_order(low, high, paths[name], vary)
+    vary.groups.append(Group(dict(sample_points(sample)), paths))
+    return sample.model_dump(mode="json")
+
+
+def _check_order(low: float | str, high: float | str, path: Path, vary: Vary) -> None:
+    if isinstance(low, float) and isinstance(high, float) and low > high:
+        vary.complaints.append(
+            Complaint(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
+        )
+
+
+def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
+    seen: dict[str, Path] = {}
+    for group in vary.groups:
+        for name, path in group.paths.items():
+            if name in seen:
+                where = ".".join(map(str, seen[name]))
+                vary.complaints.append(Complaint(path, f"varies {name}, which {where} varies already."))
+            elif (reason := refuse(name)) is not None:
+                vary.complaints.append(Complaint(path, reason))
+            seen.setdefault(name, path)
+
+
+def vary_schema() -> dict[str, Any]:
+    """The JSON schema of `vary`, for editors."""
+    numbers = {"type": "array", "items": {"type": ["number", "string", "boolean"]}, "minItems": 1}
+    axis = {"anyOf": [numbers, *(TypeAdapter(part).json_schema() for part in AXIS_KINDS.values())]}
+    zipped = {"type": "object", "additionalProperties": axis, "minProperties": 1}
+    sample = Sample.model_json_schema()
+    return {
+        "type": "object",
+        "properties": {
+            "zip": {
+                "anyOf": [zipped, {"type": "array", "items": zipped}],
+                "description": "axes that move together",
+            },
+            "sample": {
+                "anyOf": [sample, {"type": "array", "items": sample}],
+                "description": "points of a box",
+            },
+        },
+        "additionalProperties": axis,
+    }
