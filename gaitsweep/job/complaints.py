@@ -34,7 +34,7 @@ class Complaint:
             parts.append(f"line {self.line}")
         where = ", ".join(parts)
         field = shown(self.path)
-        what = f"{field} {self.text}" if field else self.text
+        what = (f"{field} {self.text}" if field else self.text).replace("\n", " ")
         return f"{where}: {what}" if where else what
 
 

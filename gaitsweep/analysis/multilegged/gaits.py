@@ -73,7 +73,10 @@ def pieces(rule: Steps, circle: jax.Array, section: int) -> Segments:
 
 
 def distance_from(lines: Segments, psi: jax.Array) -> jax.Array:
-    """Distance on the torus of psi (N,) from the pieces of one set, rad; inf where it has none."""
+    """Distance on the torus of psi (N,) from the pieces of one set, rad; inf where it has none.
+
+    Exact within about 2 rad: beyond, the slanted pieces of set A may have a nearer image than the one used.
+    """
     away = wrapped_difference(psi[None, :], lines.middle)
     along = jnp.sum(away * lines.direction, axis=1)
     nearest = jnp.clip(along, -lines.half, lines.half)

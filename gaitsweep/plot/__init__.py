@@ -1,0 +1,39 @@
+"""Figures from tables: one file a family, each a function from a table to a matplotlib figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep import nearmiss
+from gaitsweep.plot.basin import basin
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.cycles import cycles
+from gaitsweep.plot.footprints import footprints
+from gaitsweep.plot.solution_set import solution_set
+
+__all__ = ["KINDS", "PlotError", "basin", "cycles", "draw", "footprints", "solution_set"]
+
+KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
+    {"basin": basin, "solution_set": solution_set, "cycles": cycles, "footprints": footprints}
+)
+
+
+def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
+    """The figure of one kind from a table.
+
+    Args:
+        kind: a key of KINDS.
+        table: a result table, as `gaitsweep.load` gives it.
+        spec: the figure's own arguments.
+
+    Raises:
+        PlotError: kind is not known, or the table lacks what the figure names.
+    """
+    if kind not in KINDS:
+        raise PlotError(f"{kind} is not a kind of figure{nearmiss.suggestion(kind, KINDS)}")
+    return KINDS[kind](table, **spec)

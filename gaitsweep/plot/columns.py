@@ -1,0 +1,115 @@
+"""What figures read from tables: columns by name, how they are written on axes, how rows ended."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep import nearmiss
+
+SETTLED = frozenset({"settled", "inferred", "complete"})
+UNSETTLED = frozenset({"cycle_limit", "time_limit", "running"})
+NOT_SETTLED, FAILED = "not settled", "failed"
+_GREEK = frozenset(
+    {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}
+)
+_UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
+_WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
+
+
+class PlotError(ValueError):
+    """A figure cannot be made from this table; the message is a sentence for the user."""
+
+
+def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> str:
+    """The column that `name` means: the first of name + suffix that the table has.
+
+    Raises:
+        PlotError: there is none; it names the near miss and the columns that there are.
+    """
+    for suffix in suffixes:
+        if name + suffix in table.columns:
+            return name + suffix
+    raise PlotError(
+        f"{name} is not a column of this table{nearmiss.suggestion(name, map(str, table.columns))}"
+    )
+
+
+def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
+    """The rows of a table for which the mask is true."""
+    return cast(pd.DataFrame, table.loc[np.asarray(mask, bool)])
+
+
+def base_name(name: str) -> str:
+    """The quantity that a column holds: psi_1 for psi_1_end and psi_1_n."""
+    return re.sub(r"_(end|n)$", "", name) if re.fullmatch(r"\w+_\w+_(end|n)", name) else name
+
+
+def is_angle(table: pd.DataFrame, name: str) -> bool:
+    """Whether a column is an angle of period 2 pi: as `table.attrs["quantities"]` says, else psi and phi."""
+    known = _quantity(table, name).get("circular")
+    return bool(known) if known is not None else re.match(r"(psi|phi)(_|$)", name) is not None
+
+
+def symbol(table: pd.DataFrame, name: str) -> str:
+    """How a column is written: its symbol in TeX, from `table.attrs["quantities"]` or made of its name."""
+    base = base_name(name)
+    known = _quantity(table, name).get("symbol")
+    if known:
+        return f"${known}$"
+    if base in _WORDS:
+        return _WORDS[base]
+    head, _, tail = base.partition("_")
+    if head in _GREEK or len(head) == 1:
+        letter = f"\\{head}" if head in _GREEK else head
+        return f"${letter}_{{{tail}}}$" if tail else f"${letter}$"
+    return base.replace("_", " ")
+
+
+def axis_label(table: pd.DataFrame, name: str) -> str:
+    """A column's symbol and unit, for an axis."""
+    unit = _quantity(table, name).get("unit", "rad" if is_angle(table, name) else _UNITS.get(name, ""))
+    return f"{symbol(table, name)} ({unit})" if unit not in ("", "1") else symbol(table, name)
+
+
+def written(table: pd.DataFrame, name: str, value: object) -> str:
+    """What is fixed in a panel: `psi_3 = 0.4 pi`, angles in multiples of pi."""
+    if not isinstance(value, int | float | np.number):
+        return f"{symbol(table, name)} = {value}"
+    number = float(value)
+    if not is_angle(table, name):
+        return f"{symbol(table, name)} = {number:.4g}"
+    turns = f"{number / np.pi:.3g}"
+    text = {"0": "0", "1": r"\pi", "-1": r"-\pi"}.get(turns, rf"{turns}\,\pi")
+    return f"{symbol(table, name)} = ${text}$"
+
+
+def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
+    """What each row shows: its hue where it settled, else `not settled` or `failed`; NaN hues are `none`."""
+    column(table, hue)
+    shown = np.where(table[hue].notna(), table[hue].astype(str), "none").astype(object)
+    if "status" in table.columns:
+        status = table["status"].astype(str)
+        shown[status.isin(list(UNSETTLED))] = NOT_SETTLED
+        shown[~status.isin(list(SETTLED | UNSETTLED))] = FAILED
+    return pd.Series(shown, index=table.index, dtype=object)
+
+
+def categories(table: pd.DataFrame, hue: str, shown: pd.Series) -> list[str]:
+    """The outcomes that occur: in the hue's own order where it is a category, failed rows last."""
+    kind = table[hue].dtype
+    known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    present = set(shown.unique())
+    others = sorted(present - set(known) - {NOT_SETTLED, FAILED, "none"})
+    order = [*(name for name in known if name != "none"), *others, "none", NOT_SETTLED, FAILED]
+    return [name for name in order if name in present]
+
+
+def _quantity(table: pd.DataFrame, name: str) -> dict:
+    """What `table.attrs["quantities"]` says about a column: its unit, symbol and whether it is circular."""
+    known = table.attrs.get("quantities", {})
+    return dict(known.get(name) or known.get(base_name(name)) or {})

@@ -1,0 +1,104 @@
+"""Section observables against the number of the crossing, one line a start (Ambe 2021, Fig. 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import SETTLED, UNSETTLED, axis_label, column, is_angle, symbol
+
+_NAMED_LINES = 8
+
+
+def cycles(
+    table: pd.DataFrame,
+    *,
+    y: Sequence[str],
+    x: str = "crossing",
+    hue: str = "row",
+    title: str | None = None,
+) -> Figure:
+    """One panel for each observable, one line for each row; an angle's line is broken where it wraps.
+
+    Args:
+        table: a crossing table (return map or ramp).
+        y: observables by their own name or their column's (psi_1 or psi_1_n), a panel each.
+        x: column along the axis; hue: column that colours the lines, or their start.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    names = [column(table, name, ("_n", "")) for name in y]
+    x = column(table, x, ("", "_n"))
+    column(table, hue)
+    lines = [part.sort_values("crossing") if "crossing" in part else part for _, part in _rows(table)]
+    values = list(dict.fromkeys(part[hue].iloc[0] for part in lines))
+    colour = _line_colours(values)
+    with style.canvas(style.PAGE, 2.4 + (0.45 if len(values) > 1 else 0.0), title) as figure:
+        panels = np.atleast_1d(figure.subplots(1, len(names), sharex=True))
+        for axes, name in zip(panels, names, strict=True):
+            for part in lines:
+                _line(axes, part, x, name, colour[part[hue].iloc[0]], is_angle(table, name))
+            axes.set_xlabel(axis_label(table, x))
+            axes.set_ylabel(axis_label(table, name))
+            if is_angle(table, name):
+                style.angle_axis(axes, "y")
+            if not lines:
+                style.message(axes, "no rows yet")
+        if 1 < len(values) <= _NAMED_LINES:
+            labels, heading = _labels(table, lines, names, hue)
+            handles = [Line2D([], [], color=colour[value], label=labels[value]) for value in values]
+            figure.legend(
+                handles=handles, loc="outside lower center", ncols=min(4, len(handles)), title=heading
+            )
+    return figure
+
+
+def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
+    return list(table.groupby("row", sort=True, observed=True)) if "row" in table.columns else [(0, table)]
+
+
+def _line_colours(values: Sequence[Any]) -> dict[Any, str]:
+    """A colour for each value: a gait's own where it is one, else a palette's, round and round where many."""
+    if all(isinstance(value, str) for value in values):
+        return dict(style.colours(map(str, values)))
+    palette = style.SPARE_COLOURS[:6]
+    return {value: palette[number % len(palette)] for number, value in enumerate(values)}
+
+
+def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle: bool) -> None:
+    """One row's line, and a cross where the row failed."""
+    across, up = part[x].to_numpy(float), part[name].to_numpy(float)
+    if angle:
+        up = np.mod(up, 2 * np.pi)
+        wraps = np.flatnonzero(np.abs(np.diff(up)) > np.pi) + 1
+        across, up = np.insert(across, wraps, np.nan), np.insert(up, wraps, np.nan)
+    lone = np.isfinite(up) & ~np.isfinite(np.r_[np.nan, up[:-1]]) & ~np.isfinite(np.r_[up[1:], np.nan])
+    axes.plot(across, up, color=colour, lw=0.9)
+    axes.plot(across[lone], up[lone], ".", color=colour, ms=2.5)
+    there = np.flatnonzero(np.isfinite(up))
+    status = str(part["status"].iloc[-1]) if "status" in part.columns else "complete"
+    if len(there) and status not in SETTLED | UNSETTLED:
+        axes.plot(across[there[-1]], up[there[-1]], "x", color=colour, ms=5, mew=1.2, clip_on=False)
+
+
+def _labels(
+    table: pd.DataFrame, lines: Sequence[pd.DataFrame], names: Sequence[str], hue: str
+) -> tuple[dict[object, str], str]:
+    """What each line is called and what that means: its start where the table has it, else its hue."""
+    starts = [name[:-2] for name in names if name.endswith("_n") and name[:-2] in table.columns]
+    if hue != "row" or len(starts) < len(names):
+        return {part[hue].iloc[0]: str(part[hue].iloc[0]) for part in lines}, symbol(table, hue)
+    labels = {
+        part[hue].iloc[0]: "(" + ", ".join(f"{part[name].iloc[0]:.2f}" for name in starts) + ")"
+        for part in lines
+    }
+    return labels, "start (" + ", ".join(symbol(table, name) for name in starts) + "), rad"

@@ -1,0 +1,54 @@
+"""Small tables such as runs leave them, made without simulating, for the tests of figures."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep.analysis.multilegged.gaits import GAITS
+
+TURN = 2 * np.pi
+POINTS = {"a": [1.13, 0.98, 1.50], "b": [3.97, 5.29, 5.29], "c": [1.13, 1.10, 5.28]}
+AXES = ["psi_1", "psi_2", "psi_3"]
+
+
+def settle_table(n: int = 4) -> pd.DataFrame:
+    """n x n starts for each of three psi_3; the gait follows from psi_1 alone."""
+    cell = (np.arange(n) + 0.5) / n * TURN
+    starts = pd.MultiIndex.from_product([[0.4 * np.pi, np.pi, 1.6 * np.pi], cell, cell])
+    table = starts.to_frame(index=False, name=["psi_3", "psi_2", "psi_1"])
+    table.insert(0, "row", np.arange(len(table)))
+    ends = np.array(list(POINTS.values()))
+    which = np.digitize(table["psi_1"], [TURN / 4, 3 * TURN / 4])  # a quarter, a half and a quarter
+    table["status"] = pd.Categorical(["settled"] * len(table), ["settled", "cycle_limit", "fell"])
+    table["cycles"] = 50
+    for i in range(3):
+        table[f"psi_{i + 1}_end"] = ends[which, i]
+    table["gait"] = pd.Categorical.from_codes(np.array([0, 2, 1])[which].tolist(), list(GAITS))
+    return table
+
+
+def crossing_table() -> pd.DataFrame:
+    rows = [
+        {"row": row, "psi_1": start, "crossing": n, "status": "complete", "psi_1_n": (start + 0.4 * n) % TURN}
+        for row, start in enumerate([0.5, 3.0, 5.9])
+        for n in range(6)
+    ]
+    return pd.DataFrame(rows)
+
+
+def trace_table(legs: int = 4, rows: int = 2) -> pd.DataFrame:
+    t = np.arange(0.0, 50.0, 0.05)
+    parts = []
+    for row in range(rows):
+        contact = {f"contact_{i + 1}": (((t - 2.5 * i) % 15.0) < 12.0).astype(float) for i in range(legs)}
+        parts.append(pd.DataFrame({"row": row, "t": t, **contact, "status": "complete"}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def rendered(figure: Figure) -> None:
+    """Draw it, small: some mistakes only show then."""
+    figure.savefig(io.BytesIO(), format="png", dpi=40)

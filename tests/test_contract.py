@@ -1,0 +1,102 @@
+"""What every registered model has to give, checked for each of them (and for the tests' own)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from firing_neuron import Neuron
+from sweeping import scalars
+from toy_model import Toy
+
+from gaitsweep import models
+from gaitsweep.contract import HybridModel, Model, SteppedModel
+
+ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
+
+
+@pytest.fixture(params=ALL, ids=lambda kind: kind.name)
+def model(request: pytest.FixtureRequest) -> Model:
+    return request.param()
+
+
+def begun(model: Model):
+    params = scalars(model)
+    random = np.random.default_rng(1)
+    start = {}
+    for quantity in model.starts:
+        value = quantity.default if quantity.default is not None else random.uniform(0.1, 6.0)
+        start[quantity.name] = jnp.asarray(float(value))
+    return params, model.init(params, start)
+
+
+def test_names_are_distinct_and_described(model: Model) -> None:
+    assert isinstance(model, HybridModel) != isinstance(model, SteppedModel)
+    settable = [q.name for q in (*model.parameters, *model.starts)]
+    assert len(set(settable)) == len(settable)
+    for quantity in (*model.parameters, *model.starts, *model.observables, *model.signals, *model.traits):
+        assert quantity.name.isidentifier(), quantity
+        assert quantity.unit, quantity
+        assert quantity.meaning, quantity
+    assert len(set(model.gaits)) == len(model.gaits) > 0
+    assert model.source
+
+
+def test_models_are_values(model: Model) -> None:
+    """Frozen, hashable, and equal where their structure is: compiled programs are kept by model."""
+    assert hash(model) == hash(type(model)())
+    assert model == type(model)()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        model.anything = 1  # type: ignore[attr-defined]
+
+
+def test_functions_give_what_they_promise(model: Model) -> None:
+    params, state = begun(model)
+    observed = model.observe(params, state)
+    assert set(observed) == {q.name for q in model.observables}
+    signals = model.signal(params, state)
+    assert set(signals) == {q.name for q in model.signals}
+    for value in (*observed.values(), *signals.values(), model.period(params)):
+        assert value.shape == ()
+        assert value.dtype == jnp.float64
+    labels = model.label(params, observed)
+    assert set(labels) == {"gait", *(q.name for q in model.traits)}
+    assert 0 <= int(labels["gait"]) < len(model.gaits)
+    assert not bool(model.failed(params, state))
+    assert float(model.period(params)) > 0.0
+
+
+def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
+    """`flow` gives rates of the state's own fields; `jump` keeps every shape and type, and with no event all values."""
+    params, state = begun(model)
+    assert isinstance(model, HybridModel)
+    rates = model.flow(params, state)
+    for name, rate in rates.items():
+        field = getattr(state, name)
+        assert (field.shape, field.dtype) == (rate.shape, rate.dtype), name
+    guards = model.guards(params, state)
+    assert guards.ndim == 1
+    assert bool(jnp.all(jnp.isfinite(guards)))
+    still = model.jump(params, state, jnp.zeros(guards.shape, bool))
+    jumped = model.jump(params, state, jnp.ones(guards.shape, bool))
+    for before, after, quiet in zip(
+        *(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True
+    ):
+        assert (before.shape, before.dtype) == (after.shape, after.dtype)
+        np.testing.assert_array_equal(before, quiet)
+    assert not bool(model.section(params, state, jnp.zeros(guards.shape, bool)))
+
+
+def test_functions_are_pure_and_batchable(model: Model) -> None:
+    """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
+    params, state = begun(model)
+    assert isinstance(model, HybridModel)
+    alone = model.flow(params, state)
+    batched = jax.jit(jax.vmap(model.flow, in_axes=(None, 0)))(
+        params, jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), state)
+    )
+    for name, rate in alone.items():
+        np.testing.assert_allclose(batched[name][1], rate, rtol=1e-12, atol=1e-12)
