@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import pandas as pd
 
 from gaitsweep import provenance
+from gaitsweep.contract import Model
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.crossings import Crossings
@@ -143,6 +144,7 @@ def _run_missing(
         device=ready.device,
         lanes=ready.work.lanes,
         precision=ready.work.numerics.precision,
+        quantities=_quantities(ready.work.model),
         versions=provenance.versions(),
         git_commit=provenance.git_commit(),
     )
@@ -201,6 +203,14 @@ def draw_figures(path: str | Path) -> list[Path]:
             raise WriteError(f"{file} could not be written: {reason(error)}.") from error
         files.append(file)
     return files
+
+
+def _quantities(model: Model) -> dict[str, dict[str, Any]]:
+    """Unit, meaning and symbol of what the table's columns hold, for whoever reads it and for its figures."""
+    return {
+        q.name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
+        for q in (*model.parameters, *model.starts, *model.observables, *model.signals, *model.traits)
+    }
 
 
 def _recorder(job: Job, rows: Plan) -> tuple[Recorder, tuple[str, RampPath] | None]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
@@ -52,12 +53,16 @@ def local_devices(count: int | None = None) -> list[jax.Device]:
 def default_lanes(n_rows: int, platform: str) -> int:
     """Lanes for each device, from the job and the kind of device alone.
 
-    XLA on a CPU is as fast with 64 lanes as with 4 096; few lanes leave more rows for refilling, so that
-    devices end together. A GPU wants many.
+    A CPU is at its best from some 256 lanes on; half as many lanes as rows leave rows to refill with, so
+    that devices end together. On a GPU an attempt costs about the same for one lane and for 16 384.
     """
-    most, least = (256, 8) if platform == "cpu" else (16384, 256)
-    wanted = max(1, n_rows // 8)
-    return int(min(most, max(least, 2 ** int(np.ceil(np.log2(wanted))))))
+    if platform == "cpu":
+        return int(min(256, max(8, _power_of_two(n_rows / 4))))
+    return int(min(131072, max(256, _power_of_two(n_rows))))
+
+
+def _power_of_two(least: float) -> int:
+    return 2 ** math.ceil(math.log2(max(least, 1.0)))
 
 
 class Lanes:

@@ -18,6 +18,7 @@ from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
 
 _NEAR = 0.3  # of a cycle: swings of neighbours farther apart than this are not one wave
+_HOP = 0.5  # of a leg's longest swing: shorter spells off the ground are no swings
 _BAR = 0.62
 _MOST_PANELS = 24
 
@@ -103,6 +104,7 @@ def _panel(axes: Axes, part: pd.DataFrame, legs: Sequence[int], heading: str | N
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors="black", linewidth=0)
     axes.set_xlim(t[0], t[-1])
+    stances = [_without_hops(*one) for one in stances]
     period = _period(stances, t[0])
     if period is None:
         return False
@@ -128,6 +130,18 @@ def _stances(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray
     edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]
     turns = np.flatnonzero(np.diff(np.r_[False, down, False]))
     return edges[turns[::2]], edges[turns[1::2]]
+
+
+def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The stances of a leg with the hops inside them filled: spells off the ground that are no swing.
+
+    A foot leaves the ground for a moment where its leg stops growing and the mass above it does not.
+    """
+    gaps = starts[1:] - stops[:-1]
+    if not len(gaps):
+        return starts, stops
+    swing = gaps > _HOP * gaps.max()
+    return starts[np.r_[True, swing]], stops[np.r_[swing, True]]
 
 
 def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:

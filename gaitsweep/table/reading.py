@@ -92,7 +92,8 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
 def load(path: str | Path) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
 
-    `.attrs` holds `job` and `manifest` (dicts), `path` and `complete` (whether every row is there).
+    `.attrs` holds `job` and `manifest` (dicts), `quantities` (unit, meaning and symbol by name), `path` and
+    `complete` (whether every row is there).
 
     Args:
         path: the directory.
@@ -129,6 +130,10 @@ def load(path: str | Path) -> pd.DataFrame:
     for column, names in categories.items():
         frame[column] = pd.Categorical(frame[column], categories=names)
     frame.attrs.update(
-        job=snapshot.job, manifest=snapshot.manifest, path=str(snapshot.path), complete=snapshot.complete
+        job=snapshot.job,
+        manifest=snapshot.manifest,
+        quantities=snapshot.manifest.get("quantities", {}),
+        path=str(snapshot.path),
+        complete=snapshot.complete,
     )
     return frame
