@@ -33,21 +33,21 @@ def missing(note: str) -> Row:
     return {"name": NAME, "steps_per_second": nan, "cycles_per_second": nan, "error_rad": nan, "note": note}
 
 
-def measure(lanes: int = 64, crossings: int = 1, rtol: float = 1e-8) -> Row:
+def measure(lanes: int = 256, crossings: int = 1, rtol: float = 1e-5, solver: str = "Tsit5") -> Row:
     """Runs the reference's starts in this interpreter, or in the one that DIFFRAX_PYTHON names."""
     if importlib.util.find_spec("diffrax") is not None:
-        return _measure(lanes, crossings, rtol)
+        return _measure(lanes, crossings, rtol, solver)
     python = os.environ.get("DIFFRAX_PYTHON")
     if not python:
         return missing("not measured: diffrax is not installed, and DIFFRAX_PYTHON is not set")
-    arguments = [python, "-m", "benchmarks.rivals.diffrax_events", str(lanes), str(crossings), str(rtol)]
+    arguments = [python, "-m", "benchmarks.rivals.diffrax_events", str(lanes), str(crossings), str(rtol), solver]
     done = subprocess.run(arguments, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     if done.returncode:
         return missing(f"not measured: {python} failed: {(done.stderr.strip().splitlines() or ['?'])[-1]}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def _solver(p: Parameters, crossings: int, rtol: float) -> Any:
+def _program(p: Parameters, crossings: int, rtol: float, solver: str) -> Any:
     """A compiled function from (z, contact, segment, landed) of all lanes to (psi at crossings, steps)."""
     import jax
     import jax.numpy as jnp
@@ -83,7 +83,7 @@ def _solver(p: Parameters, crossings: int, rtol: float) -> Any:
         z, contact, segment, landed, found, count, steps = carry
         modes = (contact, segment)
         solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(flow), diffrax.Dopri8(), 0.0, 40.0, FIRST_STEP, z, modes, event=event,
+            diffrax.ODETerm(flow), getattr(diffrax, solver)(), 0.0, 40.0, FIRST_STEP, z, modes, event=event,
             stepsize_controller=controller, adjoint=diffrax.ForwardMode(), max_steps=100_000, throw=False,
         )  # fmt: skip
         z = solution.ys[-1]
@@ -112,7 +112,7 @@ def _solver(p: Parameters, crossings: int, rtol: float) -> Any:
     return jax.jit(jax.vmap(run))
 
 
-def _measure(lanes: int, crossings: int, rtol: float) -> Row:
+def _measure(lanes: int, crossings: int, rtol: float, solver: str) -> Row:
     diffrax = import_module("diffrax")
     p = Parameters()
     true: Array = reference_crossings()
@@ -123,7 +123,7 @@ def _measure(lanes: int, crossings: int, rtol: float) -> Row:
         z, stacked(begin, "contact") > 0.0, stacked(begin, "segment").astype(int), np.ones(lanes, bool)
     )  # fmt: skip
     begun = time.perf_counter()
-    compiled = _solver(p, crossings, rtol).lower(*arguments).compile()
+    compiled = _program(p, crossings, rtol, solver).lower(*arguments).compile()
     compilation = time.perf_counter() - begun
     begun = time.perf_counter()
     found, steps = (np.asarray(part) for part in compiled(*arguments))
@@ -134,12 +134,14 @@ def _measure(lanes: int, crossings: int, rtol: float) -> Row:
         "steps_per_second": float(steps.sum() / seconds),
         "cycles_per_second": lanes * crossings / seconds,
         "error_rad": float(error.max()),
-        "note": f"diffrax {diffrax.__version__}, Dopri8, rtol {rtol:g}, {lanes} lanes, {crossings} cycles, "
+        "note": f"diffrax {diffrax.__version__}, {solver}, rtol {rtol:g}, {lanes} lanes, {crossings} cycles, "
         f"{steps.mean() / crossings:.0f} steps a cycle, median error {np.median(error):.1e} rad, "
         f"compiled in {compilation:.0f} s",
     }
 
 
 if __name__ == "__main__":
-    given = (int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])) if len(sys.argv) > 3 else (64, 1, 1e-8)
-    print(json.dumps(measure(*given)))
+    if len(sys.argv) == 5:
+        print(json.dumps(measure(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), sys.argv[4])))
+    else:
+        print(json.dumps(measure()))

@@ -125,7 +125,7 @@ def sweep(batch: Batch, crossings: int, dt: float, located: bool) -> tuple[Array
     return found, steps
 
 
-def measure(located: bool = False, lanes: int = 256, crossings: int = 1, dt: float = 2e-3) -> Row:
+def measure(located: bool = False, lanes: int = 1024, crossings: int = 1, dt: float = 2e-3) -> Row:
     """Runs `lanes` starts (the reference's, repeated) for `crossings` cycles on one core."""
     p = Parameters()
     true = reference_crossings()

@@ -31,8 +31,10 @@ GOING, CROSSING, TIME, FINISHED = 0, 1, 2, 3
 CHAIN_LIMIT = 4
 # Shorter steps than this (s) do not end a chain of jumps.
 CHAIN_STEP = 1e-9
-# Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8).
+# Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8), and
+# before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
 SECANT_TRIALS = 24
+PATIENT_TRIALS = 60
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +134,11 @@ def _advance_hybrid(
         dtype = carry.t.dtype
         dt = jnp.asarray(numerics.dt, dtype)
         # a tolerance below the resolution of time would never be met in float32
-        tolerance = jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
+        finest = jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
+        # where a guard rises so slowly that rounding hides the event, no bracket of that width fires:
+        # after two rounds of location the event may be as late as it must
+        impatience = jnp.maximum(carry.trials - PATIENT_TRIALS, 0).astype(dtype)
+        tolerance = finest * (1.0 + impatience * impatience)
         going = carry.halt == GOING
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
@@ -147,7 +153,7 @@ def _advance_hybrid(
         land = hit & (late <= tolerance)
         back = hit & ~land
 
-        bracket = _next_bracket(carry, h, guards, hit, back)
+        bracket = _next_bracket(carry, h, guards, hit, land)
         guess = _guess(bracket, tolerance)
         locating = bracket["far"] < jnp.inf
         next_h = jnp.where(land, 0.0, jnp.where(locating, guess, dt))
@@ -184,10 +190,10 @@ def _first_root(near: jax.Array, guards: jax.Array, h: jax.Array) -> jax.Array:
 
 
 def _next_bracket(
-    carry: Carry, h: jax.Array, guards: jax.Array, hit: jax.Array, back: jax.Array
+    carry: Carry, h: jax.Array, guards: jax.Array, hit: jax.Array, land: jax.Array
 ) -> dict[str, jax.Array]:
-    """The bracket after this attempt: far end to the trial (back), or near end to it (no hit)."""
-    on = ~hit
+    """The bracket after this attempt: its far end at the trial (back), or its near end there (no hit)."""
+    on, back = ~hit, hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
     far = jnp.where(back, h, jnp.where(on & (rest > 0.0), rest, jnp.inf))
@@ -200,7 +206,8 @@ def _next_bracket(
         "far": far,
         "far_guards": jnp.where(back, guards, carry.far_guards),
         "weight": weight,
-        "trials": jnp.where(far < jnp.inf, carry.trials + 1, 0),
+        # a location that ended without its event is the same event's still: only a step on forgets it
+        "trials": jnp.where(land | (on & fresh), 0, carry.trials + 1),
     }
 
 
@@ -212,7 +219,9 @@ def _guess(bracket: dict[str, jax.Array], tolerance: jax.Array) -> jax.Array:
     far = jnp.where(bracket["far"] < jnp.inf, bracket["far"], 0.0)
     secant = _first_root(near, far_guards, far) + 0.5 * tolerance
     guess = jnp.where(bracket["trials"] > SECANT_TRIALS, 0.5 * far, secant)
-    return jnp.minimum(guess, far)
+    # a bracket this short is tried whole: where rounding hides the event from this nearer state, the step
+    # reaches the far end without firing and the location ends, instead of halving the rest for ever
+    return jnp.where(far <= tolerance, far, jnp.minimum(guess, far))
 
 
 def _implicit_event_time(

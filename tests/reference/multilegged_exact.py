@@ -40,8 +40,7 @@ def system_matrix(p: Parameters, pushing: tuple[bool, ...]) -> Array:
     n = p.N + 1
     matrix = np.zeros((5 * n + 1, 5 * n + 1))
     x, v, leg, w, c = (slice(k * n, (k + 1) * n) for k in range(5))
-    inverse = np.diag(1.0 / p.mass)
-    push = np.diag(np.array(pushing, dtype=float))
+    inverse, push = np.diag(1.0 / p.mass), np.diag(np.array(pushing, dtype=float))
     matrix[x, v] = np.eye(n)
     matrix[v, x] = -inverse @ (p.kappa * p.neighbours + p.K * push)
     matrix[v, v] = -inverse @ (p.spring_damper * p.neighbours + p.ground_damper * push)
@@ -124,7 +123,7 @@ class Flow:
     def after(self, s: float, mechanics: Array) -> State:
         """The state `s` seconds on, given (x, v) there."""
         p, old = self.p, self.state
-        x, v = mechanics[: self.n].copy(), mechanics[self.n :].copy()
+        x, v = mechanics.reshape(2, -1).copy()
         phi = old.phi + p.omega * s - old.y * p.tau * np.expm1(-s / p.tau)
         y = old.y * np.exp(-s / p.tau)
         return State(old.t + s, x, v, phi, y, old.contact, old.segment, old.slack, old.landed)
@@ -232,8 +231,8 @@ def run(
     """
     state = start(p, psi, phi_1)
     record = Record([section(state, True)])
-    gap = leg_lengths(p, state.phi, state.segment) - state.x
-    fresh = 0 if phi_1 is None and abs(float(gap[0])) < 1e-13 else None
+    touching = abs(float((leg_lengths(p, state.phi, state.segment) - state.x)[0])) < 1e-13
+    fresh = 0 if phi_1 is None and touching else None
     waiting = [float(moment) for moment in times]
     while len(record.crossings) <= crossings or waiting:
         state, kind, leg = next_event(p, state, fresh, waiting[0] if waiting else np.inf)
