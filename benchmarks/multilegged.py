@@ -44,7 +44,9 @@ def main() -> None:
     if not chosen.alone:
         for row in measure_all():
             show(row, best[0])
-    print(f"\nA first run compiles for {best[1]:.1f} s; then, at {best[0]['cycles_per_second']:.0f} cycles/s:")
+    print(
+        f"\nA first run compiles for {best[1]:.1f} s; then, at {best[0]['cycles_per_second']:.0f} cycles/s:"
+    )
     for figure, cycles in FIGURES.items():
         print(f"  {figure:30s} {cycles / best[0]['cycles_per_second']:10.0f} s")
 
@@ -57,7 +59,10 @@ def show(row: Row | None, best: Row | None = None) -> None:
     ratio = best["cycles_per_second"] / row["cycles_per_second"] if best is not None else 1.0
     numbers = [row["steps_per_second"], row["cycles_per_second"], ratio, row["error_rad"]]
     cells = ["-" if math.isnan(value) else f"{value:.3g}" for value in numbers]
-    print(f"{row['name']:46s} {cells[0]:>9s} {cells[1]:>9s} {cells[2]:>7s} {cells[3]:>8s}  {row['note']}", flush=True)
+    print(
+        f"{row['name']:46s} {cells[0]:>9s} {cells[1]:>9s} {cells[2]:>7s} {cells[3]:>8s}  {row['note']}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

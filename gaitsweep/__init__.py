@@ -1,9 +1,9 @@
 """Parameter sweeps of legged locomotion models: jobs in YAML, thousands of trajectories at once, tables.
 
-    import gaitsweep as gs
-    result = gs.run("sweeps/quick_basins.yaml")
-    table = gs.load(result.path)
-    gs.plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
+import gaitsweep as gs
+result = gs.run("sweeps/quick_basins.yaml")
+table = gs.load(result.path)
+gs.plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
 """
 
 from __future__ import annotations

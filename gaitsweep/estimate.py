@@ -30,7 +30,7 @@ BYTES_A_NUMBER = 8
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """What a job would need. `seconds` is the likely time, `seconds_most` where every row goes to its limit."""
+    """What a job would need. `seconds` is the likely time, `seconds_most` that of rows at their limits."""
 
     rows: int
     blocks: int

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
@@ -53,7 +54,7 @@ def crossing_frame(
         name, path = ramp
         known = np.nan_to_num(t)
         columns["pass"] = path.passes(known)
-        columns[name] = np.where(np.isnan(t), np.nan, np.asarray(path.at(known)))
+        columns[name] = np.where(np.isnan(t), np.nan, np.asarray(path.at(jnp.asarray(known))))
     columns |= {"t": t, "status": _status(block.status[owner - block.first])}
     columns |= {f"{q.name}_n": samples[:, 2 + i] for i, q in enumerate(model.observables)}
     return pd.DataFrame(columns)

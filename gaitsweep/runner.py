@@ -164,6 +164,7 @@ def _run_missing(
     if progress is not None:
         progress(before, ready.work.n_rows, 0.0, before / ready.work.n_rows, "compiling")
     timings = Timings()
+
     def sum_up() -> None:
         total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
         complete = not directory.missing_blocks()
@@ -194,7 +195,9 @@ def draw_figures(path: str | Path) -> list[Path]:
     folder.mkdir(exist_ok=True)
     files = []
     for spec in table.attrs["job"].get("figures", []):
-        given = {key: value for key, value in spec.items() if value is not None and key not in ("kind", "name")}
+        given = {
+            key: value for key, value in spec.items() if value is not None and key not in ("kind", "name")
+        }
         figure = draw(spec["kind"], table, **given)
         file = folder / f"{spec.get('name') or spec['kind']}.png"
         try:
@@ -227,9 +230,7 @@ def _recorder(job: Job, rows: Plan) -> tuple[Recorder, tuple[str, RampPath] | No
 
 def _drive(rows: Plan, parameter: str, path: RampPath) -> Callable[[Any, jax.Array], Any]:
     """The parameters at a time of a ramp; formulas that use the moving parameter follow it."""
-    following = [
-        name for name in rows.order if name in rows.derived and parameter in rows.closure([name])
-    ]
+    following = [name for name in rows.order if name in rows.derived and parameter in rows.closure([name])]
     functions = functions_of(jnp)
 
     def drive(values: Any, t: jax.Array) -> Any:

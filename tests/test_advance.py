@@ -113,7 +113,7 @@ def test_ties_fire_together() -> None:
     """Two masses launched alike land at the same instant, in one jump, and stay equal to the last bit."""
     model = Toy(N=2)
     result, t = crossing_times(model, {"launch_1": 1.0, "launch_2": 1.0}, 8)
-    alone, t_alone = crossing_times(Toy(), {"launch_1": 1.0}, 8)
+    _, t_alone = crossing_times(Toy(), {"launch_1": 1.0}, 8)
     samples = result.samples
     np.testing.assert_array_equal(samples[1:, 2], samples[1:, 3])
     np.testing.assert_allclose(t, t_alone, rtol=0.0, atol=1e-12)

@@ -70,7 +70,7 @@ def test_functions_give_what_they_promise(model: Model) -> None:
 
 
 def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
-    """`flow` gives rates of the state's own fields; `jump` keeps every shape and type, and with no event all values."""
+    """`flow` gives rates of the state's fields; `jump` keeps shapes and types, and without an event all values."""
     params, state = begun(model)
     assert isinstance(model, HybridModel)
     rates = model.flow(params, state)
@@ -82,9 +82,7 @@ def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
     assert bool(jnp.all(jnp.isfinite(guards)))
     still = model.jump(params, state, jnp.zeros(guards.shape, bool))
     jumped = model.jump(params, state, jnp.ones(guards.shape, bool))
-    for before, after, quiet in zip(
-        *(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True
-    ):
+    for before, after, quiet in zip(*(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True):
         assert (before.shape, before.dtype) == (after.shape, after.dtype)
         np.testing.assert_array_equal(before, quiet)
     assert not bool(model.section(params, state, jnp.zeros(guards.shape, bool)))

@@ -15,7 +15,7 @@ import pytest
 from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.section_map import next_crossing
 from gaitsweep.engine.settle import Settle
@@ -41,14 +41,17 @@ def simulated(params: dict, psi: np.ndarray, crossings: int, devices: int = 2):
     params = {k: float(v) for k, v in params.items()}
     model = Multilegged(int(params.pop("N", 3)))
     starts = {f"psi_{i + 1}": psi[:, i] for i in range(model.N)}
-    result = run_rows(model, Crossings(model, crossings=crossings), starts, params=params, lanes=32, devices=devices)
+    result = run_rows(
+        model, Crossings(model, crossings=crossings), starts, params=params, lanes=32, devices=devices
+    )
     assert np.all(result.status == Status.complete)
     samples = result.samples.reshape(len(psi), crossings + 1, -1)
     return samples[:, :, 1], samples[:, :, 2:-1], samples[:, :, -1]
 
 
-# The page allows grazing starts to differ: 95 % within 1e-6, of the held-out random ones in each set.
-@pytest.mark.parametrize("name", ["base", "clamp", "legs5", "legs10", "masses", "beta", "kappa"])
+# The page allows grazing starts to differ: 95 % of the random starts of each set within 1e-6. The starts of
+# `wraps` are no random ones, but those whose legs 1 to 3 swing together: 1e-5, and every wrap found.
+@pytest.mark.parametrize("name", ["base", "clamp", "legs5", "legs10", "masses", "beta", "kappa", "wraps"])
 def test_crossings_agree_with_solve_ivp(name: str) -> None:
     """Times, psi and landings of the first crossings against DOP853 with terminal events, rtol 1e-11."""
     params, table = reference(name)
@@ -58,11 +61,12 @@ def test_crossings_agree_with_solve_ivp(name: str) -> None:
     exact = table[columns].to_numpy().reshape(rows, count + 1, -1)
     t, psi, landed = simulated(params, exact[:, 0], count)
     worst = wrapped(psi - exact).max(axis=(1, 2))
-    assert np.mean(worst < 1e-6) >= 0.95, np.sort(worst)[-10:]
-    assert np.median(worst) < 1e-7
-    close = worst < 1e-6
+    bound = 1e-5 if name == "wraps" else 1e-6
+    assert np.mean(worst < bound) >= 0.95, np.sort(worst)[-10:]
+    assert np.median(worst) < 0.2 * bound
+    close = worst < bound
     times = table["t"].to_numpy().reshape(rows, -1)
-    assert np.abs(t - times)[close].max() < 1e-5  # psi moves by omega times this
+    assert np.abs(t - times)[close].max() < 10 * bound  # psi moves by omega times this
     np.testing.assert_array_equal(landed[close], table["landed"].to_numpy().reshape(rows, -1)[close])
 
 
@@ -99,21 +103,50 @@ def test_settled_states_lie_on_the_analytic_sets() -> None:
     assert result.cycles.max() <= 100
 
 
+@pytest.mark.slow
 def test_labels_agree_with_the_exact_propagator() -> None:
     """Gaits of 200 random starts, settled by an independent exact propagator: equal in 97 % or more."""
-    params, table = reference("settled")
-    psi = table[["psi_1", "psi_2", "psi_3"]].to_numpy().reshape(-1, 2, 3)
+    table = pd.read_csv(FILE.with_name("multilegged_settled.csv"), comment="#")
     model = Multilegged()
-    starts = {f"psi_{i + 1}": psi[:, 0, i] for i in range(3)}
-    result = run_rows(model, Settle(model), starts, lanes=32, devices=2)
-    one = scalars(model, **params)
+    starts = {f"psi_{i}": table[f"psi_{i}"].to_numpy() for i in (1, 2, 3)}
+    result = run_rows(model, Settle(model), starts, lanes=64, devices=2)
+    one = scalars(model)
+    ends = jnp.asarray(table[["psi_1_end", "psi_2_end", "psi_3_end"]].to_numpy())
     label = jax.jit(jax.vmap(lambda x: model.label(one, {f"psi_{i + 1}": x[i] for i in range(3)})["gait"]))
-    exact = np.asarray(label(jnp.asarray(psi[:, 1])))
-    assert np.mean(result.labels["gait"] == exact) >= 0.97
+    assert np.mean(result.labels["gait"] == np.asarray(label(ends))) >= 0.97
+    # where both stop moving they stand at the same place: settled to 1e-3 a cycle leaves some 1e-2
+    assert np.quantile(wrapped(result.last[:, :3] - np.asarray(ends)).max(axis=1), 0.95) < 0.03
+
+
+def test_traces_agree_with_solve_ivp() -> None:
+    """Heights, phases and contacts at 50 times of three starts; x to 1e-8 m, phi to 1e-7 rad."""
+    table = pd.read_csv(FILE.with_name("multilegged_traces.csv"), comment="#")
+    model = Multilegged()
+    params = scalars(model)
+    attempt = advance(model, Numerics())
+
+    @jax.jit
+    def until(carry, stop):
+        carry = dataclasses.replace(carry, stop=stop, halt=jnp.zeros_like(carry.halt))
+        return jax.lax.while_loop(lambda c: c.halt == GOING, lambda c: attempt(params, c), carry)
+
+    samples = []
+    for _, part in table.groupby("start"):
+        first = {f"psi_{i}": jnp.asarray(part[f"psi_{i}"].iloc[0]) for i in (1, 2, 3)}
+        carry = start(model, params, model.init(params, {**first, "phi_1": jnp.asarray(jnp.nan)}))
+        for t in part["t"]:
+            while float(carry.t) < t:  # crossings of the section halt it too
+                carry = until(carry, jnp.asarray(t))
+            samples.append({k: float(v) for k, v in model.signal(params, carry.state).items()})
+    got = pd.DataFrame(samples)
+    for i in range(1, 5):
+        assert np.abs(got[f"x_{i}"] - table[f"x_{i}"].to_numpy()).max() < 1e-8
+        assert wrapped(got[f"phi_{i}"] - table[f"phi_{i}"].to_numpy()).max() < 1e-7
+        np.testing.assert_array_equal(got[f"contact_{i}"], table[f"contact_{i}"].to_numpy().astype(float))
 
 
 def test_reversing_the_legs_reverses_the_motion() -> None:
-    """Leg i of one chain does what leg N + 2 - i of the reversed chain does, so direct is retrograde reversed."""
+    """Leg i of one chain does what leg N + 2 - i of the reversed one does: direct is retrograde reversed."""
     model = Multilegged()
     random = np.random.default_rng(2)
     phi = random.uniform(0, 2 * np.pi, (6, 4))
@@ -151,7 +184,7 @@ def test_starts_are_angles() -> None:
 
 
 def test_the_start_is_the_section() -> None:
-    """Leg 1 touches by definition: flag set, kicked, wherever rounding puts it; x rests on the stiff ground."""
+    """Leg 1 touches by definition: flag set and kicked, wherever rounding puts it; all loads are borne."""
     model = Multilegged()
     params = scalars(model)
     random = np.random.default_rng(8)

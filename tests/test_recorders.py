@@ -67,7 +67,7 @@ def test_path_of_a_ramp() -> None:
 
 
 def test_a_slow_ramp_follows_the_fixed_point() -> None:
-    """The launch speed follows kick/(1 - restitution) as the kick is moved up and down, and forgets its start."""
+    """The launch speed follows kick/(1 - restitution) as the kick moves up and down; starts are forgotten."""
     model = Toy()
     path = Path((0.5, 1.0, 0.5), rate=0.01, hold=10.0)
 

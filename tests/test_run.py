@@ -119,7 +119,8 @@ def test_ramp_and_return_map_tables(job_file: Path, tmp_path: Path) -> None:
     """Crossing tables carry crossing, time and pass; a formula that uses a moving parameter moves with it."""
     few = "vary.launch_1=[0.5, 2.0]"
     one = ["vary.stiffness=[4]", few]
-    mapped = gs.run(job_file, tmp_path / "map", overrides=[*one, "run={kind: return_map, crossings: 6}"]).table
+    six = "run={kind: return_map, crossings: 6}"
+    mapped = gs.run(job_file, tmp_path / "map", overrides=[*one, six]).table
     for row, first in enumerate((0.5, 2.0)):
         speeds = mapped.loc[mapped["row"] == row, "launch_1_n"]
         np.testing.assert_allclose(speeds, launches(first, 0.6, 0.5, 6), atol=1e-7)

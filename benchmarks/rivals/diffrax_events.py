@@ -40,22 +40,27 @@ def measure(lanes: int = 256, crossings: int = 1, rtol: float = 1e-5, solver: st
     python = os.environ.get("DIFFRAX_PYTHON")
     if not python:
         return missing("not measured: diffrax is not installed, and DIFFRAX_PYTHON is not set")
-    arguments = [python, "-m", "benchmarks.rivals.diffrax_events", str(lanes), str(crossings), str(rtol), solver]
+    arguments = [
+        python,
+        "-m",
+        "benchmarks.rivals.diffrax_events",
+        str(lanes),
+        str(crossings),
+        str(rtol),
+        solver,
+    ]
     done = subprocess.run(arguments, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     if done.returncode:
         return missing(f"not measured: {python} failed: {(done.stderr.strip().splitlines() or ['?'])[-1]}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def _program(p: Parameters, crossings: int, rtol: float, solver: str) -> Any:
-    """A compiled function from (z, contact, segment, landed) of all lanes to (psi at crossings, steps)."""
-    import jax
+def _equations(p: Parameters) -> tuple[Any, Any]:
+    """The vector field of z = (x - L, v, phi, y), each (N+1,), and the guards (positive: happened)."""
     import jax.numpy as jnp
 
-    diffrax, optimistix = import_module("diffrax"), import_module("optimistix")
-    jax.config.update("jax_enable_x64", True)
     slopes, origins, corners = jnp.asarray(p.slopes), jnp.asarray(p.origins), jnp.asarray(p.corners)
-    mass, link, turn = jnp.asarray(p.mass), jnp.asarray(p.neighbours), 2.0 * jnp.pi
+    mass, link = jnp.asarray(p.mass), jnp.asarray(p.neighbours)
 
     def flow(t, z, modes):
         x, v, phi, y = z
@@ -72,6 +77,18 @@ def _program(p: Parameters, crossings: int, rtol: float, solver: str) -> Any:
         gap = slopes[segment] * (z[2] - origins[segment]) - z[0]
         return jnp.stack([jnp.where(contact, -gap, gap), z[2] - corners[segment]])
 
+    return flow, guards
+
+
+def _program(p: Parameters, crossings: int, rtol: float, solver: str) -> Any:
+    """A jitted function from (z, contact, segment, landed) of all lanes to (psi at crossings, steps)."""
+    import jax
+    import jax.numpy as jnp
+
+    diffrax, optimistix = import_module("diffrax"), import_module("optimistix")
+    jax.config.update("jax_enable_x64", True)
+    flow, guards = _equations(p)
+    corners, turn = jnp.asarray(p.corners), 2.0 * jnp.pi
     event = diffrax.Event(
         lambda t, y, args, **_: guards(y, args).max(),
         root_finder=optimistix.Bisection(rtol=0.0, atol=1e-12),

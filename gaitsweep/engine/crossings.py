@@ -65,4 +65,4 @@ class Crossings(Recorder):
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         if self.crossings is None:
             return t / (self.duration or 1.0)
-        return record.cycles / (self.after_cycles + self.crossings)
+        return np.asarray(record.cycles) / (self.after_cycles + self.crossings)

@@ -37,7 +37,8 @@ class Pool:
         self._running_share = 0.0
         self._running_attempts = 0
         self._waiting = self._queue(blocks)
-        self._values: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] | None = None
+        # what the lanes run with: parameters, then starts
+        self._values: list[dict[str, np.ndarray]] = []
 
     def _queue(self, blocks: Sequence[int]) -> Iterator[tuple[int, int]]:
         for number in blocks:
@@ -67,12 +68,12 @@ class Pool:
             number, row = following
             block = self.open[number]
             self.block_of[lane], self.row_of[lane], fresh[lane] = number, row, True
-            if self._values is None:
+            if not self._values:
                 # idle lanes are computed too: the first row's values are sound ones for them
-                self._values = tuple(  # type: ignore[assignment]
+                self._values = [
                     {name: np.repeat(column[row], fresh.size) for name, column in given.items()}
                     for given in (block.params, block.starts)
-                )
+                ]
             for held, given in zip(self._values, (block.params, block.starts), strict=True):
                 for name, column in held.items():
                     column[lane] = given[name][row]
@@ -86,7 +87,7 @@ class Pool:
         """Take what a chunk gave; the numbers of the blocks that it completed."""
         complete = []
         for lane in np.flatnonzero((self.block_of >= 0) & (record.filled > 0)):
-            kept = record.buffer[lane, : record.filled[lane]].copy()
+            kept = np.array(record.buffer[lane, : record.filled[lane]])
             self.open[self.block_of[lane]].kept.setdefault(int(self.row_of[lane]), []).append(kept)
         running = (self.block_of >= 0) & (record.status == Status.running)
         for lane in np.flatnonzero((self.block_of >= 0) & ~running):

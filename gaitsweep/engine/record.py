@@ -93,7 +93,7 @@ class Recorder(abc.ABC):
         return Record(
             status=count,
             cycles=count,
-            attempts=jnp.zeros((), jnp.int64 if jax.config.jax_enable_x64 else jnp.int32),
+            attempts=jnp.zeros((), jnp.int64),
             last=last,
             window=jnp.broadcast_to(last, (self.window, *last.shape)),
             buffer=jnp.zeros((BUFFER if self.width else 0, self.width), last.dtype),
@@ -124,7 +124,9 @@ class Recorder(abc.ABC):
     def _illness(self, params: Params, carry: Carry, record: Record, dt: float) -> jax.Array:
         leaves = [x for x in jax.tree.leaves(carry.state) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
-        stalled = (carry.chain > CHAIN_LIMIT * (carry.near.size + 1)) | (record.attempts > self.max_attempts(params, dt))
+        stalled = (carry.chain > CHAIN_LIMIT * (carry.near.size + 1)) | (
+            record.attempts > self.max_attempts(params, dt)
+        )
         status = jnp.where(stalled, Status.event_stall, Status.running)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)

@@ -64,7 +64,7 @@ class Settle(Recorder):
         return dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt)), taken
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        return np.minimum(record.cycles / (typical_cycles or 0.4 * self.max_cycles), 0.95)
+        return np.minimum(np.asarray(record.cycles) / (typical_cycles or 0.4 * self.max_cycles), 0.95)
 
 
 def _change(model: Model, difference: jax.Array) -> jax.Array:

@@ -67,4 +67,4 @@ class Trace(Recorder):
         return carry, dataclasses.replace(taken, status=status.astype(jnp.int32))
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        return (record.cycles + record.samples) / (self.after_cycles + self.samples)
+        return np.asarray(record.cycles + record.samples) / (self.after_cycles + self.samples)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-import jax
-
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.record import Recorder
-from gaitsweep.engine.xla import Values
+from gaitsweep.engine.xla import Device, Values
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Work:
     n_rows: int
     block: int
     lanes: int
-    devices: list[jax.Device]
+    devices: list[Device]
     values: Callable[[int, int], tuple[Values, Values]]
     drive: Callable[..., Params] | None = None
 

@@ -28,9 +28,10 @@ from gaitsweep.engine.record import CADENCE, Record, Recorder
 LOOKS = 64
 
 Values = Mapping[str, np.ndarray]
+Device = Any  # a jax.Device, which type checkers take for a variable
 
 
-def local_devices(count: int | None = None) -> list[jax.Device]:
+def local_devices(count: int | None = None) -> list[Device]:
     """The devices of a run: all local ones, or the first `count`; on a CPU one for each usable core.
 
     Sets float64 on, which is gaitsweep's default everywhere.
@@ -42,7 +43,7 @@ def local_devices(count: int | None = None) -> list[jax.Device]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     # only before JAX has started; afterwards it has the devices that it has
     with contextlib.suppress(RuntimeError):
-        if jax.config.jax_num_cpu_devices < max(cores, count or 1):
+        if jax.config.jax_num_cpu_devices < max(cores, count or 1):  # pyright: ignore
             jax.config.update("jax_num_cpu_devices", max(cores, count or 1))
     devices = jax.local_devices()
     if count is not None and count > len(devices):
@@ -82,7 +83,7 @@ class Lanes:
         numerics: Numerics,
         *,
         size: int,
-        device: jax.Device,
+        device: Device,
         drive: Callable[[Values, jax.Array], Params] | None = None,
     ) -> None:
         self.size = size

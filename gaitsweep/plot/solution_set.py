@@ -104,7 +104,7 @@ def _scatter(
             "linewidths": 0.8 if marker[name] == "x" else 0,
             "clip_on": False,
         }
-        size = float(np.clip(3e3 / len(mine), 2.5, 16.0))
+        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # thicker than the lines over them
         space.scatter(*place.T, s=size, depthshade=False, **look)
         low.scatter(place[:, 0], place[:, 1], s=size, rasterized=True, **look)
         high.scatter(place[:, 1], place[:, 2], s=size, rasterized=True, **look)

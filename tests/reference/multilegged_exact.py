@@ -28,10 +28,8 @@ from .multilegged_page import (
     start,
 )
 
-FINEST = 2.5e-4  # s
-LEVELS = 6
-SAMPLES = 32
-ORDER = 18
+FINEST, LEVELS = 2.5e-4, 6  # s
+SAMPLES, ORDER = 32, 18
 
 
 @lru_cache(maxsize=1024)
