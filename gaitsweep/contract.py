@@ -47,7 +47,7 @@ _SENTENCES = {
     Status.diverged: "A state variable grew past the bound of divergence.",
     Status.not_a_number: "A state variable became NaN.",
     Status.event_stall: "Events followed each other at one instant without end.",
-    Status.time_limit: "The row reached run.max_time before it settled or reached run.max_cycles.",
+    Status.time_limit: "Time ran out: run.max_time, or four nominal periods for each cycle allowed.",
     Status.complete: "The row recorded all that was asked of it.",
     Status.inferred: "The row was not simulated: its neighbours decide its label.",
 }
@@ -85,6 +85,7 @@ class Model(abc.ABC):
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
     gaits: ClassVar[tuple[str, ...]]  # what `label` indexes
+    precisions: ClassVar[tuple[str, ...]] = ("float64",)  # those in which it is known to hold
 
     @property
     @abc.abstractmethod
@@ -137,7 +138,7 @@ class Model(abc.ABC):
 
     @abc.abstractmethod
     def failed(self, params: Params, state: State) -> jax.Array:
-        """True where the body has fallen."""
+        """True where the body has fallen; asked every 64 attempts, so a fall is what lasts."""
 
     @abc.abstractmethod
     def period(self, params: Params) -> jax.Array:
@@ -161,7 +162,12 @@ class HybridModel(Model):
 
     @abc.abstractmethod
     def guards(self, params: Params, state: State) -> jax.Array:
-        """One number for each possible event: negative while armed, firing where it becomes >= 0."""
+        """One number for each possible event: negative while armed, firing where it becomes >= 0.
+
+        Finite, and continuous as long as the modes stay. A guard that is still >= 0 after its own jump fires
+        again at once, so a jump changes a mode that turns the guard's sign (a contact flag), or the guard
+        counts on the way up (`-height - c * max(speed, 0)` for a ball that bounces).
+        """
 
 
 class SteppedModel(Model):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -57,4 +58,4 @@ def run(
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
     """
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
-    return Result(carry_out(loaded, out, progress=progress))
+    return Result(carry_out(loaded, out, progress=progress, tell=warnings.warn))

@@ -8,6 +8,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import hashlib
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -92,7 +94,7 @@ def prepare(job: Job) -> Prepared:
         drive=None if ramp is None else _drive(rows, *ramp),
     )
     engine = job.engine.resolved_name
-    job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes)
+    job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes)
     return Prepared(job, rows, work, engine, job_hash, functools.partial(_frame, job, rows, ramp))
 
 
@@ -208,11 +210,25 @@ def draw_figures(path: str | Path) -> list[Path]:
     return files
 
 
+def _hash(job: Job, model: Model, **chosen: Any) -> str:
+    """The job's hash, with the source of a user's own model in it: edited, it is another job."""
+    job_hash = job.hash(**chosen)
+    module = inspect.getmodule(type(model))
+    if module is None or module.__name__.startswith("gaitsweep."):
+        return job_hash
+    try:
+        source = inspect.getsource(module)
+    except (OSError, TypeError):
+        return job_hash
+    return hashlib.sha256((job_hash + source).encode()).hexdigest()
+
+
 def _quantities(model: Model) -> dict[str, dict[str, Any]]:
     """Unit, meaning and symbol of what the table's columns hold, for whoever reads it and for its figures."""
     return {
         q.name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
-        for q in (*model.parameters, *model.starts, *model.observables, *model.signals, *model.traits)
+        # a start stands in the table by its own name, an observable with _end or _n
+        for q in (*model.parameters, *model.observables, *model.signals, *model.traits, *model.starts)
     }
 
 

@@ -55,6 +55,13 @@ def written(folder: Path, text: str | bytes, name: str = "bad.yaml") -> Path:
     return path
 
 
+def test_a_precision_in_which_the_model_is_not_right(tmp_path: Path) -> None:
+    text = GOOD.replace("toy_model:Toy", "multilegged").replace("{mass: 2}", "{m: 1}")
+    text = text.replace("launch_1_end", "psi_1_end").replace("launch_1", "psi_1")
+    message = refused(written(tmp_path, text), "numerics.precision=float32", "start={psi_2: 1, psi_3: 1}")
+    assert "float32, in which multilegged is not right. Allowed: float64." in message
+
+
 def test_the_good_job_is_good(tmp_path: Path) -> None:
     load_job(written(tmp_path, GOOD))
 

@@ -70,7 +70,7 @@ def test_functions_give_what_they_promise(model: Model) -> None:
 
 
 def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
-    """`flow` gives rates of the state's fields; `jump` keeps shapes and types, and without an event all values."""
+    """`flow` gives rates of the state's fields; `jump` keeps shapes, types and, without events, values."""
     params, state = begun(model)
     assert isinstance(model, HybridModel)
     rates = model.flow(params, state)

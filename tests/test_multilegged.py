@@ -141,7 +141,7 @@ def test_traces_agree_with_solve_ivp() -> None:
     got = pd.DataFrame(samples)
     for i in range(1, 5):
         assert np.abs(got[f"x_{i}"] - table[f"x_{i}"].to_numpy()).max() < 1e-8
-        assert wrapped(got[f"phi_{i}"] - table[f"phi_{i}"].to_numpy()).max() < 1e-7
+        assert wrapped(got[f"phase_{i}"] - table[f"phi_{i}"].to_numpy()).max() < 1e-7
         np.testing.assert_array_equal(got[f"contact_{i}"], table[f"contact_{i}"].to_numpy().astype(float))
 
 

@@ -66,6 +66,7 @@ class Toy(HybridModel):
     name: ClassVar[str] = "toy"
     source: ClassVar[str] = "this file: harmonic flight in closed form"
     gaits: ClassVar[tuple[str, ...]] = ("rest", "hop")
+    precisions: ClassVar[tuple[str, ...]] = ("float64", "float32")
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State, SteppedModel
-from gaitsweep.engine.propose import move, proposer
+from gaitsweep.engine.propose import METHODS, move
 
 # Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
 # crossing is ever lost and nothing has to be copied when one happens.
@@ -31,6 +31,13 @@ GOING, CROSSING, TIME, FINISHED = 0, 1, 2, 3
 CHAIN_LIMIT = 4
 # Shorter steps than this (s) do not end a chain of jumps.
 CHAIN_STEP = 1e-9
+# The first step after an event, as a share of dt, and how fast steps grow back to dt: what an event sets in
+# motion in a stiff mode (a foot on hard ground) dies away within a few steps, and is followed by short ones.
+FIRST_STEP = 0.125
+GROWTH = 1.25
+# A guard counts as at most this many times as far below zero before a step as it is above it after: a model
+# may disarm a guard by any large negative number, and the secant through such a number locates nothing.
+STEEPEST = 1e9
 # Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8), and
 # before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
 SECANT_TRIALS = 24
@@ -49,29 +56,46 @@ class Numerics:
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["state", "t", "h", "near", "far", "far_guards", "weight", "trials", "chain", "stop", "halt"],
+    data_fields=[
+        "state",
+        "t",
+        "h",
+        "pace",
+        "near",
+        "far",
+        "far_guards",
+        "weight",
+        "trials",
+        "chain",
+        "attempts",
+        "stop",
+        "halt",
+    ],
     meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
 class Carry:
     """All that an attempt needs of a trajectory.
 
-    `t` time (s); `h` the step to try next; `near` the guards at the state; `far` the shortest step known
-    to fire (infinite while no event is being located) and `far_guards` the guards there; `weight` the
-    Illinois weight of the end that stayed (above zero: the near end stayed, below: the far one); `trials`
-    attempts spent on this event; `chain` jumps since time went on; `stop` the time at which to halt;
-    `halt` why the trajectory waits.
+    `t` time (s); `h` the step to try next; `pace` the longest that it may be, which
+    grows after an event; `near` the guards at the state; `far` the shortest step known to fire (infinite
+    while no event is being located) and `far_guards` the guards there; `weight` the Illinois weight of the
+    end that stayed (above zero: the near end stayed, below: the far one); `trials` attempts spent on this
+    event; `chain` jumps since time went on; `attempts` made in all; `stop` the time at which to halt; `halt`
+    why the trajectory waits.
     """
 
     state: State
     t: jax.Array
     h: jax.Array
+    pace: jax.Array
     near: jax.Array
     far: jax.Array
     far_guards: jax.Array
     weight: jax.Array
     trials: jax.Array
     chain: jax.Array
+    attempts: jax.Array
     stop: jax.Array
     halt: jax.Array
 
@@ -81,30 +105,26 @@ Drive = Callable[[Params, jax.Array], Params]
 
 
 def start(model: Model, params: Params, state: State, *, stop: jax.Array | float = jnp.inf) -> Carry:
-    """A trajectory at t = 0; its first attempt has zero length and fires what is due at the start."""
-    if isinstance(model, HybridModel):
-        near = model.guards(params, state)
-    else:
-        near = jnp.full(_event_count(cast(SteppedModel, model), params, state), -1.0)
+    """A trajectory at t = 0; a hybrid model's first attempt has zero length and fires what is due there."""
+    # a simulator's step is not shortened: nothing is located in it
+    near = model.guards(params, state) if isinstance(model, HybridModel) else jnp.zeros((0,), jnp.float64)
     zero = jnp.zeros((), near.dtype)
     count = jnp.zeros((), jnp.int32)
     return Carry(
         state=state,
         t=zero,
         h=zero,
+        pace=zero,
         near=near,
         far=zero + jnp.inf,
         far_guards=near,
         weight=zero + 1.0,
         trials=count,
         chain=count,
+        attempts=jnp.zeros((), jnp.int64),
         stop=zero + stop,
         halt=count,
     )
-
-
-def _event_count(model: SteppedModel, params: Params, state: State) -> tuple[int, ...]:
-    return jax.eval_shape(lambda: model.events(params, state, state)).shape
 
 
 def advance(
@@ -128,7 +148,7 @@ def advance(
 def _advance_hybrid(
     model: HybridModel, numerics: Numerics, drive: Drive | None, sensitivities: bool
 ) -> Advance:
-    propose = proposer(model, numerics.method)
+    propose = METHODS[numerics.method](model)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype = carry.t.dtype
@@ -156,12 +176,17 @@ def _advance_hybrid(
         bracket = _next_bracket(carry, h, guards, hit, land)
         guess = _guess(bracket, tolerance)
         locating = bracket["far"] < jnp.inf
-        next_h = jnp.where(land, 0.0, jnp.where(locating, guess, dt))
+        # a step cut short by a stop or an event says nothing of how far the next may go
+        grown = jnp.minimum(dt, GROWTH * carry.pace)
+        pace = jnp.where(land | (h == 0.0), FIRST_STEP * dt, jnp.where(hit | locating, carry.pace, grown))
+        next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
 
         end = trial
         t = carry.t + h
         if sensitivities:
-            end, t = _implicit_event_time(model, here, trial, t, guards, fired, land)
+            # what a jump itself set off has no root to follow: it happens when that jump does
+            rooted = fired & (carry.near < 0.0) & (h > 0.0) & land
+            end, t = _implicit_event_time(model, here, trial, t, guards, rooted)
         after = model.jump(here, end, fired)
         closed = land & model.section(here, trial, fired)
         timed = ~hit & (h >= room)
@@ -172,7 +197,9 @@ def _advance_hybrid(
             state=_select(land, after, _select(back, carry.state, end)),
             t=jnp.where(back, carry.t, jnp.where(timed, carry.stop, t)),
             h=next_h,
+            pace=pace,
             chain=chain,
+            attempts=carry.attempts + 1,
             stop=carry.stop,
             halt=halt,
             **bracket,
@@ -184,6 +211,7 @@ def _advance_hybrid(
 
 def _first_root(near: jax.Array, guards: jax.Array, h: jax.Array) -> jax.Array:
     """Where the secants of the guards that fire put the first root, as a step from the state (s)."""
+    near = jnp.maximum(near, -STEEPEST * jnp.abs(guards))
     rise = jnp.where(guards >= 0.0, guards - near, 1.0)
     share = jnp.where(guards >= 0.0, -near / jnp.where(rise > 0.0, rise, 1.0), 1.0)
     return h * jnp.clip(jnp.min(share), 0.0, 1.0)
@@ -230,13 +258,12 @@ def _implicit_event_time(
     trial: State,
     t: jax.Array,
     guards: jax.Array,
-    fired: jax.Array,
-    land: jax.Array,
+    rooted: jax.Array,
 ) -> tuple[State, jax.Array]:
     """State and time at the event, with the derivative of the event time in them.
 
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that fires; of several
-    at once the one that came first counts.
+    at once (`rooted`) the one that came first counts.
     """
     rates = model.flow(params, trial)
     still = jax.lax.stop_gradient(trial)
@@ -246,11 +273,11 @@ def _implicit_event_time(
         (jnp.zeros_like(t),),
         (jnp.ones_like(t),),
     )
-    speed = jnp.where(fired & (speed != 0.0), speed, 1.0)
-    age = jnp.where(fired, jax.lax.stop_gradient(guards) / speed, -jnp.inf)
+    speed = jnp.where(rooted & (speed != 0.0), speed, 1.0)
+    age = jnp.where(rooted, jax.lax.stop_gradient(guards) / speed, -jnp.inf)
     first = jnp.arange(guards.size) == jnp.argmax(age)
     drift = (guards - jax.lax.stop_gradient(guards)) / speed
-    shift = -jnp.sum(jnp.where(first & fired & land, drift, 0.0))
+    shift = -jnp.sum(jnp.where(first & rooted, drift, 0.0))
     return move(trial, rates, shift), t + shift
 
 
@@ -258,21 +285,22 @@ def _advance_stepped(model: SteppedModel, numerics: Numerics, drive: Drive | Non
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = jnp.asarray(numerics.dt, carry.t.dtype)
         going = carry.halt == GOING
-        room = carry.stop - carry.t
+        # a simulator's step cannot be shortened, so a stop is met at the step's end nearest to it
+        timed = carry.stop - carry.t <= 0.5 * dt
         here = params if drive is None else drive(params, carry.t + 0.5 * dt)
-        trial = model.step(here, carry.state, dt)
+        trial = model.step(here, carry.state, jnp.asarray(dt, numerics.precision))
         fired = model.events(here, carry.state, trial)
         hit = jnp.any(fired)
-        after = model.jump(here, trial, fired)
         closed = hit & model.section(here, trial, fired)
-        # a simulator's step cannot be shortened, so a stop is met at the step nearest to it
-        timed = ~closed & (room <= 1.5 * dt)
-        moved = dataclasses.replace(
+        stepped = dataclasses.replace(
             carry,
-            state=_select(hit, after, trial),
+            state=_select(hit, model.jump(here, trial, fired), trial),
             t=carry.t + dt,
-            halt=jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING)).astype(carry.halt.dtype),
+            attempts=carry.attempts + 1,
+            halt=jnp.where(closed, CROSSING, GOING).astype(carry.halt.dtype),
         )
+        waiting = dataclasses.replace(carry, halt=jnp.full_like(carry.halt, TIME))
+        moved = _select(timed, waiting, stepped)
         return _select(going, moved, carry)
 
     return attempt

@@ -31,12 +31,14 @@ class Labels:
         self._label = jax.jit(jax.vmap(one))
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
-        readable = np.isin(block.status, LABELLED)
+        if not self.work.recorder.labelled:
+            return {}
+        readable = np.isin(block.status, LABELLED) & (block.cycles > 0)
         n, width = block.rows, min(self.work.block, self.work.n_rows)
         # rows that cannot be read take the first row's place, so that the width never changes
         rows = np.concatenate([np.arange(n), np.zeros(width - n, np.int64)])
         values = {k: np.asarray(v, np.float64)[rows] for k, v in block.params.items()}
-        observed = np.where(np.isfinite(block.last), block.last, 0.0)[rows]
+        observed = np.where(readable[:, None], block.last, 0.0)[rows]
         given = {k: np.asarray(v)[:n] for k, v in self._label(values, jnp.asarray(observed)).items()}
         gait = np.where(readable, given.pop("gait"), -1).astype(np.int32)
         traits = {k: np.where(readable, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in given.items()}

@@ -45,8 +45,8 @@ class Pool:
             self.open[number] = Block(self.work, number)
             yield from ((number, row) for row in range(self.open[number].rows))
 
-    def chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray]:
-        """Advance the lanes of all devices at once; their records, and their times (s)."""
+    def chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray, np.ndarray]:
+        """Advance the lanes of all devices at once; their records, times (s) and attempts."""
         if len(self.groups) == 1:
             return self.groups[0].run_chunk(looks)
         # a thread for each device: JAX lets go of Python while a program is compiled or runs
@@ -83,7 +83,7 @@ class Pool:
                 params, starts = ({k: v[part] for k, v in held.items()} for held in self._values)
                 lanes.fill(params, starts, fresh[part])
 
-    def collect(self, record: Record, t: np.ndarray) -> list[int]:
+    def collect(self, record: Record, t: np.ndarray, attempts: np.ndarray) -> list[int]:
         """Take what a chunk gave; the numbers of the blocks that it completed."""
         complete = []
         for lane in np.flatnonzero((self.block_of >= 0) & (record.filled > 0)):
@@ -94,12 +94,12 @@ class Pool:
             block, row = self.open[self.block_of[lane]], self.row_of[lane]
             block.status[row] = record.status[lane]
             block.cycles[row] = record.cycles[lane]
-            block.attempts[row] = record.attempts[lane]
+            block.attempts[row] = attempts[lane]
             block.t_end[row] = t[lane]
             block.last[row] = record.last[lane]
             block.missing -= 1
             self.done += 1
-            self.attempts += int(record.attempts[lane])
+            self.attempts += int(attempts[lane])
             self.cycles += int(record.cycles[lane])
             if block.missing == 0:
                 complete.append(int(self.block_of[lane]))
@@ -109,7 +109,7 @@ class Pool:
         if running.any() and self.done:
             typical = max(typical, float(np.mean(record.cycles[running])))
         self._running_share = float(np.sum(self.work.recorder.share(record, t, typical)[running]))
-        self._running_attempts = int(np.sum(record.attempts[running]))
+        self._running_attempts = int(np.sum(attempts[running]))
         return sorted(complete)
 
     def close(self, number: int) -> Block:

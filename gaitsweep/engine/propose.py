@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import jax
 
-from gaitsweep.contract import HybridModel, Model, Params, Rates, State, SteppedModel
+from gaitsweep.contract import HybridModel, Params, Rates, State
 
 Propose = Callable[[Params, State, jax.Array], State]
 
@@ -32,11 +32,4 @@ def rk4(model: HybridModel) -> Propose:
     return propose
 
 
-METHODS: dict[str, Callable[..., Propose]] = {"rk4": rk4}
-
-
-def proposer(model: Model, method: str) -> Propose:
-    """The step that `method` names; a stepped model brings its own."""
-    if isinstance(model, SteppedModel):
-        return model.step
-    return METHODS[method](model)
+METHODS: dict[str, Callable[[HybridModel], Propose]] = {"rk4": rk4}

@@ -11,20 +11,20 @@ from __future__ import annotations
 import abc
 import dataclasses
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Model, Params, State, Status
+from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.engine.advance import CHAIN_LIMIT, FINISHED, Carry
 
 # Attempts between two looks at a trajectory. It is part of the results (a failed row's end time is a
 # multiple of it in attempts), so it is a constant and not a matter of tuning.
 CADENCE = 64
 # Rows or samples of a trajectory that wait on the device for the host.
-BUFFER = 128
+BUFFER = 32
 # A continuous state variable beyond this has diverged.
 DIVERGED = 1.0e9
 # Cycles of grace in a row's limit on time.
@@ -35,21 +35,20 @@ ATTEMPTS_PER_STEP = 8.0
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["status", "cycles", "attempts", "last", "window", "buffer", "filled", "samples"],
+    data_fields=["status", "cycles", "last", "window", "buffer", "filled", "samples"],
     meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
 class Record:
     """What is known of a row so far.
 
-    `status` a `Status`; `cycles` crossings so far, the start being number 0; `attempts` made; `last` the
+    `status` a `Status`; `cycles` crossings so far, the start being number 0; `last` the
     observables (n,) at the last crossing; `window` those of the last crossings (w, n);
     `buffer` rows that wait for the host (b, width), `filled` their number; `samples` rows given so far.
     """
 
     status: jax.Array
     cycles: jax.Array
-    attempts: jax.Array
     last: jax.Array
     window: jax.Array
     buffer: jax.Array
@@ -61,6 +60,7 @@ class Recorder(abc.ABC):
     """What all kinds of runs share: health, the count of cycles, emptying of buffers."""
 
     model: Model
+    labelled: ClassVar[bool] = False  # whether rows end where their gait can be read
 
     @property
     def window(self) -> int:
@@ -93,7 +93,6 @@ class Recorder(abc.ABC):
         return Record(
             status=count,
             cycles=count,
-            attempts=jnp.zeros((), jnp.int64),
             last=last,
             window=jnp.broadcast_to(last, (self.window, *last.shape)),
             buffer=jnp.zeros((BUFFER if self.width else 0, self.width), last.dtype),
@@ -111,7 +110,6 @@ class Recorder(abc.ABC):
     def look(self, params: Params, carry: Carry, record: Record, dt: float) -> tuple[Carry, Record]:
         """Health first, then what this kind of run takes; an ended row stays as it is."""
         running = record.status == Status.running
-        record = dataclasses.replace(record, attempts=record.attempts + jnp.where(running, CADENCE, 0))
         taken_carry, taken = self.take(params, carry, record)
         ill = self._illness(params, carry, record, dt)
         status = jnp.where(ill != Status.running, ill, taken.status)
@@ -122,10 +120,13 @@ class Recorder(abc.ABC):
         return _select(running, moved, carry), new
 
     def _illness(self, params: Params, carry: Carry, record: Record, dt: float) -> jax.Array:
-        leaves = [x for x in jax.tree.leaves(carry.state) if jnp.issubdtype(x.dtype, jnp.floating)]
-        flat = jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
+        moving = carry.state
+        if isinstance(self.model, HybridModel):  # modes may hold what they like, infinity too
+            moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]
+        leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
+        flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
         stalled = (carry.chain > CHAIN_LIMIT * (carry.near.size + 1)) | (
-            record.attempts > self.max_attempts(params, dt)
+            carry.attempts > self.max_attempts(params, dt)
         )
         status = jnp.where(stalled, Status.event_stall, Status.running)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)

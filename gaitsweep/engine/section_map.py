@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Model, Params, State
-from gaitsweep.engine.advance import CROSSING, GOING, TIME, Numerics, advance, start
+from gaitsweep.engine.advance import CHAIN_LIMIT, CROSSING, GOING, Numerics, advance, start
+from gaitsweep.engine.record import ATTEMPTS_PER_STEP
 
 
 def next_crossing(
@@ -17,8 +18,9 @@ def next_crossing(
     """The function `(params, state) -> (t, state, found)` up to the next section crossing.
 
     `t` is the time that it takes (s), `state` the one just after the crossing's jump, `found` False where
-    no crossing came within four nominal periods. Forward-mode derivatives (`jax.jvp`, `jax.jacfwd`) are
-    right through all events where `sensitivities` is set; the events' own times are among them.
+    no crossing came within four nominal periods, or events stalled the trajectory. Forward-mode derivatives
+    (`jax.jvp`, `jax.jacfwd`) are right through all events where `sensitivities` is set; the events' own times
+    are among them.
 
     Args:
         model, numerics: what is integrated and how.
@@ -29,13 +31,15 @@ def next_crossing(
 
     def run(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         carry = start(model, params, state, stop=4.0 * model.period(params))
+        limit = ATTEMPTS_PER_STEP * (carry.stop / numerics.dt + 1000.0)
 
         def goes_on(carry):
             jumped = events & (carry.chain > 0)
-            return (carry.halt == GOING) & ~jumped
+            stalled = (carry.attempts > limit) | (carry.chain > CHAIN_LIMIT * (carry.near.size + 1))
+            return (carry.halt == GOING) & ~jumped & ~stalled
 
         carry = jax.lax.while_loop(goes_on, lambda c: attempt(params, c), carry)
-        found = (carry.halt == CROSSING) | (events & (carry.halt != TIME))
+        found = (carry.halt == CROSSING) | (events & (carry.chain > 0))
         return carry.t, carry.state, jnp.asarray(found)
 
     return run

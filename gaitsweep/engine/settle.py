@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -20,10 +21,12 @@ SETTLE_WINDOW = 10
 class Settle(Recorder):
     """Until the section's state stops moving.
 
-    Settled: the largest wrapped change of any observable over `SETTLE_WINDOW` crossings is below
-    `SETTLE_WINDOW` times `tolerance` (rad a cycle). `max_time` (s) defaults to four nominal periods for
-    each cycle allowed.
+    Settled: no observable, wrapped, is farther from its value at any of the last `SETTLE_WINDOW` crossings
+    than `SETTLE_WINDOW` times `tolerance` (rad a cycle); orbits of several cycles do not settle. `max_time`
+    (s) defaults to four nominal periods for each cycle allowed.
     """
+
+    labelled: ClassVar[bool] = True
 
     model: Model
     max_cycles: int = 150
@@ -45,9 +48,10 @@ class Settle(Recorder):
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1
         slot = jnp.arange(SETTLE_WINDOW) == cycles % SETTLE_WINDOW
-        then = jnp.sum(jnp.where(slot[:, None], record.window, 0.0), axis=0)
-        moved = jnp.max(jnp.abs(_change(self.model, now - then)))
-        settled = (cycles >= SETTLE_WINDOW) & (moved < SETTLE_WINDOW * self.tolerance)
+        moved = jnp.max(jnp.abs(_change(self.model, now[None, :] - record.window)))
+        still = (cycles >= SETTLE_WINDOW) & (moved < SETTLE_WINDOW * self.tolerance)
+        # crossings without time between them are no cycles
+        settled = still & (carry.chain < SETTLE_WINDOW)
         ended = jnp.where(
             settled,
             Status.settled,
@@ -71,4 +75,4 @@ def _change(model: Model, difference: jax.Array) -> jax.Array:
     """Differences of observables, those of angles wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     wrapped = jnp.mod(difference + jnp.pi, 2.0 * jnp.pi) - jnp.pi
-    return jnp.where(circular, wrapped, difference)
+    return jnp.where(circular[None, :], wrapped, difference)

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Drive, Numerics, advance, start
+from gaitsweep.engine.advance import Carry, Numerics, advance, start
 from gaitsweep.engine.record import CADENCE, Record, Recorder
 
 # Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
@@ -103,13 +103,17 @@ class Lanes:
         status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
         self._held = held, carry, dataclasses.replace(record, status=status)
 
-    def run_chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray]:
+    def run_chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray, np.ndarray]:
         """Advance all running lanes by up to `looks * CADENCE` attempts.
 
-        Returns the records with what their buffers got in this chunk, and the lanes' times (s), on the host.
+        Returns the records with what their buffers got in this chunk, the lanes' times (s) and their
+        attempts, on the host.
         """
         self._held, given = self._programs.chunk(self._put(np.int32(looks)), self._held)
-        return jax.device_get(given)
+        record, t, attempts = given
+        if not np.asarray(record.filled).any():  # buffers are large, and most chunks leave them empty
+            record = dataclasses.replace(record, buffer=record.buffer[:, :0])
+        return jax.device_get((record, t, attempts))
 
     def _put(self, array: Any) -> jax.Array:
         return jax.device_put(array, self._device)
@@ -144,15 +148,11 @@ class _OneLane:
     ) -> None:
         self.model, self.recorder, self.numerics = model, recorder, numerics
         self.at = drive if drive is not None else lambda values, t: model.params(values)
-        inner: Drive | None = drive
-        if inner is None:
-            self._advance = advance(model, numerics)
-        else:
-            self._advance = advance(model, numerics, drive=inner)
+        self._advance = advance(model, numerics, drive=drive)
         self.driven = drive is not None
 
     def open(self, values: Any, starts: Any) -> Any:
-        zero = jnp.zeros((), next(iter(values.values())).dtype)
+        zero = jnp.zeros((), self.numerics.precision)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
         carry = start(self.model, params, state, stop=self.recorder.stop(params))
@@ -174,7 +174,7 @@ class _OneLane:
 
 def _chunk(
     attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, held: Any
-) -> tuple[Any, tuple[Record, jax.Array]]:
+) -> tuple[Any, tuple[Record, jax.Array, jax.Array]]:
     values, carry, record = held
 
     def going(loop: Any) -> jax.Array:
@@ -191,4 +191,4 @@ def _chunk(
     given = dataclasses.replace(record, window=jnp.zeros((record.status.size, 0), record.last.dtype))
     # the host reads what is given, so that the buffers are free again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
-    return (values, carry, record), (given, carry.t)
+    return (values, carry, record), (given, carry.t, carry.attempts)

@@ -201,6 +201,10 @@ def finish(reading: Reading, run: Any, numerics: Numerics, engine: str, figures:
     if numerics.event_tolerance >= numerics.dt:
         text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
         complaints.append(Complaint(("numerics", "event_tolerance"), text))
+    if numerics.precision not in subject.model.precisions:
+        allowed = ", ".join(subject.model.precisions)
+        text = f"is {numerics.precision}, in which {subject.model.name} is not right. Allowed: {allowed}."
+        complaints.append(Complaint(("numerics", "precision"), text))
     if engine == "kernel":
         text = "is kernel, which is not built yet. Allowed: auto, xla."
         complaints.append(Complaint(("engine", "name"), text))

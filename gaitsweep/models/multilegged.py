@@ -160,7 +160,7 @@ class Multilegged(HybridModel):
     def signals(self) -> tuple[Quantity, ...]:
         legs = range(1, self.N + 2)
         return (
-            *(Quantity(f"phi_{i}", "rad", f"phase of leg {i}", circular=True) for i in legs),
+            *(Quantity(f"phase_{i}", "rad", f"phase phi_{i} of leg {i}", circular=True) for i in legs),
             *(Quantity(f"x_{i}", "m", f"height of mass {i}") for i in legs),
             *(Quantity(f"l_{i}", "m", f"length of leg {i}") for i in legs),
             *(Quantity(f"contact_{i}", "1", f"1 while leg {i} is on the ground") for i in legs),
@@ -183,7 +183,10 @@ class Multilegged(HybridModel):
         p = params
         touching = jnp.isnan(start["phi_1"])
         b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa * p.a)  # below eq. (17)
-        phi_1 = jnp.where(touching, TWO_PI - p.masses[0] * b, start["phi_1"])
+        touchdown = TWO_PI - p.masses[0] * b
+        # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
+        touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
+        phi_1 = jnp.where(touching, touchdown, start["phi_1"])
         steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
         phi = wrapped(jnp.cumsum(steps))
         segment = jnp.where(
@@ -269,7 +272,7 @@ class Multilegged(HybridModel):
 
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
         length, _ = self._leg(params, state.phi, state.segment)
-        rows = {"phi": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
+        rows = {"phase": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
