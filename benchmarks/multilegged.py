@@ -27,8 +27,8 @@ FIGURES = {
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--lanes", type=int, nargs="+", default=[64, 256], help="lanes a device to measure")
-    options.add_argument("--dt", type=float, nargs="+", default=[2e-3], help="steps, s")
+    options.add_argument("--lanes", type=int, nargs="+", default=[256], help="lanes a device to measure")
+    options.add_argument("--dt", type=float, nargs="+", default=[4e-3, 2e-3], help="steps, s")
     options.add_argument("--crossings", type=int, default=5, help="gait cycles a start")
     options.add_argument("--alone", action="store_true", help="leave the rivals out")
     chosen = options.parse_args()

@@ -92,6 +92,8 @@ def _counts(snapshot: Snapshot) -> str:
 def _provenance(snapshot: Snapshot) -> str:
     lines = []
     for key, value in snapshot.manifest.items():
+        if key == "quantities":
+            continue
         text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
         lines.append(f"<tr><th>{html.escape(key)}</th><td>{html.escape(text)}</td></tr>")
     return f"<table>{''.join(lines)}</table>"

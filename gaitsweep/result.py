@@ -55,7 +55,10 @@ def run(
 
     Raises:
         JobError: the job is bad, with a sentence for each thing that is wrong.
+        ValueError: overrides of a job that is not read from a file.
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
     """
+    if isinstance(job, Job) and overrides:
+        raise ValueError("overrides are for a job that is read from a file: build the Job with them instead.")
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
     return Result(carry_out(loaded, out, progress=progress, tell=warnings.warn))

@@ -81,6 +81,7 @@ def prepare(job: Job) -> Prepared:
     rows = plan(job)
     numerics = Numerics(**job.numerics.model_dump())
     lanes = job.engine.lanes or default_lanes(rows.n_rows, devices[0].platform)
+    lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     recorder, ramp = _recorder(job, rows)
     work = Work(
         model=rows.model,
@@ -171,6 +172,9 @@ def _run_missing(
         total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
         complete = not directory.missing_blocks()
         directory.update_manifest(timings=total, counts=directory.counts(), complete=complete)
+        if complete and ready.job.run.kind == "settle":
+            gaits = load(directory.path)["gait"].value_counts()
+            directory.update_manifest(gaits={str(gait): int(n) for gait, n in gaits.items() if n})
 
     try:
         sweep(ready.work, missing, write, tell, timings)

@@ -50,7 +50,12 @@ class FakeRunner(types.ModuleType):
         self.error_after_blocks = 0
 
     def carry_out(
-        self, job: Job, out: Path | None = None, *, progress: Callable[..., None] | None = None
+        self,
+        job: Job,
+        out: Path | None = None,
+        *,
+        progress: Callable[..., None] | None = None,
+        tell: Callable[[str], None] | None = None,
     ) -> Path:
         self.calls.append((job, out))
         path = out or self.RESULTS / job.name
@@ -82,6 +87,7 @@ class FakeRunner(types.ModuleType):
             memory_bytes=35e6,
             disk_bytes=2100,
             seconds=185.0,
+            seconds_most=185.0,
             lanes=256,
             device="cpu",
             engine="xla",
@@ -92,6 +98,9 @@ class FakeRunner(types.ModuleType):
 def runner(monkeypatch: pytest.MonkeyPatch) -> FakeRunner:
     fake = FakeRunner()
     monkeypatch.setitem(sys.modules, "gaitsweep.runner", fake)
+    needs = types.ModuleType("gaitsweep.estimate")
+    needs.estimate = fake.estimate  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "gaitsweep.estimate", needs)
     return fake
 
 
@@ -200,7 +209,7 @@ def test_a_dry_run_runs_nothing(job_file: Path, runner: FakeRunner, capsys: Capt
     [
         (TableError("The directory is another job's."), 2),
         (WriteError("The disk is full."), 1),
-        (FakeRunner.RunError("There is no such device."), 1),
+        (FakeRunner.RunError("There is no such device."), 2),
         (OSError(13, "Permission denied", "results"), 1),
     ],
 )

@@ -167,7 +167,7 @@ def test_foreign_places_are_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(TableError, match="is a file"):
         open_toy(tmp_path / "file")
-    with pytest.raises(WriteError, match="cannot be made"):
+    with pytest.raises(TableError, match="cannot be made"):
         open_toy(tmp_path / "file" / "below")
     (tmp_path / "empty").mkdir()
     open_toy(tmp_path / "empty").close()

@@ -5,6 +5,7 @@ Each imports what it needs when it runs, so that `--help` and `--version` need n
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -65,6 +66,7 @@ def run(
     """Run a job, or continue it where it stopped: its table and its figures."""
     from gaitsweep.cli import show
     from gaitsweep.cli.progress import ProgressBar
+    from gaitsweep.cli.stop import StopRequest
     from gaitsweep.job import load_job
     from gaitsweep.table import Snapshot
 
@@ -80,12 +82,16 @@ def run(
     from gaitsweep.runner import carry_out
 
     bar = ProgressBar() if sys.stderr.isatty() else None
+    asked = StopRequest()
+
+    def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        asked.obey()
+        if bar is not None:
+            bar(done, total, rate, fraction, note)
+
     try:
-        if bar is None:
-            path = carry_out(job, out, tell=_tell)
-        else:
-            with bar:
-                path = carry_out(job, out, progress=bar, tell=_tell)
+        with asked, bar or contextlib.nullcontext():
+            path = carry_out(job, out, progress=progress, tell=_tell)
     except KeyboardInterrupt:
         print(_stopped(job, out), file=sys.stderr)
         raise

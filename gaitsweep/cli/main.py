@@ -20,7 +20,8 @@ _SENTENCES = (
     ("gaitsweep.models", "ModelError", REFUSED),
     ("gaitsweep.table", "WriteError", FAILED),
     ("gaitsweep.table", "TableError", REFUSED),
-    ("gaitsweep.runner", "RunError", FAILED),
+    ("gaitsweep.runner", "RunError", REFUSED),
+    ("gaitsweep.plot", "PlotError", REFUSED),
 )
 
 

@@ -17,6 +17,7 @@ from gaitsweep.table import Snapshot
 if TYPE_CHECKING:
     from gaitsweep.estimate import Estimate
 
+_SOUND = {status.name for status in (Status.settled, Status.cycle_limit, Status.complete, Status.inferred)}
 _PIPED_WIDTH = 240  # columns, where nobody's terminal wraps the lines
 
 
@@ -47,8 +48,13 @@ def outcome(snapshot: Snapshot) -> str:
     so_far = "" if snapshot.complete else f" of {rows}"
     lines = [
         f"{snapshot.rows_done}{so_far} row{'s' * (rows != 1)}: {counts(snapshot.counts)}.",
-        f"Table: {snapshot.table_folder} ({len(snapshot.footers)} parts).",
+        f"Table: {snapshot.table_folder} ({len(snapshot.footers)} part{'s' * (len(snapshot.footers) != 1)}).",
     ]
+    if gaits := snapshot.manifest.get("gaits"):
+        lines.insert(1, f"Gaits: {counts(gaits)}.")
+    if snapshot.counts and not set(snapshot.counts) & _SOUND:
+        worst = next(iter(snapshot.counts))
+        lines.insert(1, f"No row came to a good end. {worst}: {Status[worst].sentence}")
     lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
     return "\n".join(lines)
 
@@ -67,7 +73,7 @@ def directory(snapshot: Snapshot) -> str:
     for number in snapshot.damaged:
         lines[f"part {number}"] = "damaged: running the job again makes it anew"
     for key, value in snapshot.manifest.items():
-        if key not in ("rows", "counts"):
+        if key not in ("rows", "counts", "quantities"):
             lines[key] = plain(value)
     for number, figure in enumerate(snapshot.figures):
         lines["figures" if number == 0 else " " * (8 + number)] = str(figure)

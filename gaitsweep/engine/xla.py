@@ -43,8 +43,8 @@ def local_devices(count: int | None = None) -> list[Device]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     # only before JAX has started; afterwards it has the devices that it has
     with contextlib.suppress(RuntimeError):
-        if jax.config.jax_num_cpu_devices < max(cores, count or 1):  # pyright: ignore
-            jax.config.update("jax_num_cpu_devices", max(cores, count or 1))
+        if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
+            jax.config.update("jax_num_cpu_devices", cores)
     devices = jax.local_devices()
     if count is not None and count > len(devices):
         raise ValueError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
@@ -111,8 +111,10 @@ class Lanes:
         """
         self._held, given = self._programs.chunk(self._put(np.int32(looks)), self._held)
         record, t, attempts = given
-        if not np.asarray(record.filled).any():  # buffers are large, and most chunks leave them empty
-            record = dataclasses.replace(record, buffer=record.buffer[:, :0])
+        if not np.asarray(record.filled).any():
+            # buffers are large, and most chunks leave them empty: nothing of the right shape is free
+            nothing = np.broadcast_to(np.zeros((), self._dtype), record.buffer.shape)
+            record = dataclasses.replace(record, buffer=nothing)
         return jax.device_get((record, t, attempts))
 
     def _put(self, array: Any) -> jax.Array:

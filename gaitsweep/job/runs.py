@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gaitsweep.job.numbers import Count, CountOrZero, NotNegative, Positive, Real, Text, word
+from gaitsweep.job.numbers import Count, CountOrZero, LaneCount, NotNegative, Positive, Real, Text, word
 
 MOST_SAMPLES = 10_000_000  # of a row's trace
 
@@ -83,7 +83,7 @@ class EngineChoice(Part):
     name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
         default="auto", description="auto: the best that is built; xla: JAX on CPU or GPU"
     )
-    lanes: Count | None = Field(
+    lanes: LaneCount | None = Field(
         default=None, description="trajectories advanced at once; chosen for the device if not given"
     )
     block: Count = Field(default=1024, description="rows of one part of the table")

@@ -101,4 +101,5 @@ def _labels(
         part[hue].iloc[0]: "(" + ", ".join(f"{part[name].iloc[0]:.2f}" for name in starts) + ")"
         for part in lines
     }
-    return labels, "start (" + ", ".join(symbol(table, name) for name in starts) + "), rad"
+    unit = ", rad" if all(is_angle(table, name) for name in starts) else ""
+    return labels, "start (" + ", ".join(symbol(table, name) for name in starts) + ")" + unit

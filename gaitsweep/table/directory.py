@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -66,7 +67,9 @@ class ResultDirectory:
             path.mkdir(parents=True, exist_ok=True)
             lock = Lock(path)
         except OSError as error:
-            raise WriteError(f"The result directory {path} cannot be made: {reason(error)}.") from error
+            full = error.errno == errno.ENOSPC  # else the place is at fault, which the user chose
+            kind = WriteError if full else TableError
+            raise kind(f"The result directory {path} cannot be made: {reason(error)}.") from error
         try:
             # Looked at again, since another run may have made it between the first look and the lock.
             manifest = claim(path, job_hash, n_rows, block)
