@@ -194,7 +194,7 @@ def _advance_hybrid(
         chain = jnp.where(land, carry.chain + 1, jnp.where(~hit & (h > CHAIN_STEP), 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING)).astype(carry.halt.dtype)
         moved = Carry(
-            state=_select(land, after, _select(back, carry.state, end)),
+            state=select(land, after, select(back, carry.state, end)),
             t=jnp.where(back, carry.t, jnp.where(timed, carry.stop, t)),
             h=next_h,
             pace=pace,
@@ -204,7 +204,7 @@ def _advance_hybrid(
             halt=halt,
             **bracket,
         )
-        return _select(going, moved, carry)
+        return select(going, moved, carry)
 
     return attempt
 
@@ -294,17 +294,23 @@ def _advance_stepped(model: SteppedModel, numerics: Numerics, drive: Drive | Non
         closed = hit & model.section(here, trial, fired)
         stepped = dataclasses.replace(
             carry,
-            state=_select(hit, model.jump(here, trial, fired), trial),
+            state=select(hit, model.jump(here, trial, fired), trial),
             t=carry.t + dt,
             attempts=carry.attempts + 1,
             halt=jnp.where(closed, CROSSING, GOING).astype(carry.halt.dtype),
         )
         waiting = dataclasses.replace(carry, halt=jnp.full_like(carry.halt, TIME))
-        moved = _select(timed, waiting, stepped)
-        return _select(going, moved, carry)
+        moved = select(timed, waiting, stepped)
+        return select(going, moved, carry)
 
     return attempt
 
 
-def _select(condition: jax.Array, yes: Any, no: Any) -> Any:
+def select(condition: jax.Array, yes: Any, no: Any) -> Any:
+    """One of two trees of the same shape, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def stalled(carry: Carry) -> jax.Array:
+    """True where jumps follow each other at one instant without end."""
+    return carry.chain > CHAIN_LIMIT * (carry.near.size + 1)

@@ -11,14 +11,14 @@ from __future__ import annotations
 import abc
 import dataclasses
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
-from gaitsweep.engine.advance import CHAIN_LIMIT, FINISHED, Carry
+from gaitsweep.engine.advance import FINISHED, Carry, select, stalled
 
 # Attempts between two looks at a trajectory. It is part of the results (a failed row's end time is a
 # multiple of it in attempts), so it is a constant and not a matter of tuning.
@@ -111,24 +111,22 @@ class Recorder(abc.ABC):
         """Health first, then what this kind of run takes; an ended row stays as it is."""
         running = record.status == Status.running
         taken_carry, taken = self.take(params, carry, record)
-        ill = self._illness(params, carry, record, dt)
+        ill = self._illness(params, carry, dt)
         status = jnp.where(ill != Status.running, ill, taken.status)
-        new = _select(running, dataclasses.replace(taken, status=status), record)
+        new = select(running, dataclasses.replace(taken, status=status), record)
         new = dataclasses.replace(new, last=jnp.where(ill != Status.running, record.last, new.last))
         halt = jnp.where(status != Status.running, FINISHED, taken_carry.halt)
         moved = dataclasses.replace(taken_carry, halt=halt.astype(carry.halt.dtype))
-        return _select(running, moved, carry), new
+        return select(running, moved, carry), new
 
-    def _illness(self, params: Params, carry: Carry, record: Record, dt: float) -> jax.Array:
+    def _illness(self, params: Params, carry: Carry, dt: float) -> jax.Array:
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may hold what they like, infinity too
             moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
-        stalled = (carry.chain > CHAIN_LIMIT * (carry.near.size + 1)) | (
-            carry.attempts > self.max_attempts(params, dt)
-        )
-        status = jnp.where(stalled, Status.event_stall, Status.running)
+        endless = stalled(carry) | (carry.attempts > self.max_attempts(params, dt))
+        status = jnp.where(endless, Status.event_stall, Status.running)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         return jnp.where(jnp.any(jnp.isnan(flat)), Status.not_a_number, status).astype(jnp.int32)
@@ -143,7 +141,3 @@ def append(record: Record, row: jax.Array, when: jax.Array) -> Record:
         filled=record.filled + when.astype(record.filled.dtype),
         samples=record.samples + when.astype(record.samples.dtype),
     )
-
-
-def _select(condition: jax.Array, yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)

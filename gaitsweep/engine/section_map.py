@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Model, Params, State
-from gaitsweep.engine.advance import CHAIN_LIMIT, CROSSING, GOING, Numerics, advance, start
+from gaitsweep.engine.advance import CROSSING, GOING, Numerics, advance, stalled, start
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
 
 
@@ -35,8 +35,7 @@ def next_crossing(
 
         def goes_on(carry):
             jumped = events & (carry.chain > 0)
-            stalled = (carry.attempts > limit) | (carry.chain > CHAIN_LIMIT * (carry.near.size + 1))
-            return (carry.halt == GOING) & ~jumped & ~stalled
+            return (carry.halt == GOING) & ~jumped & ~stalled(carry) & (carry.attempts <= limit)
 
         carry = jax.lax.while_loop(goes_on, lambda c: attempt(params, c), carry)
         found = (carry.halt == CROSSING) | (events & (carry.chain > 0))
