@@ -156,6 +156,8 @@ class HybridModel(Model):
     recomputes a contact inside a step ruins the location of events and the order of convergence.
     """
 
+    linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields, modes held
+
     @abc.abstractmethod
     def flow(self, params: Params, state: State) -> Rates:
         """Time derivatives of the continuous fields of `state`, by field name."""

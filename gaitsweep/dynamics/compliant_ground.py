@@ -25,6 +25,7 @@ def ground_force(
 
     Source: Ambe et al. 2021, eq. (1), (2).
     """
-    force = -(K * gap + D * gap_rate)
-    force = jnp.where((clamp > 0.0) & (force < 0.0), 0.0, force)
-    return jnp.where(contact, force, 0.0)
+    # stiffness and damping out of contact are zero: chosen apart from the motion, once for all stages
+    force = -(jnp.where(contact, K, 0.0) * gap + jnp.where(contact, D, 0.0) * gap_rate)
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    return jnp.where(force < least, least, force)

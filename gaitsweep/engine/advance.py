@@ -31,10 +31,6 @@ GOING, CROSSING, TIME, FINISHED = 0, 1, 2, 3
 CHAIN_LIMIT = 4
 # Shorter steps than this (s) do not end a chain of jumps.
 CHAIN_STEP = 1e-9
-# The first step after an event, as a share of dt, and how fast steps grow back to dt: what an event sets in
-# motion in a stiff mode (a foot on hard ground) dies away within a few steps, and is followed by short ones.
-FIRST_STEP = 0.125
-GROWTH = 1.25
 # A guard counts as at most this many times as far below zero before a step as it is above it after: a model
 # may disarm a guard by any large negative number, and the secant through such a number locates nothing.
 STEEPEST = 1e9
@@ -148,7 +144,8 @@ def advance(
 def _advance_hybrid(
     model: HybridModel, numerics: Numerics, drive: Drive | None, sensitivities: bool
 ) -> Advance:
-    propose = METHODS[numerics.method](model)
+    method = METHODS[numerics.method]
+    propose = method.step(model)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype = carry.t.dtype
@@ -168,17 +165,23 @@ def _advance_hybrid(
         trial = propose(here, carry.state, h)
         guards = model.guards(here, trial)
         fired = guards >= 0.0
-        hit = jnp.any(fired)
-        late = h - _first_root(carry.near, guards, h)
+        hit = going & jnp.any(fired)
+        on = going & ~hit
+        # the guard that fires first, below zero at the near end of the bracket and above it at the far one
+        below, above = _first_to_fire(
+            jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
+        )
+        late = h - h * _share(below, above)
         land = hit & (late <= tolerance)
         back = hit & ~land
 
-        bracket = _next_bracket(carry, h, guards, hit, land)
-        guess = _guess(bracket, tolerance)
+        bracket = _next_bracket(carry, h, guards, on, hit, land)
+        guess = _guess(bracket, below, above, tolerance)
         locating = bracket["far"] < jnp.inf
         # a step cut short by a stop or an event says nothing of how far the next may go
-        grown = jnp.minimum(dt, GROWTH * carry.pace)
-        pace = jnp.where(land | (h == 0.0), FIRST_STEP * dt, jnp.where(hit | locating, carry.pace, grown))
+        grown = jnp.minimum(dt, method.growth * carry.pace)
+        first = method.first_step * dt
+        pace = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.pace, grown))
         next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
 
         end = trial
@@ -189,39 +192,58 @@ def _advance_hybrid(
             end, t = _implicit_event_time(model, here, trial, t, guards, rooted)
         after = model.jump(here, end, fired)
         closed = land & model.section(here, trial, fired)
-        timed = ~hit & (h >= room)
+        timed = on & (h >= room)
 
-        chain = jnp.where(land, carry.chain + 1, jnp.where(~hit & (h > CHAIN_STEP), 0, carry.chain))
+        chain = jnp.where(land, carry.chain + 1, jnp.where(on & (h > CHAIN_STEP), 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING)).astype(carry.halt.dtype)
-        moved = Carry(
-            state=select(land, after, select(back, carry.state, end)),
-            t=jnp.where(back, carry.t, jnp.where(timed, carry.stop, t)),
-            h=next_h,
-            pace=pace,
-            chain=chain,
-            attempts=carry.attempts + 1,
+        # a lane that waits keeps what it has, as one does that goes back
+        return Carry(
+            state=select(on | land, select(land, after, end), carry.state),
+            t=jnp.where(timed, carry.stop, jnp.where(on | land, t, carry.t)),
+            h=jnp.where(going, next_h, carry.h),
+            pace=jnp.where(going, pace, carry.pace),
+            chain=jnp.where(going, chain, carry.chain),
+            attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
             stop=carry.stop,
-            halt=halt,
+            halt=jnp.where(going, halt, carry.halt),
             **bracket,
         )
-        return select(going, moved, carry)
 
     return attempt
 
 
-def _first_root(near: jax.Array, guards: jax.Array, h: jax.Array) -> jax.Array:
-    """Where the secants of the guards that fire put the first root, as a step from the state (s)."""
-    near = jnp.maximum(near, -STEEPEST * jnp.abs(guards))
-    rise = jnp.where(guards >= 0.0, guards - near, 1.0)
-    share = jnp.where(guards >= 0.0, -near / jnp.where(rise > 0.0, rise, 1.0), 1.0)
-    return h * jnp.clip(jnp.min(share), 0.0, 1.0)
+def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Of the guards that fire at the far end, the one whose secant crosses zero first.
+
+    Returns how far it is below zero at the near end and above it at the far one, both >= 0; (1, 0) where
+    none fires. The least of all quotients below / above is found without dividing.
+    """
+    fires = far >= 0.0
+    above = jnp.where(fires, far, 0.0)
+    below = jnp.where(near < 0.0, -near, 0.0)
+    steepest = STEEPEST * above
+    below = jnp.where(fires, jnp.where(below > steepest, steepest, below), 1.0)
+    while below.size > 1:
+        half = below.size // 2
+        pairs = slice(0, half), slice(half, 2 * half), slice(2 * half, None)
+        (b1, b2, b_rest), (a1, a2, a_rest) = ([x[part] for part in pairs] for x in (below, above))
+        second = b2 * a1 < b1 * a2
+        below = jnp.concatenate([jnp.where(second, b2, b1), b_rest])
+        above = jnp.concatenate([jnp.where(second, a2, a1), a_rest])
+    return below[0], above[0]
+
+
+def _share(below: jax.Array, above: jax.Array) -> jax.Array:
+    """Where the secant crosses zero, as a share of the way from the near end to the far one."""
+    rise = below + above
+    return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
 
 
 def _next_bracket(
-    carry: Carry, h: jax.Array, guards: jax.Array, hit: jax.Array, land: jax.Array
+    carry: Carry, h: jax.Array, guards: jax.Array, on: jax.Array, hit: jax.Array, land: jax.Array
 ) -> dict[str, jax.Array]:
-    """The bracket after this attempt: its far end at the trial (back), or its near end there (no hit)."""
-    on, back = ~hit, hit & ~land
+    """The bracket after this attempt: its far end at the trial (back), or its near end there (on)."""
+    back = hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
     far = jnp.where(back, h, jnp.where(on & (rest > 0.0), rest, jnp.inf))
@@ -229,27 +251,31 @@ def _next_bracket(
     stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
     fresh = carry.far == jnp.inf
     weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
+    # a location that ended without its event is the same event's still: only a step on forgets it
+    trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
+    waits = ~(on | hit)
     return {
         "near": jnp.where(on, guards, carry.near),
-        "far": far,
-        "far_guards": jnp.where(back, guards, carry.far_guards),
-        "weight": weight,
-        # a location that ended without its event is the same event's still: only a step on forgets it
-        "trials": jnp.where(land | (on & fresh), 0, carry.trials + 1),
+        "far": jnp.where(waits, carry.far, far),
+        "far_guards": jnp.where(hit, guards, carry.far_guards),
+        "weight": jnp.where(waits, carry.weight, weight),
+        "trials": jnp.where(waits, carry.trials, trials),
     }
 
 
-def _guess(bracket: dict[str, jax.Array], tolerance: jax.Array) -> jax.Array:
+def _guess(
+    bracket: dict[str, jax.Array], below: jax.Array, above: jax.Array, tolerance: jax.Array
+) -> jax.Array:
     """The next trial inside the bracket: the weighted secant, half a tolerance past its root."""
     weight = bracket["weight"]
-    near = bracket["near"] * jnp.where(weight > 0.0, weight, 1.0)
-    far_guards = bracket["far_guards"] * jnp.where(weight < 0.0, -weight, 1.0)
+    below = below * jnp.where(weight > 0.0, weight, 1.0)
+    above = above * jnp.where(weight < 0.0, -weight, 1.0)
     far = jnp.where(bracket["far"] < jnp.inf, bracket["far"], 0.0)
-    secant = _first_root(near, far_guards, far) + 0.5 * tolerance
+    secant = far * _share(below, above) + 0.5 * tolerance
     guess = jnp.where(bracket["trials"] > SECANT_TRIALS, 0.5 * far, secant)
     # a bracket this short is tried whole: where rounding hides the event from this nearer state, the step
     # reaches the far end without firing and the location ends, instead of halving the rest for ever
-    return jnp.where(far <= tolerance, far, jnp.minimum(guess, far))
+    return jnp.where((far <= tolerance) | (guess > far), far, guess)
 
 
 def _implicit_event_time(

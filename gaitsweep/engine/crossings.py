@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.record import BUFFER, SPARE_CYCLES, Record, Recorder, append
+from gaitsweep.engine.record import BUFFER, SPARE_CYCLES, Record, Recorder, counted
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,22 +35,25 @@ class Crossings(Recorder):
             return jnp.full_like(period, self.duration)
         return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
 
-    def begin(self, params: Params, carry: Carry) -> Record:
-        record = super().begin(params, carry)
-        return self._keep(carry, record, jnp.asarray(self.after_cycles == 0))
+    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
+        record, _, _ = super().begin(params, carry)
+        keep = jnp.asarray(self.after_cycles == 0)
+        return counted(record, keep), self._row(carry, record), keep
 
-    def _keep(self, carry: Carry, record: Record, when: jax.Array) -> Record:
+    def _row(self, carry: Carry, record: Record) -> jax.Array:
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
-        return append(record, jnp.concatenate([head, record.last]), when)
+        return jnp.concatenate([head, record.last])
 
-    def take(self, params: Params, carry: Carry, record: Record) -> tuple[Carry, Record]:
+    def take(
+        self, params: Params, carry: Carry, record: Record
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
         crossed = (carry.halt == CROSSING) & (record.filled < BUFFER)
         taken = dataclasses.replace(
             record,
             cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
             last=jnp.where(crossed, self.observables(params, carry.state), record.last),
         )
-        taken = self._keep(carry, taken, crossed & (taken.cycles >= self.after_cycles))
+        keep = crossed & (taken.cycles >= self.after_cycles)
         late = Status.complete if self.duration is not None else Status.time_limit
         status = jnp.where(carry.halt == TIME, late, Status.running)
         if self.crossings is not None:
@@ -58,9 +61,9 @@ class Crossings(Recorder):
             status = jnp.where(full, Status.complete, status)
         waits = (carry.halt == CROSSING) & ~crossed
         halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
-        return dataclasses.replace(carry, halt=halt), dataclasses.replace(
-            taken, status=status.astype(jnp.int32)
-        )
+        row = self._row(carry, taken)
+        taken = dataclasses.replace(counted(taken, keep), status=status.astype(jnp.int32))
+        return dataclasses.replace(carry, halt=halt), taken, row, keep
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         if self.crossings is None:

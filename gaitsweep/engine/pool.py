@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.block import Block
-from gaitsweep.engine.record import Record
+from gaitsweep.engine.lane import Given
 from gaitsweep.engine.work import Progress, Work
 from gaitsweep.engine.xla import LOOKS, Lanes
 
@@ -45,8 +45,8 @@ class Pool:
             self.open[number] = Block(self.work, number)
             yield from ((number, row) for row in range(self.open[number].rows))
 
-    def chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray, np.ndarray]:
-        """Advance the lanes of all devices at once; their records, times (s) and attempts."""
+    def chunk(self, looks: int = LOOKS) -> Given:
+        """Advance the lanes of all devices at once."""
         if len(self.groups) == 1:
             return self.groups[0].run_chunk(looks)
         # a thread for each device: JAX lets go of Python while a program is compiled or runs
@@ -83,11 +83,12 @@ class Pool:
                 params, starts = ({k: v[part] for k, v in held.items()} for held in self._values)
                 lanes.fill(params, starts, fresh[part])
 
-    def collect(self, record: Record, t: np.ndarray, attempts: np.ndarray) -> list[int]:
+    def collect(self, given: Given) -> list[int]:
         """Take what a chunk gave; the numbers of the blocks that it completed."""
+        record, rows, t, attempts = given
         complete = []
         for lane in np.flatnonzero((self.block_of >= 0) & (record.filled > 0)):
-            kept = np.array(record.buffer[lane, : record.filled[lane]])
+            kept = np.array(rows[lane, : int(record.filled[lane])])
             self.open[self.block_of[lane]].kept.setdefault(int(self.row_of[lane]), []).append(kept)
         running = (self.block_of >= 0) & (record.status == Status.running)
         for lane in np.flatnonzero((self.block_of >= 0) & ~running):

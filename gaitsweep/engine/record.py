@@ -2,8 +2,8 @@
 
 A recorder looks at a trajectory every `CADENCE` attempts. Where the trajectory waits (at a crossing, at a
 stop in time) it takes what it wants and lets it go on; it also ends rows that have failed. Like `advance`
-it is a pure function of one trajectory, and all it holds is of fixed size: what does not fit in a buffer
-makes the trajectory wait until the host has emptied it.
+it is a pure function of one trajectory, and all it holds is of fixed size: the rows that it gives go to a
+buffer of the engine's, and what does not fit there makes the trajectory wait until the host has emptied it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ATTEMPTS_PER_STEP = 8.0
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["status", "cycles", "last", "window", "buffer", "filled", "samples"],
+    data_fields=["status", "cycles", "last", "window", "filled", "samples"],
     meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
@@ -43,15 +43,14 @@ class Record:
     """What is known of a row so far.
 
     `status` a `Status`; `cycles` crossings so far, the start being number 0; `last` the
-    observables (n,) at the last crossing; `window` those of the last crossings (w, n);
-    `buffer` rows that wait for the host (b, width), `filled` their number; `samples` rows given so far.
+    observables (n,) at the last crossing; `window` those of the last crossings (w, n); `filled` rows that
+    wait in the trajectory's buffer for the host, at most `BUFFER`; `samples` rows kept so far.
     """
 
     status: jax.Array
     cycles: jax.Array
     last: jax.Array
     window: jax.Array
-    buffer: jax.Array
     filled: jax.Array
     samples: jax.Array
 
@@ -76,8 +75,15 @@ class Recorder(abc.ABC):
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
-    def take(self, params: Params, carry: Carry, record: Record) -> tuple[Carry, Record]:
-        """Take what the halted or running trajectory has to give."""
+    def take(
+        self, params: Params, carry: Carry, record: Record
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+        """Take what the halted or running trajectory has to give.
+
+        Returns:
+            Carry and record after it, a row (width,) of numbers, and whether that row is to be kept; the
+            record counts it already (`counted`), and there is room for it in the buffer.
+        """
 
     def max_attempts(self, params: Params, dt: float) -> jax.Array:
         return ATTEMPTS_PER_STEP * (self.stop(params) / dt + 1000.0)
@@ -86,19 +92,19 @@ class Recorder(abc.ABC):
         observed = self.model.observe(params, state)
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
-    def begin(self, params: Params, carry: Carry) -> Record:
-        """The record of a trajectory at its start, which is crossing 0."""
+    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
+        """The record of a trajectory at its start, which is crossing 0, a row, and whether to keep it."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
-        return Record(
+        record = Record(
             status=count,
             cycles=count,
             last=last,
             window=jnp.broadcast_to(last, (self.window, *last.shape)),
-            buffer=jnp.zeros((BUFFER if self.width else 0, self.width), last.dtype),
             filled=count,
             samples=count,
         )
+        return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
     @abc.abstractmethod
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
@@ -107,17 +113,19 @@ class Recorder(abc.ABC):
         `typical_cycles` is the mean over the rows that have ended, 0 where none has.
         """
 
-    def look(self, params: Params, carry: Carry, record: Record, dt: float) -> tuple[Carry, Record]:
+    def look(
+        self, params: Params, carry: Carry, record: Record, dt: float
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
         """Health first, then what this kind of run takes; an ended row stays as it is."""
         running = record.status == Status.running
-        taken_carry, taken = self.take(params, carry, record)
+        taken_carry, taken, row, keep = self.take(params, carry, record)
         ill = self._illness(params, carry, dt)
         status = jnp.where(ill != Status.running, ill, taken.status)
         new = select(running, dataclasses.replace(taken, status=status), record)
         new = dataclasses.replace(new, last=jnp.where(ill != Status.running, record.last, new.last))
         halt = jnp.where(status != Status.running, FINISHED, taken_carry.halt)
         moved = dataclasses.replace(taken_carry, halt=halt.astype(carry.halt.dtype))
-        return select(running, moved, carry), new
+        return select(running, moved, carry), new, row, keep & running
 
     def _illness(self, params: Params, carry: Carry, dt: float) -> jax.Array:
         moving = carry.state
@@ -132,12 +140,7 @@ class Recorder(abc.ABC):
         return jnp.where(jnp.any(jnp.isnan(flat)), Status.not_a_number, status).astype(jnp.int32)
 
 
-def append(record: Record, row: jax.Array, when: jax.Array) -> Record:
-    """`record` with `row` (width,) in its buffer where `when`; the caller sees to it that there is room."""
-    at = (jnp.arange(BUFFER) == record.filled) & when
-    return dataclasses.replace(
-        record,
-        buffer=jnp.where(at[:, None], row, record.buffer),
-        filled=record.filled + when.astype(record.filled.dtype),
-        samples=record.samples + when.astype(record.samples.dtype),
-    )
+def counted(record: Record, keep: jax.Array) -> Record:
+    """`record` with one more row in its buffer where `keep`."""
+    more = keep.astype(record.filled.dtype)
+    return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)

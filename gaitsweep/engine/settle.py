@@ -43,7 +43,9 @@ class Settle(Recorder):
             return jnp.full_like(period, self.max_time)
         return 4.0 * (self.max_cycles + SPARE_CYCLES) * period
 
-    def take(self, params: Params, carry: Carry, record: Record) -> tuple[Carry, Record]:
+    def take(
+        self, params: Params, carry: Carry, record: Record
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
         crossed = carry.halt == CROSSING
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1
@@ -65,7 +67,8 @@ class Settle(Recorder):
             last=jnp.where(crossed, now, record.last),
             window=jnp.where(slot[:, None] & crossed, now, record.window),
         )
-        return dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt)), taken
+        carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
+        return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return np.minimum(np.asarray(record.cycles) / (typical_cycles or 0.4 * self.max_cycles), 0.95)

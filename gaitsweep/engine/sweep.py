@@ -39,10 +39,10 @@ def sweep(
     if pool.total == 0:
         return timings
     pool.refill()
-    pool.collect(*pool.chunk(0))
+    pool.collect(pool.chunk(0))
     timings.compile_s = time.perf_counter() - began
     while pool.busy:
-        for number in pool.collect(*pool.chunk()):
+        for number in pool.collect(pool.chunk()):
             block = pool.close(number)
             write(number, block.result(label(block)))
         timings.attempts = pool.attempts

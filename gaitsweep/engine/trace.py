@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, FINISHED, GOING, TIME, Carry
-from gaitsweep.engine.record import ATTEMPTS_PER_STEP, BUFFER, SPARE_CYCLES, Record, Recorder, append
+from gaitsweep.engine.record import ATTEMPTS_PER_STEP, BUFFER, SPARE_CYCLES, Record, Recorder, counted
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,9 @@ class Trace(Recorder):
         # a sample shorter than a step costs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
 
-    def take(self, params: Params, carry: Carry, record: Record) -> tuple[Carry, Record]:
+    def take(
+        self, params: Params, carry: Carry, record: Record
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
         crossed = carry.halt == CROSSING
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         begins = crossed & (cycles == self.after_cycles)
@@ -56,7 +58,7 @@ class Trace(Recorder):
             cycles=cycles,
             last=jnp.where(crossed, self.observables(params, carry.state), record.last),
         )
-        taken = append(taken, row, due)
+        taken = counted(taken, due)
         done = due & (taken.samples >= self.samples)
         status = jnp.where(lost, Status.time_limit, jnp.where(done, Status.complete, Status.running))
         waits = (carry.halt == TIME) & ~due & ~lost
@@ -64,7 +66,7 @@ class Trace(Recorder):
         stop = jnp.where(due, origin + (index + 1.0) * self.every, carry.stop)
         halt = jnp.where(waits, carry.halt, jnp.where(carry.halt == FINISHED, FINISHED, GOING))
         carry = dataclasses.replace(carry, stop=stop, halt=halt.astype(carry.halt.dtype))
-        return carry, dataclasses.replace(taken, status=status.astype(jnp.int32))
+        return carry, dataclasses.replace(taken, status=status.astype(jnp.int32)), row, due
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return np.asarray(record.cycles + record.samples) / (self.after_cycles + self.samples)

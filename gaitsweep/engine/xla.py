@@ -19,9 +19,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Model, Params, Status
-from gaitsweep.engine.advance import Carry, Numerics, advance, start
-from gaitsweep.engine.record import CADENCE, Record, Recorder
+from gaitsweep.contract import Model, Status
+from gaitsweep.engine.advance import Carry, Numerics, select
+from gaitsweep.engine.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.record import BUFFER, CADENCE, Record, Recorder
 
 # Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
 # chances to show progress, to store and to refill.
@@ -84,38 +85,33 @@ class Lanes:
         *,
         size: int,
         device: Device,
-        drive: Callable[[Values, jax.Array], Params] | None = None,
+        drive: RowDrive | None = None,
     ) -> None:
         self.size = size
         self._dtype = np.dtype(numerics.precision)
         self._device = device
         self._programs = _programs(model, recorder, numerics, drive)
-        self._held: Any = None
+        self._lanes: Any = None
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
         """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
         values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
         begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
-        if self._held is not None:
-            self._held = self._programs.fill(values, begin, self._put(fresh), self._held)
-            return
-        held, carry, record = self._programs.open(values, begin)
-        status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
-        self._held = held, carry, dataclasses.replace(record, status=status)
+        opened = self._programs.open(values, begin)
+        if self._lanes is None:
+            held, carry, record, kept = opened
+            status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
+            self._lanes = held, carry, dataclasses.replace(record, status=status), kept
+        else:
+            self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
 
-    def run_chunk(self, looks: int = LOOKS) -> tuple[Record, np.ndarray, np.ndarray]:
-        """Advance all running lanes by up to `looks * CADENCE` attempts.
-
-        Returns the records with what their buffers got in this chunk, the lanes' times (s) and their
-        attempts, on the host.
-        """
-        self._held, given = self._programs.chunk(self._put(np.int32(looks)), self._held)
-        record, t, attempts = given
-        if not np.asarray(record.filled).any():
+    def run_chunk(self, looks: int = LOOKS) -> Given:
+        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+        self._lanes, given = self._programs.chunk(self._put(np.int32(looks)), self._lanes)
+        if not np.asarray(given.record.filled).any():
             # buffers are large, and most chunks leave them empty: nothing of the right shape is free
-            nothing = np.broadcast_to(np.zeros((), self._dtype), record.buffer.shape)
-            record = dataclasses.replace(record, buffer=nothing)
-        return jax.device_get((record, t, attempts))
+            given = given._replace(kept=np.broadcast_to(np.zeros((), self._dtype), given.kept.shape))
+        return jax.device_get(given)
 
     def _put(self, array: Any) -> jax.Array:
         return jax.device_put(array, self._device)
@@ -125,72 +121,56 @@ class _Programs(NamedTuple):
     """The three programs of a run, vmapped over lanes and jitted; each device compiles its own."""
 
     open: Callable[..., Any]
-    fill: Callable[..., Any]
+    merge: Callable[..., Any]
     chunk: Callable[..., Any]
 
 
 # kept for the process, so that running a job again in a notebook does not compile again
 @lru_cache(maxsize=16)
 def _programs(
-    model: Model, recorder: Recorder, numerics: Numerics, drive: Callable[..., Params] | None
+    model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
 ) -> _Programs:
-    one = _OneLane(model, recorder, numerics, drive)
+    one = OneLane(model, recorder, numerics, drive)
     return _Programs(
-        open=jax.jit(jax.vmap(one.open)),
-        fill=jax.jit(jax.vmap(one.fill)),
-        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(one.look))),
+        open=jax.jit(jax.vmap(partial(_open, one))),
+        merge=jax.jit(jax.vmap(select)),
+        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_look, one)))),
     )
 
 
-class _OneLane:
-    """The engine's functions of one trajectory."""
+def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array]:
+    held, carry, record, row, keep = one.open(values, starts)
+    buffer = jnp.zeros((BUFFER if row.size else 0, row.size), row.dtype)
+    return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), row, keep)
 
-    def __init__(
-        self, model: Model, recorder: Recorder, numerics: Numerics, drive: Callable[..., Params] | None
-    ) -> None:
-        self.model, self.recorder, self.numerics = model, recorder, numerics
-        self.at = drive if drive is not None else lambda values, t: model.params(values)
-        self._advance = advance(model, numerics, drive=drive)
-        self.driven = drive is not None
 
-    def open(self, values: Any, starts: Any) -> Any:
-        zero = jnp.zeros((), self.numerics.precision)
-        params = self.at(values, zero)
-        state = self.model.init(params, starts)
-        carry = start(self.model, params, state, stop=self.recorder.stop(params))
-        # what does not change along a trajectory is worked out once
-        held = values if self.driven else params
-        return held, carry, self.recorder.begin(params, carry)
+def _look(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
+    carry, after, row, keep = one.look(held, carry, record)
+    return carry, after, _appended(kept, record.filled, row, keep)
 
-    def fill(self, values: Any, starts: Any, fresh: jax.Array, held: Any) -> Any:
-        new = self.open(values, starts)
-        return jax.tree.map(lambda a, b: jnp.where(fresh, a, b), new, held)
 
-    def attempt(self, values: Any, carry: Carry) -> Carry:
-        return self._advance(values, carry)
-
-    def look(self, values: Any, carry: Carry, record: Record) -> tuple[Carry, Record]:
-        params = self.at(values, carry.t) if self.driven else values
-        return self.recorder.look(params, carry, record, self.numerics.dt)
+def _appended(kept: jax.Array, place: jax.Array, row: jax.Array, keep: jax.Array) -> jax.Array:
+    here = (jnp.arange(kept.shape[0]) == place) & keep
+    return jnp.where(here[:, None], row, kept)
 
 
 def _chunk(
-    attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, held: Any
-) -> tuple[Any, tuple[Record, jax.Array, jax.Array]]:
-    values, carry, record = held
+    attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, lanes: Any
+) -> tuple[Any, Given]:
+    held, carry, record, kept = lanes
 
     def going(loop: Any) -> jax.Array:
-        count, _, record = loop
+        count, _, record, _ = loop
         return (count < looks) & jnp.any(record.status == Status.running)
 
     def turn(loop: Any) -> Any:
-        count, carry, record = loop
-        carry = jax.lax.fori_loop(0, CADENCE, lambda _, c: attempt(values, c), carry)
-        carry, record = look(values, carry, record)
-        return count + 1, carry, record
+        count, carry, record, kept = loop
+        carry = jax.lax.fori_loop(0, CADENCE, lambda _, c: attempt(held, c), carry)
+        return count + 1, *look(held, carry, record, kept)
 
-    _, carry, record = jax.lax.while_loop(going, turn, (jnp.zeros((), jnp.int32), carry, record))
-    given = dataclasses.replace(record, window=jnp.zeros((record.status.size, 0), record.last.dtype))
+    opening = (jnp.zeros((), jnp.int32), carry, record, kept)
+    _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
+    seen = dataclasses.replace(record, window=jnp.zeros((record.status.size, 0), record.last.dtype))
     # the host reads what is given, so that the buffers are free again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
-    return (values, carry, record), (given, carry.t, carry.attempts)
+    return (held, carry, record, kept), Given(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from gaitsweep.engine.propose import refusal
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_names, check_ranges
 from gaitsweep.job.complaints import Complaint, JobError, Owner, found, from_pydantic
@@ -205,6 +206,9 @@ def finish(reading: Reading, run: Any, numerics: Numerics, engine: str, figures:
         allowed = ", ".join(subject.model.precisions)
         text = f"is {numerics.precision}, in which {subject.model.name} is not right. Allowed: {allowed}."
         complaints.append(Complaint(("numerics", "precision"), text))
+    unfit = refusal(numerics.method, subject.model, numerics.precision)
+    if unfit is not None:
+        complaints.append(Complaint(("numerics", "method"), unfit))
     if engine == "kernel":
         text = "is kernel, which is not built yet. Allowed: auto, xla."
         complaints.append(Complaint(("engine", "name"), text))

@@ -121,6 +121,7 @@ class Multilegged(HybridModel):
     name: ClassVar[str] = "multilegged"
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
     gaits: ClassVar[tuple[str, ...]] = GAITS
+    linear: ClassVar[bool] = True  # but for the kink of `clamp`, which costs 1e-5 rad where it is above zero
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
@@ -210,13 +211,17 @@ class Multilegged(HybridModel):
         )
 
     def _leg(self, p: Params, phi: jax.Array, segment: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Length of each leg (m) and its slope over the phase (m/rad), eq. (3)."""
+        """Length of each leg (m) and its slope over the phase (m/rad), eq. (3).
+
+        Each segment is a straight line, `origin + rate * phi`; what depends on the segment alone is chosen
+        apart from the phase, and so once for all stages of a step.
+        """
         slope = p.a / ((1.0 - p.beta) * jnp.pi)
-        takeoff = p.L - slope * (phi - 2.0 * p.beta * jnp.pi)
-        landing = p.L - slope * (TWO_PI - phi)
-        length = jnp.where(segment == STANCE, p.L, jnp.where(segment == TAKEOFF, takeoff, landing))
+        takeoff = p.L + slope * (2.0 * p.beta * jnp.pi)
+        landing = p.L - slope * TWO_PI
+        origin = jnp.where(segment == STANCE, p.L, jnp.where(segment == TAKEOFF, takeoff, landing))
         rate = jnp.where(segment == STANCE, 0.0, jnp.where(segment == TAKEOFF, -slope, slope))
-        return length, rate
+        return origin + rate * phi, rate
 
     def flow(self, params: Params, state: State) -> Rates:
         p, s = params, state

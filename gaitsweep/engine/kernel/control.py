@@ -1,0 +1,92 @@
+"""Primitives that hold other programs: calls are written out, branches become choices, loops are unrolled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.engine.kernel.trace import Nodes, Tracer, refuse
+
+# A loop that is longer than this when written out belongs into the time loop, not into a step.
+MOST_TURNS = 256
+
+
+def _call(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    for name in ("jaxpr", "call_jaxpr", "fun_jaxpr"):
+        if name in equation.params:
+            inner = equation.params[name]
+            break
+    else:
+        raise refuse(f"the scalar kernel finds no body in JAX's operation '{equation.primitive.name}'")
+    if hasattr(inner, "consts"):
+        return tracer.read(inner, args)
+    return tracer.read_open(inner, [], args)
+
+
+def _cond(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    which, *operands = args
+    branches = equation.params["branches"]
+    program = tracer.program
+    known = tracer.known(which)
+    if known is not None:
+        return tracer.read(branches[min(max(int(known), 0), len(branches) - 1)], operands)
+    chosen = tracer.read(branches[-1], operands)
+    at = int(which)
+    for i in range(len(branches) - 2, -1, -1):
+        given = tracer.read(branches[i], operands)
+        if program.nodes[at].kind == "bool":
+            here = program.apply("not", at)
+        else:
+            here = program.apply("le", at, program.constant(i, "int"))
+        chosen = [
+            tracer.each(lambda yes, no, c=here: program.apply("select", c, yes, no), a, b)
+            for a, b in zip(given, chosen, strict=True)
+        ]
+    return chosen
+
+
+def _while(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    p = equation.params
+    n_cond, n_body = p["cond_nconsts"], p["body_nconsts"]
+    for_cond, for_body = args[:n_cond], args[n_cond : n_cond + n_body]
+    carry = args[n_cond + n_body :]
+    for _ in range(MOST_TURNS + 1):
+        (goes_on,) = tracer.read(p["cond_jaxpr"], [*for_cond, *carry])
+        known = tracer.known(goes_on)
+        if known is None:
+            raise refuse("the scalar kernel needs loops whose number of turns is known beforehand")
+        if not bool(known):
+            return carry
+        carry = tracer.read(p["body_jaxpr"], [*for_body, *carry])
+    raise refuse(f"the scalar kernel writes loops out up to {MOST_TURNS} turns")
+
+
+def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    p = equation.params
+    n_consts, n_carry, length = p["num_consts"], p["num_carry"], p["length"]
+    if length > MOST_TURNS:
+        raise refuse(f"the scalar kernel writes loops out up to {MOST_TURNS} turns, and this has {length}")
+    consts, carry = args[:n_consts], args[n_consts : n_consts + n_carry]
+    columns = args[n_consts + n_carry :]
+    rows: list[list[Nodes]] = []
+    order = range(length - 1, -1, -1) if p["reverse"] else range(length)
+    for i in order:
+        given = tracer.read(p["jaxpr"], [*consts, *carry, *(column[i] for column in columns)])
+        carry = given[:n_carry]
+        rows.append(given[n_carry:])
+    if p["reverse"]:
+        rows.reverse()
+    collected = [np.stack(list(column)) for column in zip(*rows, strict=True)]
+    if not rows:
+        collected = [np.zeros(v.aval.shape, np.int64) for v in equation.outvars[n_carry:]]
+    return [*carry, *collected]
+
+
+RULES = {
+    **dict.fromkeys(("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call",
+                     "custom_vjp_call_jaxpr", "remat", "remat2", "checkpoint", "custom_lin"), _call),
+    "cond": _cond,
+    "while": _while,
+    "scan": _scan,
+}  # fmt: skip

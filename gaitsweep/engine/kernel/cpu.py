@@ -1,0 +1,134 @@
+"""A chunk's program for the CPU: lanes side by side in vector registers, compiled by Numba.
+
+One flat array holds a tile of lanes, slot by slot, and each stage is a loop over the tile's lanes around
+straight-line code: LLVM turns that loop into vector instructions. Whatever happens rarely, such as a row to
+be kept, stands in a plain loop of its own. Cores run tiles of their own, in threads.
+"""
+
+from __future__ import annotations
+
+from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.emit import statements, used_inputs
+from gaitsweep.engine.record import CADENCE
+
+_PREAMBLE = '''"""Written by gaitsweep: {title}."""
+import math
+
+import numpy as np
+from numba import njit
+
+inf, nan = np.inf, np.nan
+float32, float64 = np.float32, np.float64
+floor64 = floor32 = np.floor
+sqrt64 = sqrt32 = np.sqrt
+compiled = njit(
+    nogil=True, cache=True, error_model="numpy", boundscheck=False, fastmath={{"contract", "nsz"}}
+)
+'''
+
+
+def source(chunk: Chunk, lanes: int, title: str) -> str:
+    """The module that runs a chunk on a CPU; its `run(S, kept, looks)` advances all tiles.
+
+    `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) gets the rows that are kept.
+    """
+    program = chunk.program
+    steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
+    row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
+    look = {**chunk.look, **row, chunk.n_slots: chunk.keep}
+    halt, status = chunk.carry.halt.first, chunk.record.status.first
+    parts = [
+        _PREAMBLE.format(title=title),
+        _stage("prepare", chunk, {slot: at for slot, at in chunk.steady.items()}, {}, lanes),
+        _stage("attempt", chunk, chunk.attempt, steady, lanes),
+        _stage("look", chunk, look, steady, lanes),
+        _KEEP.format(
+            lanes=lanes,
+            keep=chunk.n_slots * lanes,
+            filled=chunk.record.filled.first * lanes,
+            first=chunk.n_slots + 1,
+            width=chunk.width,
+        )
+        if chunk.width
+        else "",
+        _RUN.format(
+            lanes=lanes,
+            cadence=CADENCE,
+            status=status * lanes,
+            halt=halt * lanes,
+            keep="keep(s, kept, tile)" if chunk.width else "pass",
+        ),
+    ]
+    del program
+    return "\n\n".join(part for part in parts if part)
+
+
+def slots(chunk: Chunk) -> int:
+    """Slots of a lane: those of the program, then the flag and the row that the keeping loop reads."""
+    return chunk.n_slots + 1 + chunk.width
+
+
+def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, str], lanes: int) -> str:
+    program = chunk.program
+    wanted = list(outputs.values())
+    names = dict(given)
+    loads = []
+    for at in sorted({*used_inputs(program, wanted, given), *_used(chunk, wanted, given)}):
+        node = program.nodes[at]
+        place = given.get(at, f"s[{int(node.value or 0) * lanes} + lane]")
+        if node.kind == "bool":
+            place = f"{place} != 0.0"
+        elif node.kind == "f32":
+            place = f"float32({place})"
+        loads.append(f"x{at} = {place}")
+        names[at] = f"x{at}"
+    lines, results = statements(program, wanted, names)
+    stores = []
+    for slot, at, result in zip(outputs, wanted, results, strict=True):
+        if program.nodes[at].kind == "bool":
+            result = f"1.0 if {result} else 0.0"
+        stores.append(f"s[{slot * lanes} + lane] = {result}")
+    body = "\n".join(f"        {line}" for line in [*loads, *lines, *stores]) or "        pass"
+    return f"@compiled\ndef {name}(s):\n    for lane in range({lanes}):\n{body}\n"
+
+
+def _used(chunk: Chunk, wanted: list[int], given: dict[int, str]) -> set[int]:
+    """The nodes among `given` that `wanted` reads."""
+    program = chunk.program
+    reached: set[int] = set()
+    waiting = list(wanted)
+    while waiting:
+        at = waiting.pop()
+        if at not in reached:
+            reached.add(at)
+            if at not in given:
+                waiting.extend(program.nodes[at].args)
+    return {at for at in reached if at in given}
+
+
+_KEEP = """@compiled
+def keep(s, kept, tile):
+    for lane in range({lanes}):
+        if s[{keep} + lane] != 0.0:
+            place = int(s[{filled} + lane]) - 1
+            for i in range({width}):
+                kept[tile * {lanes} + lane, place, i] = s[({first} + i) * {lanes} + lane]
+"""
+
+_RUN = """@compiled
+def run(S, kept, looks):
+    for tile in range(S.shape[0]):
+        s = S[tile]
+        prepare(s)
+        for _ in range(looks):
+            running = 0
+            for lane in range({lanes}):
+                running += s[{status} + lane] == 0.0
+            if running == 0:
+                break
+            for _ in range({cadence}):
+                attempt(s)
+            look(s)
+            {keep}
+"""
+

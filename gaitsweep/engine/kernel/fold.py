@@ -1,0 +1,203 @@
+"""What need not be computed: constants, neutral elements, choices already made.
+
+A product with zero counts as zero, and a number plus zero as that number, whatever the number is (NaN and
+infinity included): this prunes the zeros of spatial algebra. Divisions by what stays the same along a
+trajectory become products with its reciprocal, which is computed once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from gaitsweep.engine.kernel.operations import OPERATIONS
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.kernel.program import Program
+
+Rule = Callable[["Program", tuple[int, ...]], int | None]
+
+
+def simplified(program: Program, op: str, args: tuple[int, ...]) -> int | None:
+    """A node that has the value of an operation and costs less, or None."""
+    known = program.evaluated(op, args)
+    if known is not None:
+        return known
+    if op in _RULES:
+        found = _RULES[op](program, args)
+        if found is not None:
+            return found
+    if OPERATIONS[op].commutes and args[0] > args[1]:
+        return program.apply(op, args[1], args[0])
+    return _through_select(program, op, args) if OPERATIONS[op].kind == "bool" else None
+
+
+def _is(program: Program, at: int, value: float) -> bool:
+    found = program.value(at)
+    return found is not None and found == value
+
+
+def _add(program: Program, args: tuple[int, ...]) -> int | None:
+    a, b = args
+    if _is(program, a, 0.0):
+        return b
+    if _is(program, b, 0.0):
+        return a
+    for x, y in ((a, b), (b, a)):
+        if program.nodes[y].op == "neg":
+            return program.apply("sub", x, program.nodes[y].args[0])
+    return None
+
+
+def _sub(program: Program, args: tuple[int, ...]) -> int | None:
+    a, b = args
+    if _is(program, b, 0.0):
+        return a
+    if _is(program, a, 0.0):
+        return program.apply("neg", b)
+    if program.nodes[b].op == "neg":
+        return program.apply("add", a, program.nodes[b].args[0])
+    return None
+
+
+def _mul(program: Program, args: tuple[int, ...]) -> int | None:
+    for x, y in (args, args[::-1]):
+        if _is(program, x, 0.0):
+            return program.constant(0.0, program.nodes[y].kind)
+        if _is(program, x, 1.0):
+            return y
+        if _is(program, x, -1.0):
+            return program.apply("neg", y)
+        if program.nodes[x].op == "neg":
+            return program.apply("neg", program.apply("mul", program.nodes[x].args[0], y))
+    return None
+
+
+def _div(program: Program, args: tuple[int, ...]) -> int | None:
+    a, b = args
+    if program.nodes[a].kind == "int":
+        return None
+    if _is(program, b, 1.0):
+        return a
+    if _is(program, a, 0.0) and program.value(b) is None:
+        return a
+    if program.nodes[a].op == "neg":
+        return program.apply("neg", program.apply("div", program.nodes[a].args[0], b))
+    known = program.value(b)
+    if known is not None and abs(math.frexp(known)[0]) != 0.5:
+        # rounded as JAX rounds it: whoever wraps an angle by `floor(x / period)` relies on it
+        return None
+    if program.steady[b] and not program.steady[a]:
+        one = program.constant(1.0, program.nodes[a].kind)
+        return program.apply("mul", a, program.apply("div", one, b))
+    return None
+
+
+def _neg(program: Program, args: tuple[int, ...]) -> int | None:
+    node = program.nodes[args[0]]
+    if node.op == "neg":
+        return node.args[0]
+    if node.op == "sub":
+        return program.apply("sub", node.args[1], node.args[0])
+    return None
+
+
+def _select(program: Program, args: tuple[int, ...]) -> int | None:
+    condition, yes, no = args
+    if yes == no:
+        return yes
+    chosen = program.value(condition)
+    if chosen is not None:
+        return yes if chosen else no
+    node = program.nodes[condition]
+    if node.op == "not":
+        return program.apply("select", node.args[0], no, yes)
+    if program.nodes[yes].kind == "bool":
+        return _select_truth(program, condition, yes, no)
+    # a choice that has been made is not made again
+    if program.nodes[yes].op == "select" and program.nodes[yes].args[0] == condition:
+        return program.apply("select", condition, program.nodes[yes].args[1], no)
+    if program.nodes[no].op == "select" and program.nodes[no].args[0] == condition:
+        return program.apply("select", condition, yes, program.nodes[no].args[2])
+    return None
+
+
+def _select_truth(program: Program, condition: int, yes: int, no: int) -> int | None:
+    negated = program.apply("not", condition)
+    if program.value(yes) is not None:
+        return program.apply("or", condition, no) if program.value(yes) else program.apply("and", negated, no)
+    if program.value(no) is not None:
+        return program.apply("or", negated, yes) if program.value(no) else program.apply("and", condition, yes)
+    return program.apply("or", program.apply("and", condition, yes), program.apply("and", negated, no))
+
+
+def _and(program: Program, args: tuple[int, ...]) -> int | None:
+    a, b = args
+    if a == b:
+        return a
+    for x, y in (args, args[::-1]):
+        known = program.value(x)
+        if known is not None:
+            return y if known else x
+        if program.nodes[y].op == "not" and program.nodes[y].args[0] == x:
+            return program.constant(False, "bool")
+    return None
+
+
+def _or(program: Program, args: tuple[int, ...]) -> int | None:
+    a, b = args
+    if a == b:
+        return a
+    for x, y in (args, args[::-1]):
+        known = program.value(x)
+        if known is not None:
+            return x if known else y
+    return None
+
+
+def _not(program: Program, args: tuple[int, ...]) -> int | None:
+    node = program.nodes[args[0]]
+    if node.op == "not":
+        return node.args[0]
+    # the others are not each other's opposite where NaN is
+    if node.op in ("eq", "ne"):
+        return program.apply("ne" if node.op == "eq" else "eq", *node.args)
+    return None
+
+
+def _same_kind(program: Program, args: tuple[int, ...], kind: str) -> int | None:
+    return args[0] if program.nodes[args[0]].kind == kind else None
+
+
+def _through_select(program: Program, op: str, args: tuple[int, ...]) -> int | None:
+    """`(k if c else l) == m`, all three known, is c, its opposite, or known: flags read as numbers."""
+    if len(args) != 2:
+        return None
+    for place in (0, 1):
+        node = program.nodes[args[place]]
+        if node.op != "select" or program.value(args[1 - place]) is None:
+            continue
+        if any(program.value(a) is None for a in node.args[1:]):
+            continue
+        sides = [list(args), list(args)]
+        sides[0][place], sides[1][place] = node.args[1], node.args[2]
+        yes, no = (program.apply(op, *side) for side in sides)
+        return program.apply("select", node.args[0], yes, no)
+    return None
+
+
+_RULES: dict[str, Rule] = {
+    "add": _add,
+    "sub": _sub,
+    "mul": _mul,
+    "div": _div,
+    "neg": _neg,
+    "select": _select,
+    "and": _and,
+    "or": _or,
+    "not": _not,
+    "to_f32": lambda program, args: _same_kind(program, args, "f32"),
+    "to_f64": lambda program, args: _same_kind(program, args, "f64"),
+    "to_int": lambda program, args: _same_kind(program, args, "int"),
+}

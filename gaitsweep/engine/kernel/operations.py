@@ -1,0 +1,73 @@
+"""The scalar operations that a program is made of: what they give, how they are computed, how printed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Operation:
+    """`kind` of the result ("same": that of the last argument), its NumPy evaluation, its Python source."""
+
+    kind: str
+    evaluate: Callable[..., Any]
+    source: str
+    commutes: bool = False
+
+
+def _select(condition: Any, yes: Any, no: Any) -> Any:
+    return yes if condition else no
+
+
+def _call(name: str) -> Operation:
+    """A function that the compiler calls from a library: right, but no vector of lanes."""
+    return Operation("same", getattr(np, name), f"math.{_MATH.get(name, name)}({{0}})")
+
+
+_MATH = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "arcsinh": "asinh", "arccosh": "acosh",
+         "arctanh": "atanh"}  # fmt: skip
+
+
+def _erf(x: Any) -> Any:
+    return type(x)(math.erf(x))
+
+
+OPERATIONS: dict[str, Operation] = {
+    "add": Operation("same", lambda a, b: a + b, "{0} + {1}", commutes=True),
+    "sub": Operation("same", lambda a, b: a - b, "{0} - {1}"),
+    "mul": Operation("same", lambda a, b: a * b, "{0} * {1}", commutes=True),
+    "div": Operation("same", lambda a, b: a / b, "{0} / {1}"),
+    "neg": Operation("same", lambda a: -a, "-{0}"),
+    "abs": Operation("same", np.abs, "abs({0})"),
+    "floor": Operation("same", np.floor, "math.floor({0})"),
+    "sqrt": Operation("same", np.sqrt, "math.sqrt({0})"),
+    "lt": Operation("bool", lambda a, b: a < b, "{0} < {1}"),
+    "le": Operation("bool", lambda a, b: a <= b, "{0} <= {1}"),
+    "eq": Operation("bool", lambda a, b: a == b, "{0} == {1}", commutes=True),
+    "ne": Operation("bool", lambda a, b: a != b, "{0} != {1}", commutes=True),
+    "and": Operation("bool", lambda a, b: a & b, "{0} & {1}", commutes=True),
+    "or": Operation("bool", lambda a, b: a | b, "{0} | {1}", commutes=True),
+    "not": Operation("bool", np.logical_not, "not {0}"),
+    "select": Operation("same", _select, "{1} if {0} else {2}"),
+    "to_f32": Operation("f32", np.float32, "float32({0})"),
+    "to_f64": Operation("f64", np.float64, "float64({0})"),
+    # a whole number is a float64 already; this only says what it stands for
+    "to_int": Operation("int", np.float64, "float64({0})"),
+    "log": _call("log"),
+    "log1p": _call("log1p"),
+    "expm1": _call("expm1"),
+    "asin": _call("arcsin"),
+    "acos": _call("arccos"),
+    "atan": _call("arctan"),
+    "asinh": _call("arcsinh"),
+    "acosh": _call("arccosh"),
+    "atanh": _call("arctanh"),
+    "atan2": Operation("same", np.arctan2, "math.atan2({0}, {1})"),
+    "pow": Operation("same", np.power, "{0} ** {1}"),
+    "erf": Operation("same", _erf, "math.erf({0})"),
+}

@@ -1,0 +1,187 @@
+"""What each of JAX's primitives does to arrays of nodes: a rule for each, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.engine.kernel import elementary
+from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
+
+Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
+
+
+def rule_for(name: str) -> Rule:
+    """The rule of a primitive; raises a refusal that names it where there is none."""
+    from gaitsweep.engine.kernel import arrays, control
+
+    for room in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, control.RULES):
+        if name in room:
+            return room[name]
+    raise refuse(f"the scalar kernel does not know JAX's operation '{name}'")
+
+
+def _elementwise(build: Callable[..., int]) -> Rule:
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        return [tracer.each(lambda *nodes: build(tracer.program, *nodes), *args)]
+
+    return rule
+
+
+def _convert(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    kind = kind_of(equation.params["new_dtype"])
+    return [tracer.each(lambda at: elementary.converted(tracer.program, at, kind), args[0])]
+
+
+def _integer_pow(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    power = equation.params["y"]
+    return [tracer.each(lambda at: elementary.whole_power(tracer.program, at, power), args[0])]
+
+
+def _same(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    return list(args)
+
+
+def _clamp(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    low, x, high = args
+    program = tracer.program
+    floored = tracer.each(lambda a, b: elementary.maximum(program, a, b), x, low)
+    return [tracer.each(lambda a, b: elementary.minimum(program, a, b), floored, high)]
+
+
+def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    which, *cases = args
+    program = tracer.program
+    if len(cases) == 2 and kind_of(equation.invars[0].aval.dtype) == "bool":
+        return [tracer.each(lambda c, no, yes: program.apply("select", c, yes, no), which, *cases)]
+
+    def choose(at: int, *nodes: int) -> int:
+        chosen = nodes[-1]
+        for i in range(len(nodes) - 2, -1, -1):
+            here = program.apply("eq", at, program.constant(i, "int"))
+            chosen = program.apply("select", here, nodes[i], chosen)
+        return chosen
+
+    return [tracer.each(choose, which, *cases)]
+
+
+def _reduction(build: Callable[..., int]) -> Rule:
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        (array,), axes = args, equation.params["axes"]
+        kept = [i for i in range(array.ndim) if i not in axes]
+        flat = np.transpose(array, [*kept, *axes]).reshape([array.shape[i] for i in kept] + [-1])
+        if flat.shape[-1] == 0:
+            raise refuse("the scalar kernel cannot reduce an array without elements")
+        total = flat[..., 0]
+        for i in range(1, flat.shape[-1]):
+            total = tracer.each(lambda a, b: build(tracer.program, a, b), total, flat[..., i])
+        return [np.asarray(total, np.int64)]
+
+    return rule
+
+
+def _arg_reduction(better: str) -> Rule:
+    """The first place of the largest or smallest element along one axis."""
+
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        (axis,) = equation.params["axes"]
+        moved = np.moveaxis(args[0], axis, -1)
+        program = tracer.program
+        best = moved[..., 0]
+        place = np.full(best.shape, program.constant(0, "int"), np.int64)
+        for i in range(1, moved.shape[-1]):
+            new = moved[..., i]
+            order = (best, new) if better == "max" else (new, best)
+            wins = tracer.each(lambda a, b: program.apply("lt", a, b), *order)
+            here = np.full(best.shape, program.constant(i, "int"), np.int64)
+            place = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, here, place)
+            best = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, new, best)
+        return [place]
+
+    return rule
+
+
+def _cumulative(build: Callable[..., int]) -> Rule:
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        moved = np.moveaxis(args[0], equation.params["axis"], 0)
+        if equation.params["reverse"]:
+            moved = moved[::-1]
+        rows = [moved[0]]
+        for row in moved[1:]:
+            rows.append(tracer.each(lambda a, b: build(tracer.program, a, b), rows[-1], row))
+        result = np.stack(rows)
+        if equation.params["reverse"]:
+            result = result[::-1]
+        return [np.moveaxis(result, 0, equation.params["axis"])]
+
+    return rule
+
+
+def _op(name: str) -> Callable[..., int]:
+    return lambda program, *nodes: program.apply(name, *nodes)
+
+
+_ELEMENTWISE: dict[str, Rule] = {
+    **{name: _elementwise(_op(name)) for name in (
+        "add", "sub", "mul", "neg", "abs", "floor", "sqrt", "lt", "le", "eq", "ne",
+        "log", "log1p", "expm1", "asin", "acos", "atan", "asinh", "acosh", "atanh", "atan2", "erf",
+    )},
+    "add_any": _elementwise(_op("add")),
+    "gt": _elementwise(lambda program, a, b: program.apply("lt", b, a)),
+    "ge": _elementwise(lambda program, a, b: program.apply("le", b, a)),
+    "div": _elementwise(elementary.quotient),
+    "rem": _elementwise(elementary.remainder),
+    "max": _elementwise(elementary.maximum),
+    "min": _elementwise(elementary.minimum),
+    "and": _elementwise(elementary.logical("and")),
+    "or": _elementwise(elementary.logical("or")),
+    "xor": _elementwise(elementary.exclusive_or),
+    "not": _elementwise(elementary.logical("not")),
+    "sign": _elementwise(elementary.sign),
+    "ceil": _elementwise(elementary.ceiling),
+    "round": lambda tracer, equation, args: [
+        tracer.each(lambda a: elementary.rounded(tracer.program, a, equation.params["rounding_method"]), args[0])
+    ],
+    "square": _elementwise(lambda program, a: program.apply("mul", a, a)),
+    "rsqrt": _elementwise(elementary.reciprocal_root),
+    "cbrt": _elementwise(elementary.cube_root),
+    "pow": _elementwise(elementary.power),
+    "exp": _elementwise(elementary.exponential),
+    "exp2": _elementwise(elementary.power_of_two),
+    "logistic": _elementwise(elementary.logistic),
+    "sin": _elementwise(elementary.sine),
+    "cos": _elementwise(elementary.cosine),
+    "tan": _elementwise(elementary.tangent),
+    "sinh": _elementwise(elementary.hyperbolic_sine),
+    "cosh": _elementwise(elementary.hyperbolic_cosine),
+    "tanh": _elementwise(elementary.hyperbolic_tangent),
+    "is_finite": _elementwise(elementary.is_finite),
+    "integer_pow": _integer_pow,
+    "convert_element_type": _convert,
+    "clamp": _clamp,
+    "select_n": _select_n,
+    "copy": _same,
+    "copy_p": _same,
+    "device_put": _same,
+    "optimization_barrier": _same,
+    "stop_gradient": _same,
+    "reduce_precision": _same,
+}  # fmt: skip
+
+_REDUCTIONS: dict[str, Rule] = {
+    "reduce_sum": _reduction(_op("add")),
+    "reduce_prod": _reduction(_op("mul")),
+    "reduce_max": _reduction(elementary.maximum),
+    "reduce_min": _reduction(elementary.minimum),
+    "reduce_and": _reduction(elementary.logical("and")),
+    "reduce_or": _reduction(elementary.logical("or")),
+    "reduce_xor": _reduction(elementary.exclusive_or),
+    "argmax": _arg_reduction("max"),
+    "argmin": _arg_reduction("min"),
+    "cumsum": _cumulative(_op("add")),
+    "cumprod": _cumulative(_op("mul")),
+    "cummax": _cumulative(elementary.maximum),
+    "cummin": _cumulative(elementary.minimum),
+}

@@ -1,0 +1,142 @@
+"""From a JAX function of one trajectory to a scalar program: its jaxpr, read array by array.
+
+Each array is carried as an array of the same shape whose elements are nodes of the program, so that
+reshaping, slicing and indexing cost nothing: only arithmetic on scalars is left.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+from gaitsweep.engine.kernel.program import Kind, Program
+
+Nodes = np.ndarray  # of int64: the program's nodes, in the shape of the array that they stand for
+
+
+class UnsupportedError(Exception):
+    """A model computes with what the scalar kernel cannot express; the message names it and where."""
+
+
+@dataclasses.dataclass
+class Traced:
+    """A function as a scalar program: `inputs` and `outputs` are flat lists of nodes."""
+
+    program: Program
+    inputs: list[int]
+    outputs: list[int]
+
+
+class Tracer:
+    """Reads jaxprs into one program."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+
+    def read(self, closed: ClosedJaxpr, args: Sequence[Nodes]) -> list[Nodes]:
+        """The outputs of a closed jaxpr for these inputs."""
+        consts = [self.constants(np.asarray(value)) for value in closed.consts]
+        return self.read_open(closed.jaxpr, consts, args)
+
+    def read_open(self, jaxpr: Jaxpr, consts: Sequence[Nodes], args: Sequence[Nodes]) -> list[Nodes]:
+        from gaitsweep.engine.kernel.primitives import rule_for
+
+        known: dict[Any, Nodes] = {}
+        known.update(zip(jaxpr.constvars, consts, strict=True))
+        known.update(zip(jaxpr.invars, args, strict=True))
+
+        def get(atom: Any) -> Nodes:
+            return self.constants(np.asarray(atom.val)) if isinstance(atom, Literal) else known[atom]
+
+        for equation in jaxpr.eqns:
+            try:
+                given = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
+            except _Refusal as refusal:
+                raise UnsupportedError(f"{refusal}{_place(equation)}") from refusal
+            known.update(zip(equation.outvars, given, strict=True))
+        return [get(atom) for atom in jaxpr.outvars]
+
+    def constants(self, values: np.ndarray) -> Nodes:
+        kind = kind_of(values.dtype)
+        flat = [self.program.constant(value, kind) for value in values.ravel().tolist()]
+        return np.array(flat, np.int64).reshape(values.shape)
+
+    def each(self, function: Callable[..., int], *arrays: Nodes) -> Nodes:
+        """`function` of nodes, element by element; arrays of shape () serve all elements."""
+        shape = np.broadcast_shapes(*(a.shape for a in arrays))
+        columns = [np.broadcast_to(a, shape).ravel().tolist() for a in arrays]
+        return np.array([function(*row) for row in zip(*columns, strict=True)], np.int64).reshape(shape)
+
+    def known(self, nodes: Nodes) -> np.ndarray | None:
+        """The values of an array of constants; None where one of them is not."""
+        values = [self.program.value(at) for at in nodes.ravel().tolist()]
+        return None if any(v is None for v in values) else np.array(values).reshape(nodes.shape)
+
+
+class _Refusal(Exception):
+    """A rule cannot read an equation; raised by `refuse`."""
+
+
+def refuse(reason: str) -> _Refusal:
+    return _Refusal(reason)
+
+
+def kind_of(dtype: Any) -> Kind:
+    """How scalars of an array's type are carried."""
+    dtype = np.dtype(dtype)
+    if dtype == np.bool_:
+        return "bool"
+    if dtype.kind in "iu":
+        return "int"
+    if dtype == np.float32:
+        return "f32"
+    if dtype == np.float64:
+        return "f64"
+    raise UnsupportedError(f"numbers of type {dtype} cannot run in the scalar kernel")
+
+
+def leaves_of(tree: Any) -> list[tuple[tuple[int, ...], Kind]]:
+    """Shape and kind of each leaf of a tree of arrays or of their shapes."""
+    return [(tuple(leaf.shape), kind_of(leaf.dtype)) for leaf in jax.tree.leaves(tree)]
+
+
+def trace(function: Callable[..., Any], *trees: Any, steady: Sequence[bool]) -> Traced:
+    """The program of `function` at these (trees of) scalars and small arrays.
+
+    Args:
+        function: a pure JAX function of one trajectory.
+        trees: its arguments, as arrays or as shapes with types.
+        steady: for each argument, whether it stays the same along a trajectory.
+
+    Raises:
+        UnsupportedError: the function computes with what the kernel cannot express.
+    """
+    closed = jax.make_jaxpr(function)(*trees)
+    program = Program()
+    tracer = Tracer(program)
+    arrays: list[Nodes] = []
+    inputs: list[int] = []
+    for tree, still in zip(trees, steady, strict=True):
+        for shape, kind in leaves_of(tree):
+            size = int(np.prod(shape))
+            nodes = [program.input(len(inputs) + i, kind, steady=still) for i in range(size)]
+            inputs.extend(nodes)
+            arrays.append(np.array(nodes, np.int64).reshape(shape))
+    given = tracer.read(closed, arrays)
+    return Traced(program, inputs, [int(at) for array in given for at in array.ravel()])
+
+
+def _place(equation: Any) -> str:
+    """Where in the model's source an equation comes from, if JAX knows."""
+    try:
+        from jax._src import source_info_util
+
+        frame = source_info_util.user_frame(equation.source_info.traceback)
+    except (ImportError, AttributeError, TypeError):
+        return ""
+    return "" if frame is None else f" ({frame.file_name}, line {frame.start_line})"

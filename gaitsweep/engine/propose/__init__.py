@@ -1,0 +1,31 @@
+"""Steps of one trajectory: the methods by name, and what each of them needs to know of a model."""
+
+from __future__ import annotations
+
+from gaitsweep.contract import HybridModel, Model
+from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
+from gaitsweep.engine.propose.method import Method, Propose, move
+from gaitsweep.engine.propose.rk4 import rk4
+
+METHODS: dict[str, Method] = {
+    "rk4": Method(rk4, first_step=0.125, growth=1.25),
+    "stabilised": Method(exponential(STABILISED), first_step=1.0 / 32.0, growth=2.0, linear_only=True),
+    "exact": Method(exponential(EXACT), first_step=1.0 / 32.0, growth=2.0, linear_only=True),
+}
+
+__all__ = ["METHODS", "Method", "Propose", "move", "refusal"]
+
+
+def refusal(name: str, model: Model, precision: str) -> str | None:
+    """Why a method does not suit a model in this precision, in words after the field's name, or None."""
+    if not METHODS[name].linear_only:
+        return None
+    general = ", ".join(other for other, method in METHODS.items() if not method.linear_only)
+    if not (isinstance(model, HybridModel) and model.linear):
+        return (
+            f"is {name}, which is right only where the flow between events is linear in the state, and "
+            f"{model.name} does not say so of its own. Allowed: {general}."
+        )
+    if precision != "float64":
+        return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
+    return None

@@ -1,0 +1,35 @@
+"""What a method of stepping is, and moving a state along its rates."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+
+from gaitsweep.contract import HybridModel, Params, Rates, State
+
+# The state a time h (s) later, with the discrete modes as they are.
+Propose = Callable[[Params, State, jax.Array], State]
+
+
+@dataclasses.dataclass(frozen=True)
+class Method:
+    """A way to step, and how steps begin after an event.
+
+    `step` makes the function that steps a model; `first_step` the first step after an event, as a share of
+    dt, and `growth` the factor by which each step that is accepted lets the next one grow, up to dt: what
+    an event sets in motion in a stiff mode (a foot on hard ground) dies away within a few steps, and feet
+    leave and touch again within milliseconds; `linear_only`: right only for `HybridModel.linear`.
+    """
+
+    step: Callable[[HybridModel], Propose]
+    first_step: float
+    growth: float
+    linear_only: bool = False
+
+
+def move(state: State, rates: Rates, h: jax.Array | float) -> State:
+    """`state` after a time `h` (s) along `rates`; fields without a rate stay."""
+    moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
+    return dataclasses.replace(state, **moved)
