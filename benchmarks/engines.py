@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.crossings import Crossings
-from gaitsweep.engine.sweep import sweep
+from gaitsweep.engine.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.sweep import Timings, sweep
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
 from gaitsweep.models.multilegged import Multilegged
 
-from .rivals.starts import Row, errors, reference_crossings
+from .rivals.by_hand import missing
+from .rivals.starts import Array, Row, errors, reference_crossings
 
 # Table 1, complete
 TABLE_1 = {
@@ -22,43 +26,113 @@ TABLE_1 = {
     "L": 1.0, "K": 1e5, "D": 2.0 * math.sqrt(1e5), "omega": 0.4, "tau": 0.5, "g": 9.8, "clamp": 0.0,
 }  # fmt: skip
 
+# The step (s) of each method: for the model's stiffest rate, 503/s, near the longest that it takes.
+STEPS = {"rk4": 4e-3, "stabilised": 32e-3, "exact": 32e-3}
+# Whatever the machine, no more rows than this: the host keeps all their crossings.
+MOST_ROWS = 2**19
+
 
 def measure(
-    lanes: int = 256, crossings: int = 5, dt: float = 2e-3, devices: int | None = None
-) -> tuple[Row, float]:
-    """Located events, `lanes` starts on each device, every crossing recorded.
+    engine: str = "kernel",
+    method: str = "rk4",
+    *,
+    lanes: int | None = None,
+    crossings: int = 20,
+    dt: float | None = None,
+    devices: int | None = None,
+    seconds: float = 5.0,
+    repeats: int = 2,
+) -> Row:
+    """Located events, every crossing recorded, rows following each other in the lanes of all devices.
 
-    Returns:
-        The row, and the seconds that the first call took before the first attempt: compilation.
+    A first run compiles and says how many rows fill `seconds`; of `repeats` runs of that length the fastest
+    counts. The reference's starts repeat over the rows, and all rows count for the error.
+
+    Args:
+        engine: xla or kernel.
+        method: rk4, stabilised or exact.
+        lanes: trajectories at once on each device; by default the engine's own number for a big job.
+        crossings: gait cycles of each row; the reference has 10, so no more than 10 count for the error.
+        dt: the longest step (s); by default the method's in `STEPS`.
+        devices: how many to use; by default all.
+        seconds: length of a timed run.
+        repeats: timed runs.
     """
     chosen = local_devices(devices)
+    model, numerics = Multilegged(), Numerics(dt=dt or STEPS[method], method=method)
+    recorder = Crossings(model, crossings=crossings)
+    name = f"gaitsweep, {engine}, {method}, dt {1e3 * numerics.dt:g} ms"
+    try:
+        choose(engine, chosen[0], model, recorder, numerics, None)
+    except EngineError as error:
+        return missing(name, f"not measured: {error}")
+    lanes = lanes or default_lanes(engine, MOST_ROWS, chosen[0].platform)
     true = reference_crossings()
-    rows = lanes * len(chosen)
-    true = true[np.arange(rows) % len(true)]
-    model = Multilegged()
-    starts = {f"psi_{i + 1}": true[:, 0, i] for i in range(3)} | {"phi_1": np.full(rows, np.nan)}
-    params = {name: np.full(rows, value) for name, value in TABLE_1.items()}
-    given: list[BlockResult] = []
-    work = Work(
-        model=model,
-        recorder=Crossings(model, crossings=crossings),
-        numerics=Numerics(dt=dt),
-        n_rows=rows,
-        block=rows,
-        lanes=lanes,
-        devices=chosen,
-        values=lambda a, b: ({k: v[a:b] for k, v in params.items()}, {k: v[a:b] for k, v in starts.items()}),
-    )
-    timings = sweep(work, [0], lambda _, block: given.append(block))
-    found = given[0].samples.reshape(rows, crossings + 1, -1)[:, 1:, 2:5]
-    error = errors(found, true[:, 1 : crossings + 1])
-    device = f"{len(chosen)} x {chosen[0].device_kind}"
-    row: Row = {
-        "name": f"gaitsweep, XLA, {device}",
+
+    def run(rows: int) -> tuple[Timings, BlockResult]:
+        given: list[BlockResult] = []
+        work = Work(
+            model=model,
+            recorder=recorder,
+            numerics=numerics,
+            n_rows=rows,
+            block=rows,
+            lanes=lanes,
+            devices=chosen,
+            values=lambda first, last: _values(true[np.arange(first, last) % len(true), 0]),
+            engine=engine,
+        )
+        return sweep(work, [0], lambda _, block: given.append(block)), given[0]
+
+    at_once = lanes * len(chosen)
+    first, _ = run(at_once)
+    turns = min(math.ceil(seconds / first.run_s), MOST_ROWS // at_once)
+    rows = at_once * max(1, turns)
+    timings, block = min((run(rows) for _ in range(repeats)), key=lambda pair: pair[0].run_s)
+    if len(block.samples) != rows * (crossings + 1):
+        return missing(name, f"{rows - np.unique(block.owner).size} rows or some crossings are missing")
+    found = block.samples.reshape(rows, crossings + 1, -1)[:, 1:, 2:5]
+    error = errors(found, true[np.arange(rows) % len(true), 1 : crossings + 1])
+    return {
+        "name": name,
         "steps_per_second": timings.attempts / timings.run_s,
         "cycles_per_second": rows * crossings / timings.run_s,
         "error_rad": float(np.quantile(error, 0.95)),
-        "note": f"{lanes} lanes a device, dt {dt} s; median error {np.median(error):.1e} rad, "
-        f"{timings.attempts / rows / crossings:.0f} attempts a cycle, compiled in {timings.compile_s:.1f} s",
+        "note": f"{len(chosen)} x {chosen[0].device_kind}, {lanes} lanes on each, {rows} rows of {crossings} "
+        f"cycles in {timings.run_s:.1f} s; median error {np.median(error):.1e} rad, "
+        f"{timings.attempts / rows / crossings:.0f} attempts a cycle, ready in {first.compile_s:.1f} s",
     }
-    return row, timings.compile_s
+
+
+def measure_all(
+    engines: list[str], lanes: list[int | None], crossings: int
+) -> Iterator[tuple[tuple[str, str], Row]]:
+    """Yields engine and method, and the row: rk4 alone in XLA, every method in the kernel."""
+    for engine in engines:
+        for method in STEPS if engine == "kernel" else ["rk4"]:
+            for size in lanes:
+                yield (engine, method), measure(engine, method, lanes=size, crossings=crossings)
+
+
+def operations(method: str) -> int:
+    """Arithmetic operations of an attempt: those of the kernel's program, one for each of its nodes.
+
+    Additions, products, comparisons and selects count as one each; what is worked out once for a trajectory,
+    constants and what is read count as none.
+    """
+    model = Multilegged()
+    numerics = Numerics(dt=STEPS[method], method=method)
+    local_devices()  # sets float64 on
+    chunk = kernel_of(model, Crossings(model, crossings=1), numerics, None).chunk
+    program = chunk.program
+    return sum(
+        not program.steady[at] and program.nodes[at].op not in ("input", "constant")
+        for at in program.needed(chunk.attempt.values())
+    )
+
+
+def _values(psi: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Parameters and starts of rows that start at these relative phases (rad), (rows, 3)."""
+    rows = len(psi)
+    starts = {f"psi_{i + 1}": psi[:, i] for i in range(3)} | {"phi_1": np.full(rows, np.nan)}
+    return {name: np.full(rows, value) for name, value in TABLE_1.items()}, starts

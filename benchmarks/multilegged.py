@@ -1,68 +1,105 @@
 """How fast the multi-legged model runs, side by side in one run: `python -m benchmarks.multilegged`.
 
-Prints a table of trajectory-steps per second and gait cycles per second at the error measured against the
-reference crossings in tests/reference (solve_ivp, rtol 1e-11), for gaitsweep and for
- (a) the same equations in plain NumPy over many lanes, events at the step's end and bisected,
- (b) one trajectory at a time with SciPy's solve_ivp, and with an exact propagator,
- (c) diffrax, restarted at each event (installed, or in the interpreter that DIFFRAX_PYTHON names),
-then the seconds that each figure of the paper would take at the measured rate. Compilation stands apart.
+Prints attempts (trajectory-steps) and gait cycles a second, and the error against the reference crossings in
+tests/reference (solve_ivp, rtol 1e-11), for gaitsweep's engines and methods and for
+ (a) the same algorithm written for this one model by hand: Numba, C with SIMD, CUDA where there is a device,
+ (b) the same equations in plain NumPy over many lanes, events at the step's end and bisected,
+ (c) one trajectory at a time with SciPy's solve_ivp, and with an exact propagator,
+ (d) diffrax, restarted at each event (installed, or in the interpreter that DIFFRAX_PYTHON names),
+then the seconds that two figures of the paper would take at the measured rate. Compilation stands apart.
+
+`ratio` is cycles a second over those of the kernel engine with rk4. `of peak` is the share of the machine's
+double-precision peak: attempts a second times the operations that an attempt takes in the kernel's own
+program (of rk4 for what is written by hand, which may do with fewer), a multiply-add counting as two and a select
+as one.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
 
-from .engines import measure
-from .rivals import measure_all
+from . import engines, peak
+from .rivals import general, written_by_hand
 from .rivals.starts import Row
 
 # Gait cycles that each figure takes: its starts, times the mean number of cycles until they settle.
-FIGURES = {
-    "quick_basins (300 starts)": 300 * 56,
-    "Fig. 4 (25^3 starts)": 25**3 * 55,
-    "Fig. 5 (3 x 99 x 99 starts)": 3 * 99 * 99 * 55,
-}
+FIGURES = {"Fig. 4, s": 25**3 * 55, "Fig. 5, s": 3 * 99 * 99 * 55}
+HEAD = ("", "attempts/s", "cycles/s", "ratio", "error p95", "of peak", *FIGURES)
+WIDTHS = (46, 10, 10, 8, 9, 7, *(9 for _ in FIGURES))
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    options.add_argument("--lanes", type=int, nargs="+", default=[256], help="lanes a device to measure")
-    options.add_argument("--dt", type=float, nargs="+", default=[4e-3, 2e-3], help="steps, s")
-    options.add_argument("--crossings", type=int, default=5, help="gait cycles a start")
-    options.add_argument("--alone", action="store_true", help="leave the rivals out")
+    options = argparse.ArgumentParser(
+        prog="python -m benchmarks.multilegged",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--engines", nargs="+", choices=["xla", "kernel"], default=["xla", "kernel"])
+    options.add_argument(
+        "--lanes", type=int, nargs="+", default=[None], help="on each device; by default, the engine's own"
+    )
+    options.add_argument("--crossings", type=int, default=20, help="gait cycles a row")
+    options.add_argument("--alone", action="store_true", help="leave all rivals out")
+    options.add_argument("--quick", action="store_true", help="leave out the slow rivals, (b) to (d)")
     chosen = options.parse_args()
-    show(None)
-    best: tuple[Row, float] | None = None
-    for lanes in chosen.lanes:
-        for dt in chosen.dt:
-            row, compile_s = measure(lanes, chosen.crossings, dt)
-            show(row)
-            if best is None or row["cycles_per_second"] > best[0]["cycles_per_second"]:
-                best = row, compile_s
-    assert best is not None
+
+    load = os.getloadavg()[0]
+    cpu = peak.of_cpu()
+    lines: list[tuple[Row, float]] = []
+    base = math.nan
+    gpu: peak.Peak | None = None
+    counts: dict[str, int] = {}
+    ours = engines.local_devices()
+    if ours[0].platform == "gpu" or not chosen.alone:
+        gpu = peak.of_gpu()
+    operations = {method: engines.operations(method) for method in engines.STEPS}
+
+    def add(row: Row, share: float) -> None:
+        print(f"measured: {row['name']}: {row['cycles_per_second']:.4g} cycles/s", file=sys.stderr)
+        lines.append((row, share))
+
+    for (engine, method), row in engines.measure_all(chosen.engines, chosen.lanes, chosen.crossings):
+        whole = gpu.per_second * len(ours) if gpu and ours[0].platform == "gpu" else cpu.per_second
+        add(row, row["steps_per_second"] * operations[method] / whole)
+        counts[method] = operations[method]
+        if (engine, method) == ("kernel", "rk4") and math.isnan(base):
+            base = row["cycles_per_second"]
     if not chosen.alone:
-        for row in measure_all():
-            show(row, best[0])
-    print(
-        f"\nA first run compiles for {best[1]:.1f} s; then, at {best[0]['cycles_per_second']:.0f} cycles/s:"
-    )
-    for figure, cycles in FIGURES.items():
-        print(f"  {figure:30s} {cycles / best[0]['cycles_per_second']:10.0f} s")
+        for platform, row in written_by_hand(chosen.crossings):
+            whole = gpu.per_second if gpu and platform == "gpu" else cpu.per_second
+            add(row, row["steps_per_second"] * operations["rk4"] / whole)
+        for row in () if chosen.quick else general():
+            add(row, math.nan)
+
+    print(f"Load average before the run {load:.2f}. Peaks in double precision, 1e9 operations a second:")
+    for machine in (cpu, gpu):
+        if machine is not None:
+            print(f"  {machine.per_second / 1e9:8.0f}  {machine.basis}")
+    print("Operations an attempt: " + ", ".join(f"{name} {count}" for name, count in counts.items()) + "\n")
+    print(laid_out(HEAD))
+    for row, share in lines:
+        print(laid_out(cells(row, share, base)))
+    print()
+    for row, _ in lines:
+        print(f"{row['name']}: {row['note']}.")
 
 
-def show(row: Row | None, best: Row | None = None) -> None:
-    """Print a line of the table; its head where there is no row."""
-    if row is None:
-        print(f"{'':46s} {'steps/s':>9s} {'cycles/s':>9s} {'ratio':>7s} {'error':>8s}")
-        return
-    ratio = best["cycles_per_second"] / row["cycles_per_second"] if best is not None else 1.0
-    numbers = [row["steps_per_second"], row["cycles_per_second"], ratio, row["error_rad"]]
-    cells = ["-" if math.isnan(value) else f"{value:.3g}" for value in numbers]
-    print(
-        f"{row['name']:46s} {cells[0]:>9s} {cells[1]:>9s} {cells[2]:>7s} {cells[3]:>8s}  {row['note']}",
-        flush=True,
-    )
+def cells(row: Row, share: float, base: float) -> tuple[str, ...]:
+    """A row's numbers as text."""
+    rate = row["cycles_per_second"]
+    values = [row["steps_per_second"], rate, rate / base, row["error_rad"]]
+    seconds = [cycles / rate for cycles in FIGURES.values()]
+    texts = [f"{value:.3g}" for value in values] + [f"{share:.1%}"] + [f"{value:.3g}" for value in seconds]
+    return row["name"], *("-" if text.startswith("nan") else text for text in texts)
+
+
+def laid_out(texts: tuple[str, ...]) -> str:
+    name, *numbers = texts
+    columns = [f"{text:>{width}s}" for text, width in zip(numbers, WIDTHS[1:], strict=True)]
+    return f"{name:{WIDTHS[0]}s} " + " ".join(columns)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,12 @@ import jax
 import numpy as np
 
 from gaitsweep.engine.crossings import Crossings
+from gaitsweep.engine.engines import looks_of
 from gaitsweep.engine.pool import Pool
 from gaitsweep.engine.record import CADENCE
 from gaitsweep.engine.settle import Settle
 from gaitsweep.engine.trace import Trace
 from gaitsweep.engine.work import Work
-from gaitsweep.engine.xla import LOOKS
 from gaitsweep.job import Job
 from gaitsweep.runner import prepare
 
@@ -86,7 +86,7 @@ def _measured_rate(work: Work) -> tuple[float, float]:
     pool.chunk()
     spent = time.perf_counter() - began
     slots = work.lanes * len(work.devices)
-    return slots * CADENCE * LOOKS / spent, compile_s
+    return slots * CADENCE * looks_of(work) / spent, compile_s
 
 
 def _row_needs(work: Work) -> tuple[float, float, float]:

@@ -24,13 +24,14 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.ramp import Path as RampPath
+from gaitsweep.engine.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.settle import Settle
 from gaitsweep.engine.sweep import Timings, sweep
 from gaitsweep.engine.trace import Trace
 from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
-from gaitsweep.engine.xla import default_lanes, local_devices
+from gaitsweep.engine.xla import local_devices
 from gaitsweep.expression import evaluate, functions_of
 from gaitsweep.frames import crossing_frame, settle_frame, trace_frame
 from gaitsweep.job import Job, Plan, plan
@@ -53,14 +54,21 @@ class Progress(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
-    """A job made ready: its rows, the engine's work, and the hash that its directory carries."""
+    """A job made ready: its rows, the engine's work, and the hash that its directory carries.
+
+    `note` says why the engine is another than the one preferred, if it is.
+    """
 
     job: Job
     plan: Plan
     work: Work
-    engine: str
+    note: str | None
     job_hash: str
     frame: Callable[[BlockResult], pd.DataFrame]
+
+    @property
+    def engine(self) -> str:
+        return self.work.engine
 
     @property
     def device(self) -> str:
@@ -80,9 +88,14 @@ def prepare(job: Job) -> Prepared:
         raise RunError(str(error)) from error
     rows = plan(job)
     numerics = Numerics(**job.numerics.model_dump())
-    lanes = job.engine.lanes or default_lanes(rows.n_rows, devices[0].platform)
-    lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     recorder, ramp = _recorder(job, rows)
+    drive = None if ramp is None else _drive(rows, *ramp)
+    try:
+        engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
+    except EngineError as error:
+        raise RunError(str(error)) from error
+    lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
+    lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     work = Work(
         model=rows.model,
         recorder=recorder,
@@ -92,11 +105,11 @@ def prepare(job: Job) -> Prepared:
         lanes=lanes,
         devices=devices,
         values=rows.values,
-        drive=None if ramp is None else _drive(rows, *ramp),
+        drive=drive,
+        engine=engine,
     )
-    engine = job.engine.resolved_name
     job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes)
-    return Prepared(job, rows, work, engine, job_hash, functools.partial(_frame, job, rows, ramp))
+    return Prepared(job, rows, work, note, job_hash, functools.partial(_frame, job, rows, ramp))
 
 
 def carry_out(
@@ -126,7 +139,10 @@ def carry_out(
     path = RESULTS / job.name if out is None else Path(out)
     ready = prepare(job)
     work = ready.work
-    with ResultDirectory.open(path, job.resolved(), ready.job_hash, work.n_rows, work.block) as directory:
+    if ready.note is not None and tell is not None:
+        tell(ready.note)
+    resolved = job.resolved(engine=ready.engine)
+    with ResultDirectory.open(path, resolved, ready.job_hash, work.n_rows, work.block) as directory:
         for note in directory.notes:
             if tell is not None:
                 tell(note)

@@ -43,6 +43,7 @@ def run_rows(
     devices: int = 1,
     block: int | None = None,
     drive: Any = None,
+    engine: str = "xla",
 ) -> BlockResult:
     """Run one row for each element of the starts; the results of all blocks as one."""
     n = max(np.size(v) for v in starts.values())
@@ -62,6 +63,7 @@ def run_rows(
         devices=jax.local_devices()[:devices],
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
         drive=drive,
+        engine=engine,
     )
     blocks: dict[int, BlockResult] = {}
     sweep(work, range(-(-n // work.block)), blocks.__setitem__)

@@ -13,6 +13,7 @@ pytest.importorskip("numba")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.rivals import c_simd, cuda_by_hand, numba_by_hand
+from benchmarks.rivals.by_hand import Found, Runner, Starts
 from benchmarks.rivals.starts import Parameters, errors, reference_crossings
 
 STARTS, CROSSINGS = 12, 3
@@ -21,20 +22,20 @@ ATTEMPTS = (4000, 4300)
 
 
 @pytest.fixture(scope="module")
-def by_numba() -> c_simd.Found:
+def by_numba() -> Found:
     return found(numba_by_hand.run)
 
 
 @pytest.fixture(scope="module")
-def by_c() -> c_simd.Found:
+def by_c() -> Found:
     if c_simd.compiler() is None:
         pytest.skip("no C compiler")
     return found(c_simd.run)
 
 
-def found(run: c_simd.Runner) -> c_simd.Found:
+def found(run: Runner) -> Found:
     true = reference_crossings()[:STARTS]
-    return run(c_simd.Starts.of(Parameters(), true[:, 0]), CROSSINGS, 4e-3)
+    return run(Starts.of(Parameters(), true[:, 0]), CROSSINGS, 4e-3)
 
 
 @pytest.mark.parametrize("rival", ["by_numba", "by_c"])
@@ -48,17 +49,17 @@ def test_crossings_agree_with_solve_ivp(rival: str, request: pytest.FixtureReque
     assert np.all((result.attempts > ATTEMPTS[0] * CROSSINGS) & (result.attempts < ATTEMPTS[1] * CROSSINGS))
 
 
-def test_both_make_the_same_attempts(by_numba: c_simd.Found, by_c: c_simd.Found) -> None:
+def test_both_make_the_same_attempts(by_numba: Found, by_c: Found) -> None:
     """One algorithm, twice: rounding may cost an attempt here and there, one in a thousand at most."""
     assert np.all(np.abs(by_numba.attempts / by_c.attempts - 1.0) < 1e-3)
 
 
-def test_more_starts_than_lanes(by_c: c_simd.Found) -> None:
+def test_more_starts_than_lanes(by_c: Found) -> None:
     """A start's result does not depend on the lane that runs it, nor on its neighbours there."""
     true = reference_crossings()[:STARTS]
-    starts = c_simd.Starts.of(Parameters(), true[:, 0])
+    starts = Starts.of(Parameters(), true[:, 0])
     order = np.arange(5 * STARTS)[::-1] % STARTS
-    result = c_simd.run(c_simd.Starts(starts.z[order], starts.modes[order]), CROSSINGS, 4e-3)
+    result = c_simd.run(Starts(starts.z[order], starts.modes[order]), CROSSINGS, 4e-3)
     np.testing.assert_array_equal(result.crossings, by_c.crossings[order])
     np.testing.assert_array_equal(result.attempts, by_c.attempts[order])
 

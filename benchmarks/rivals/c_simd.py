@@ -1,56 +1,16 @@
-"""Rival: C by hand, eight trajectories to a vector register, threads over the starts (multilegged_simd.c).
-
-Compiled on the spot. What the hand-written rivals have in common is here too: packed starts, the best of
-three timings, the row. A rival is a function that runs all the starts once and gives what it `Found`.
-"""
+"""Rival: C by hand, eight trajectories to a vector register, threads over the starts (multilegged_simd.c)."""
 
 from __future__ import annotations
 
 import ctypes
-import os
-import platform
-import shutil
-import subprocess
-import tempfile
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
+from .by_hand import PATIENCE, Found, Starts, Table, missing, timed
+from .c_library import compiler, library
+from .starts import Parameters, Row
 
-from .starts import Array, Parameters, Row, errors, reference_crossings, stacked, states
-
-LEGS, SEGMENTS = 4, 3
-# Leg 1 starts pressed in by a picometre, so that rounding does not decide whether it touches.
-TOUCH = 1e-12
-EVENT_TOLERANCE = 1e-12  # s
-# Attempts a crossing after which a trajectory is given up (about 4 200 are made with steps of 4 ms).
-PATIENCE = 50_000
-FLAGS = ["-O3", "-march=native", "-ffp-contract=fast", "-fno-trapping-math", "-fno-math-errno"]
+NAME = "C by hand, omp simd over 8 lanes"
 SOURCE = Path(__file__).with_name("multilegged_simd.c")
-
-
-class Table(ctypes.Structure):
-    """Table 1; of each segment its end and length (rad), the leg's slope (m/rad) and its end's height (m)."""
-
-    _fields_ = (
-        *((name, ctypes.c_double) for name in ("kappa", "sigma", "K", "D", "omega", "rate", "g")),
-        ("dt", ctypes.c_double),
-        ("tolerance", ctypes.c_double),
-        ("inverse_mass", ctypes.c_double * LEGS),
-        *((name, ctypes.c_double * SEGMENTS) for name in ("ends", "extents", "slopes", "feet")),
-    )
-
-    @classmethod
-    def of(cls, p: Parameters, dt: float) -> Table:
-        ends = p.corners
-        springs = (p.kappa, p.spring_damper, p.K, p.ground_damper)
-        rest = (p.omega, 1.0 / p.tau, p.g, dt, EVENT_TOLERANCE)
-        segments = (ends, np.diff(ends, prepend=0.0), p.slopes, p.slopes * (ends - p.origins))
-        return cls(*springs, *rest, tuple(1.0 / p.mass), *(tuple(row) for row in segments))
 
 
 class Sweep(ctypes.Structure):
@@ -62,115 +22,24 @@ class Sweep(ctypes.Structure):
     )
 
 
-@dataclass(frozen=True)
-class Starts:
-    """`z` (rows, 16): x - L, v, q, y of each leg; `modes` (rows, 8): contact and segment of each leg.
-
-    q is the phase from the end of the leg's segment (rad, negative until that ends).
-    """
-
-    z: Array
-    modes: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, p: Parameters, psi: Array) -> Starts:
-        begin = states(p, psi)
-        z = np.concatenate([stacked(begin, name) for name in ("x", "v", "phi", "y")], axis=1)
-        z[:, 0] -= TOUCH
-        contact, segment = (stacked(begin, name).astype(np.int32) for name in ("contact", "segment"))
-        z[:, 2 * LEGS : 3 * LEGS] -= p.corners[segment]
-        return cls(z, np.concatenate([contact, segment], axis=1))
-
-
-@dataclass(frozen=True)
-class Found:
-    """`crossings` (rows, crossings, 4): t (s) and psi (rad), NaN where none came; `attempts` (rows,)."""
-
-    crossings: Array
-    attempts: NDArray[np.int64]
-
-    @classmethod
-    def empty(cls, rows: int, crossings: int) -> Found:
-        return cls(np.full((rows, crossings, LEGS), np.nan), np.zeros(rows, np.int64))
-
-
-Runner = Callable[[Starts, int, float], Found]
-
-
-def missing(name: str, note: str) -> Row:
-    nan = float("nan")
-    return {"name": name, "steps_per_second": nan, "cycles_per_second": nan, "error_rad": nan, "note": note}
-
-
-def timed(name: str, run: Runner, lanes: int, crossings: int, dt: float, note: str, repeats: int = 3) -> Row:
-    """The best of `repeats` timings after a warm-up; the error is the 95 % quantile over the starts."""
-    true = reference_crossings()
-    chosen = np.arange(lanes) % len(true)
-    base = Starts.of(Parameters(), true[:, 0])
-    starts = Starts(base.z[chosen], base.modes[chosen])
-    run(starts, crossings, dt)
-    seconds, found = np.inf, None
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        found = run(starts, crossings, dt)
-        seconds = min(seconds, time.perf_counter() - begun)
-    assert found is not None
-    error = errors(found.crossings[:, :, 1:], true[chosen, 1 : crossings + 1])
-    attempts = int(found.attempts.sum())
-    return {
-        "name": name,
-        "steps_per_second": attempts / seconds,
-        "cycles_per_second": lanes * crossings / seconds,
-        "error_rad": float(np.quantile(error, 0.95)),
-        "note": f"{lanes} starts, dt {dt} s; median error {np.median(error):.1e} rad, "
-        f"{attempts / lanes / crossings:.0f} attempts a cycle{note}",
-    }
-
-
-def compiler() -> str | None:
-    """The C compiler that CC names, or `cc`; None where there is none."""
-    return shutil.which(os.environ.get("CC", "cc"))
-
-
-@lru_cache(maxsize=1)
-def library() -> tuple[ctypes.CDLL, float]:
-    """The compiled rival, and the seconds that the compiler took.
-
-    Raises:
-        RuntimeError: the compiler failed; the last line of what it said.
-    """
-    flags = [*FLAGS, "-fopenmp", "-fopenmp-simd", "-shared", "-fPIC"]
-    if platform.machine() == "x86_64":
-        flags.append("-mprefer-vector-width=512")  # gcc would rather use half a register on most machines
-    begun = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "multilegged_simd.so"
-        command = [compiler() or "cc", *flags, str(SOURCE), "-o", str(target), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
-        return ctypes.CDLL(str(target)), time.perf_counter() - begun
-
-
 def run(starts: Starts, crossings: int, dt: float = 4e-3) -> Found:
     """All starts on all cores (OMP_NUM_THREADS: on so many)."""
     rows = len(starts.z)
     found = Found.empty(rows, crossings)
     arrays = (starts.z, starts.modes, found.crossings, found.attempts)
     task = Sweep(rows, crossings, PATIENCE * crossings, 0, *(array.ctypes.data for array in arrays))
-    library()[0].run(ctypes.byref(Table.of(Parameters(), dt)), ctypes.byref(task))
+    library(SOURCE)[0].run(ctypes.byref(Table.of(Parameters(), dt)), ctypes.byref(task))
     return found
 
 
 def measure(lanes: int = 1024, crossings: int = 5, dt: float = 4e-3) -> Row:
-    name = "C by hand, omp simd over 8 lanes"
     if compiler() is None:
-        return missing(name, "not measured: no compiler")
+        return missing(NAME, "not measured: no compiler")
     try:
-        _, compilation = library()
+        _, compilation = library(SOURCE)
     except (RuntimeError, OSError) as error:
-        return missing(name, f"not measured: the compiler failed: {error}")
-    return timed(name, run, lanes, crossings, dt, f", compiled in {compilation:.1f} s")
+        return missing(NAME, f"not measured: the compiler failed: {error}")
+    return timed(NAME, run, lanes, crossings, dt, f", compiled in {compilation:.1f} s")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .c_simd import LEGS, PATIENCE, Found, Starts, Table, missing, timed
+from .by_hand import LEGS, PATIENCE, Found, Starts, Table, missing, timed
 from .starts import Array, Parameters, Row, reference_crossings
 
 NAME = "CUDA C++ by hand, a thread a trajectory"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from .c_simd import EVENT_TOLERANCE, LEGS, PATIENCE, Found, Starts, timed
+from .by_hand import EVENT_TOLERANCE, LEGS, PATIENCE, Found, Starts, timed
 from .starts import Array, Parameters, Row
 
 Four = tuple[float, float, float, float]

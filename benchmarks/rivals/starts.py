@@ -21,7 +21,11 @@ Array = NDArray[np.float64]
 
 
 class Row(TypedDict):
-    """A rival's result; `error_rad` is the largest error of psi; NaN where nothing could be measured."""
+    """What a rival, or an engine, gives; NaN where nothing could be measured.
+
+    `steps_per_second` are attempts of all trajectories together; `error_rad` is the 95 % quantile, over the
+    starts, of the largest error of psi at any crossing (rad).
+    """
 
     name: str
     steps_per_second: float
@@ -49,6 +53,7 @@ def stacked(states: Sequence[State], name: str) -> Array:
 
 
 def errors(found: Array, true: Array) -> Array:
-    """Largest wrapped distance (rad) of each start, both (starts, crossings, N)."""
-    gap = np.abs(found - true) % (2.0 * np.pi)
+    """Largest wrapped distance (rad) of each start, both (starts, crossings, N), over what both have."""
+    crossings = min(found.shape[1], true.shape[1])
+    gap = np.abs(found[:, :crossings] - true[:, :crossings]) % (2.0 * np.pi)
     return np.minimum(gap, 2.0 * np.pi - gap).max(axis=(1, 2))

@@ -57,7 +57,7 @@ def run(
     ] = None,
     engine: Annotated[
         str | None,
-        typer.Option("--engine", metavar="NAME", help="auto or xla; the job's by default."),
+        typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; the job's by default."),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what the job would need, and run nothing.")

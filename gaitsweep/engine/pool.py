@@ -11,8 +11,8 @@ import numpy as np
 from gaitsweep.contract import Status
 from gaitsweep.engine.block import Block
 from gaitsweep.engine.lane import Given
+from gaitsweep.engine.engines import lanes_on, looks_of
 from gaitsweep.engine.work import Progress, Work
-from gaitsweep.engine.xla import LOOKS, Lanes
 
 
 class Pool:
@@ -20,10 +20,7 @@ class Pool:
 
     def __init__(self, work: Work, blocks: Sequence[int]) -> None:
         self.work = work
-        self.groups = [
-            Lanes(work.model, work.recorder, work.numerics, size=work.lanes, device=device, drive=work.drive)
-            for device in work.devices
-        ]
+        self.groups = [lanes_on(device, work) for device in work.devices]
         size = work.lanes * len(self.groups)
         self.open: dict[int, Block] = {}
         self.block_of = np.full(size, -1)
@@ -45,8 +42,9 @@ class Pool:
             self.open[number] = Block(self.work, number)
             yield from ((number, row) for row in range(self.open[number].rows))
 
-    def chunk(self, looks: int = LOOKS) -> Given:
+    def chunk(self, looks: int | None = None) -> Given:
         """Advance the lanes of all devices at once."""
+        looks = looks_of(self.work) if looks is None else looks
         if len(self.groups) == 1:
             return self.groups[0].run_chunk(looks)
         # a thread for each device: JAX lets go of Python while a program is compiled or runs

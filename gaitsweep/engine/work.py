@@ -16,7 +16,7 @@ class Work:
     """What is to be run: all rows, and how.
 
     `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;
-    `drive` the parameters at a time from a row's raw values, for ramps.
+    `drive` the parameters at a time from a row's raw values, for ramps; `engine` is xla or kernel.
     """
 
     model: Model
@@ -28,6 +28,7 @@ class Work:
     devices: list[Device]
     values: Callable[[int, int], tuple[Values, Values]]
     drive: Callable[..., Params] | None = None
+    engine: str = "xla"
 
 
 @dataclasses.dataclass(frozen=True)

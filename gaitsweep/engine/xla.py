@@ -59,11 +59,11 @@ def default_lanes(n_rows: int, platform: str) -> int:
     that devices end together. On a GPU an attempt costs about the same for one lane and for 16 384.
     """
     if platform == "cpu":
-        return int(min(256, max(8, _power_of_two(n_rows / 4))))
-    return int(min(131072, max(256, _power_of_two(n_rows))))
+        return int(min(256, max(8, power_of_two(n_rows / 4))))
+    return int(min(131072, max(256, power_of_two(n_rows))))
 
 
-def _power_of_two(least: float) -> int:
+def power_of_two(least: float) -> int:
     return 2 ** math.ceil(math.log2(max(least, 1.0)))
 
 

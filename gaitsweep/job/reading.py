@@ -182,7 +182,7 @@ def read_rest(reading: Reading, handler: Callable[[Any], Any], owners: dict[str,
     return job
 
 
-def finish(reading: Reading, run: Any, numerics: Numerics, engine: str, figures: list[Any]) -> Plan:
+def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -> Plan:
     """The plan of a job whose parts are all well formed, checked as a whole.
 
     Raises:
@@ -209,9 +209,6 @@ def finish(reading: Reading, run: Any, numerics: Numerics, engine: str, figures:
     unfit = refusal(numerics.method, subject.model, numerics.precision)
     if unfit is not None:
         complaints.append(Complaint(("numerics", "method"), unfit))
-    if engine == "kernel":
-        text = "is kernel, which is not built yet. Allowed: auto, xla."
-        complaints.append(Complaint(("engine", "name"), text))
     columns = table_columns(subject.model, plan.names, run)
     for group in plan.groups:
         for name, path in group.paths.items():

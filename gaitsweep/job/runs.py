@@ -87,15 +87,10 @@ class EngineChoice(Part):
     """On what the rows run."""
 
     name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
-        default="auto", description="auto: the best that is built; xla: JAX on CPU or GPU"
+        default="auto", description="kernel: compiled scalar kernels, the fastest; xla: JAX's own compiler; auto: kernel where it can"
     )
     lanes: LaneCount | None = Field(
         default=None, description="trajectories advanced at once; chosen for the device if not given"
     )
     block: Count = Field(default=1024, description="rows of one part of the table")
     devices: Count | None = Field(default=None, description="devices to use; all if not given")
-
-    @property
-    def resolved_name(self) -> str:
-        """The engine that runs: auto is xla until another is built."""
-        return "xla" if self.name == "auto" else self.name

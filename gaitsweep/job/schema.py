@@ -78,7 +78,7 @@ class Job(Part):
             return data
         reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
         job = read_rest(reading, handler, _OWNERS)
-        job._plan = finish(reading, job.run, job.numerics, job.engine.name, job.figures)
+        job._plan = finish(reading, job.run, job.numerics, job.figures)
         return job
 
     @property
@@ -86,8 +86,10 @@ class Job(Part):
         """The job's rows."""
         return self._plan
 
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """The job as plain values with everything filled in, the model's defaults and the config too.
+
+        `engine` is the one that runs, where the job leaves the choice open.
 
         Loading it again gives the same job. Formulas stay formulas, since they may follow what varies; a
         start that the model decides itself, and the parameter of a ramp, are left out.
@@ -102,7 +104,7 @@ class Job(Part):
         parameters = {quantity.name for quantity in self._plan.model.parameters}
         dumped["params"] = {name: setting for name, setting in settings.items() if name in parameters}
         dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
-        dumped["engine"]["name"] = self.engine.resolved_name
+        dumped["engine"]["name"] = engine or self.engine.name
         return {name: dumped[name] for name in type(self).model_fields if name in dumped}
 
     def hash(self, *, device: str = "cpu", engine: str | None = None, lanes: int | None = None) -> str:
@@ -112,7 +114,7 @@ class Job(Part):
 
         Args:
             device: class of the device that computes, such as "cpu" or "gpu".
-            engine: the engine that runs, where the caller chose another than the job's resolved one.
+            engine: the engine that runs, where the job leaves the choice open.
             lanes: the lanes that the engine chose, where the job leaves them open.
         """
         resolved = self.resolved()
@@ -121,7 +123,7 @@ class Job(Part):
         }
         deciding["vary"] = _in_order(resolved["vary"])
         deciding["engine"] = {
-            "name": engine if engine is not None else self.engine.resolved_name,
+            "name": engine if engine is not None else self.engine.name,
             "lanes": lanes if lanes is not None else self.engine.lanes,
             "block": self.engine.block,
             "device": device,

@@ -55,9 +55,6 @@ class Chunk:
     def width(self) -> int:
         return len(self.row)
 
-    def slot(self, leaf: Leaf) -> int:
-        return leaf.first
-
 
 def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     """The program of one trajectory's chunk.

@@ -72,7 +72,7 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     rows: list[list[Nodes]] = []
     order = range(length - 1, -1, -1) if p["reverse"] else range(length)
     for i in order:
-        given = tracer.read(p["jaxpr"], [*consts, *carry, *(column[i] for column in columns)])
+        given = tracer.read(p["jaxpr"], [*consts, *carry, *(np.asarray(column[i]) for column in columns)])
         carry = given[:n_carry]
         rows.append(given[n_carry:])
     if p["reverse"]:

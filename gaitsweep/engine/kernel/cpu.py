@@ -7,9 +7,18 @@ be kept, stands in a plain loop of its own. Cores run tiles of their own, in thr
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import statements, used_inputs
 from gaitsweep.engine.record import CADENCE
+
+# Lanes of a tile: two vectors of 8, so that one works while the other waits for its results.
+TILE = 16
 
 _PREAMBLE = '''"""Written by gaitsweep: {title}."""
 import math
@@ -27,16 +36,34 @@ compiled = njit(
 '''
 
 
+def compiled(chunk: Chunk, title: str) -> Callable[[Any, Any, int], None]:
+    """The function `run` of `source`, compiled here or fetched from the folder of kernels."""
+    _prefer_wide_vectors()
+    return module_of(source(chunk, TILE, title)).run
+
+
+def _prefer_wide_vectors() -> None:
+    """Ask LLVM for the widest vectors that the processor has, unless the user has chosen features.
+
+    LLVM avoids the widest ones by default, for fear of a lower clock; these kernels gain by them.
+    """
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"
+    if "numba" not in sys.modules:
+        os.environ.setdefault("NUMBA_CPU_NAME", llvm.get_host_cpu_name())
+        os.environ.setdefault("NUMBA_CPU_FEATURES", features)
+
+
 def source(chunk: Chunk, lanes: int, title: str) -> str:
     """The module that runs a chunk on a CPU; its `run(S, kept, looks)` advances all tiles.
 
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) gets the rows that are kept.
     """
-    program = chunk.program
     steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
     row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
     look = {**chunk.look, **row, chunk.n_slots: chunk.keep}
-    halt, status = chunk.carry.halt.first, chunk.record.status.first
+    status = chunk.record.status.first
     parts = [
         _PREAMBLE.format(title=title),
         _stage("prepare", chunk, {slot: at for slot, at in chunk.steady.items()}, {}, lanes),
@@ -55,11 +82,9 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
             lanes=lanes,
             cadence=CADENCE,
             status=status * lanes,
-            halt=halt * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
     ]
-    del program
     return "\n\n".join(part for part in parts if part)
 
 

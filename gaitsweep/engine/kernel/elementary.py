@@ -73,24 +73,58 @@ def _extreme(program: Program, a: int, b: int, truth: str, wins: Callable[[int, 
         return program.apply(truth, a, b)
     if program.value(a) is not None:
         a, b = b, a
-    if program.value(b) is not None:  # no NaN there, so one comparison does
-        return program.apply("select", wins(b, a), b, a)
+    known = program.value(b)
+    if known is not None:
+        # NaN is known to win; any other number is no NaN, so one comparison does
+        return b if math.isnan(known) else program.apply("select", wins(b, a), b, a)
     first = wins(a, b)
     if kind != "int":
         first = program.apply("or", first, program.apply("ne", a, a))
     return program.apply("select", first, a, b)
 
 
+def _nan(program: Program, x: int) -> int:
+    """Whether a number is NaN, which whole numbers and flags never are."""
+    if program.nodes[x].kind in ("int", "bool"):
+        return program.constant(False, "bool")
+    return program.apply("ne", x, x)
+
+
+def before(program: Program, a: int, b: int) -> int:
+    """a < b in the order of sorting, in which NaN comes last."""
+    later = program.apply("and", program.apply("not", _nan(program, a)), _nan(program, b))
+    return program.apply("or", program.apply("lt", a, b), later)
+
+
+def alike(program: Program, a: int, b: int) -> int:
+    """a = b in the order of sorting, in which all NaN are one."""
+    both = program.apply("and", _nan(program, a), _nan(program, b))
+    return program.apply("or", program.apply("eq", a, b), both)
+
+
+def not_after(program: Program, a: int, b: int) -> int:
+    """a <= b in the order of sorting."""
+    return program.apply("not", before(program, b, a))
+
+
+def outdone(program: Program, best: int, new: int, order: str) -> int:
+    """Whether the best number so far is less ("lt") or greater ("gt") than a new one; NaN outdoes all."""
+    better = program.apply("lt", best, new) if order == "lt" else program.apply("lt", new, best)
+    unmatched = program.apply("and", program.apply("not", _nan(program, best)), _nan(program, new))
+    return program.apply("or", better, unmatched)
+
+
 def quotient(program: Program, a: int, b: int) -> int:
     """a / b; whole numbers are cut towards zero."""
     if program.nodes[a].kind == "int":
-        return truncated(program, program.write("div", a, b))
+        return truncated(program, program.apply("div", a, b))
     return program.apply("div", a, b)
 
 
 def remainder(program: Program, a: int, b: int) -> int:
-    """What is left of a, with its sign, after whole multiples of b."""
-    whole = truncated(program, program.write("div", a, b))
+    """What is left of a, with its sign, after whole multiples of b, to the rounding of a."""
+    known = program.evaluated("div", (a, b))
+    whole = truncated(program, program.write("div", a, b) if known is None else known)
     return program.apply("sub", a, program.apply("mul", b, whole))
 
 
@@ -110,12 +144,17 @@ def ceiling(program: Program, x: int) -> int:
 def rounded(program: Program, x: int, method: object) -> int:
     """To the nearest whole number; halves away from zero, or to even ones (JAX's two methods)."""
     w = _Writer(program, x)
+    # the fraction is exact, where x + 0.5 is not: 0.5 less a bit would become 1, and large odd numbers even
     if "EVEN" not in str(method) and str(method) != "1":
-        return program.apply("mul", sign(program, x), w("floor", w("add", w("abs", x), 0.5)))
-    near = w("floor", w("add", x, 0.5))
-    half = w("eq", w("sub", near, x), 0.5)
-    odd = w("ne", w("mul", w("floor", w("mul", near, 0.5)), 2.0), near)
-    return w("select", w("and", half, odd), w("sub", near, 1.0), near)
+        size = w("abs", x)
+        down = w("floor", size)
+        up = w("le", 0.5, w("sub", size, down))
+        return program.apply("mul", sign(program, x), w("select", up, w("add", down, 1.0), down))
+    down = w("floor", x)
+    fraction = w("sub", x, down)
+    odd = w("ne", w("mul", w("floor", w("mul", down, 0.5)), 2.0), down)
+    up = w("or", w("lt", 0.5, fraction), w("and", w("eq", fraction, 0.5), odd))
+    return w("select", up, w("add", down, 1.0), down)
 
 
 def sign(program: Program, x: int) -> int:
@@ -192,9 +231,11 @@ def cube_root(program: Program, x: int) -> int:
     w = _Writer(program, x)
     size = w("abs", x)
     near = w("pow", size, w.number(1.0 / 3.0))
-    square = w("mul", near, near)
-    better = w("sub", near, w("div", w("sub", w("mul", square, near), size), w("mul", square, 3.0)))
-    root = w("select", w("lt", 0.0, size), better, x)
+    # Newton's step, without the cube of `near`: of the least numbers it has but a few digits
+    excess = w("sub", near, w("div", size, w("mul", near, near)))
+    better = w("sub", near, w("mul", excess, 1.0 / 3.0))
+    # nothing to better at 0 and infinity
+    root = w("select", w("and", w("lt", 0.0, size), w("lt", size, math.inf)), better, size)
     return w("select", w("lt", x, 0.0), w("neg", root), root)
 
 
@@ -299,17 +340,23 @@ def hyperbolic_tangent(program: Program, x: int) -> int:
     return w("select", w("lt", x, 0.0), w("neg", value), w("select", w("ne", x, x), x, value))
 
 
+def _half_exponential(w: _Writer, size: int) -> int:
+    """exp(size) / 2, also where exp(size) itself would be infinite."""
+    root = exponential(w.program, w("mul", size, 0.5))
+    return w("mul", w("mul", root, 0.5), root)
+
+
 def hyperbolic_cosine(program: Program, x: int) -> int:
     w = _Writer(program, x)
-    e = exponential(program, w("abs", x))
-    return w("mul", w("add", e, w("div", 1.0, e)), 0.5)
+    half = _half_exponential(w, w("abs", x))
+    return w("add", half, w("div", 0.25, half))
 
 
 def hyperbolic_sine(program: Program, x: int) -> int:
     w = _Writer(program, x)
     size = w("abs", x)
-    e = exponential(program, size)
-    far = w("mul", w("sub", e, w("div", 1.0, e)), 0.5)
+    half = _half_exponential(w, size)
+    far = w("sub", half, w("div", 0.25, half))
     z = w("mul", x, x)
     terms = [1.0 / math.factorial(2 * k + 1) for k in range(5 if w.single else 9)]
     near = w("mul", size, w.polynomial(z, terms))

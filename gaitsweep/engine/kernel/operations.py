@@ -33,8 +33,9 @@ _MATH = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "arcsinh": "asinh
          "arctanh": "atanh"}  # fmt: skip
 
 
-def _erf(x: Any) -> Any:
-    return type(x)(math.erf(x))
+def _of_math(name: str) -> Operation:
+    """The same for what NumPy does not have."""
+    return Operation("same", lambda x: type(x)(getattr(math, name)(x)), f"math.{name}({{0}})")
 
 
 OPERATIONS: dict[str, Operation] = {
@@ -69,5 +70,6 @@ OPERATIONS: dict[str, Operation] = {
     "atanh": _call("arctanh"),
     "atan2": Operation("same", np.arctan2, "math.atan2({0}, {1})"),
     "pow": Operation("same", np.power, "{0} ** {1}"),
-    "erf": Operation("same", _erf, "math.erf({0})"),
+    "erf": _of_math("erf"),
+    "erfc": _of_math("erfc"),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -15,9 +16,9 @@ Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
 
 def rule_for(name: str) -> Rule:
     """The rule of a primitive; raises a refusal that names it where there is none."""
-    from gaitsweep.engine.kernel import arrays, control
+    from gaitsweep.engine.kernel import arrays, control, places
 
-    for room in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, control.RULES):
+    for room in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, places.RULES, control.RULES):
         if name in room:
             return room[name]
     raise refuse(f"the scalar kernel does not know JAX's operation '{name}'")
@@ -44,6 +45,13 @@ def _same(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return list(args)
 
 
+def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    info = np.finfo(equation.invars[0].aval.dtype)
+    if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (info.iexp, info.nmant):
+        raise refuse("the scalar kernel rounds to float32 and float64 only")
+    return list(args)
+
+
 def _clamp(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     low, x, high = args
     program = tracer.program
@@ -67,13 +75,19 @@ def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [tracer.each(choose, which, *cases)]
 
 
-def _reduction(build: Callable[..., int]) -> Rule:
+def _reduction(build: Callable[..., int], neutral: float | None = None) -> Rule:
+    """Elements put together along axes; `neutral` is what none at all give."""
+
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (array,), axes = args, equation.params["axes"]
         kept = [i for i in range(array.ndim) if i not in axes]
-        flat = np.transpose(array, [*kept, *axes]).reshape([array.shape[i] for i in kept] + [-1])
+        shape = [array.shape[i] for i in kept]
+        flat = np.transpose(array, [*kept, *axes]).reshape(*shape, math.prod(array.shape[i] for i in axes))
         if flat.shape[-1] == 0:
-            raise refuse("the scalar kernel cannot reduce an array without elements")
+            if neutral is None:
+                raise refuse("the scalar kernel finds no extreme among no elements")
+            kind = kind_of(equation.outvars[0].aval.dtype)
+            return [np.full(shape, tracer.program.constant(neutral, kind), np.int64)]
         total = flat[..., 0]
         for i in range(1, flat.shape[-1]):
             total = tracer.each(lambda a, b: build(tracer.program, a, b), total, flat[..., i])
@@ -93,8 +107,8 @@ def _arg_reduction(better: str) -> Rule:
         place = np.full(best.shape, program.constant(0, "int"), np.int64)
         for i in range(1, moved.shape[-1]):
             new = moved[..., i]
-            order = (best, new) if better == "max" else (new, best)
-            wins = tracer.each(lambda a, b: program.apply("lt", a, b), *order)
+            order = "lt" if better == "max" else "gt"
+            wins = tracer.each(lambda a, b, order=order: elementary.outdone(program, a, b, order), best, new)
             here = np.full(best.shape, program.constant(i, "int"), np.int64)
             place = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, here, place)
             best = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, new, best)
@@ -108,10 +122,10 @@ def _cumulative(build: Callable[..., int]) -> Rule:
         moved = np.moveaxis(args[0], equation.params["axis"], 0)
         if equation.params["reverse"]:
             moved = moved[::-1]
-        rows = [moved[0]]
+        rows = list(moved[:1])
         for row in moved[1:]:
             rows.append(tracer.each(lambda a, b: build(tracer.program, a, b), rows[-1], row))
-        result = np.stack(rows)
+        result = np.array(rows, np.int64).reshape(moved.shape)
         if equation.params["reverse"]:
             result = result[::-1]
         return [np.moveaxis(result, 0, equation.params["axis"])]
@@ -126,11 +140,14 @@ def _op(name: str) -> Callable[..., int]:
 _ELEMENTWISE: dict[str, Rule] = {
     **{name: _elementwise(_op(name)) for name in (
         "add", "sub", "mul", "neg", "abs", "floor", "sqrt", "lt", "le", "eq", "ne",
-        "log", "log1p", "expm1", "asin", "acos", "atan", "asinh", "acosh", "atanh", "atan2", "erf",
+        "log", "log1p", "expm1", "asin", "acos", "atan", "asinh", "acosh", "atanh", "atan2", "erf", "erfc",
     )},
     "add_any": _elementwise(_op("add")),
     "gt": _elementwise(lambda program, a, b: program.apply("lt", b, a)),
     "ge": _elementwise(lambda program, a, b: program.apply("le", b, a)),
+    "lt_to": _elementwise(elementary.before),
+    "eq_to": _elementwise(elementary.alike),
+    "le_to": _elementwise(elementary.not_after),
     "div": _elementwise(elementary.quotient),
     "rem": _elementwise(elementary.remainder),
     "max": _elementwise(elementary.maximum),
@@ -163,21 +180,21 @@ _ELEMENTWISE: dict[str, Rule] = {
     "clamp": _clamp,
     "select_n": _select_n,
     "copy": _same,
-    "copy_p": _same,
+    "name": _same,
     "device_put": _same,
     "optimization_barrier": _same,
     "stop_gradient": _same,
-    "reduce_precision": _same,
+    "reduce_precision": _reduce_precision,
 }  # fmt: skip
 
 _REDUCTIONS: dict[str, Rule] = {
-    "reduce_sum": _reduction(_op("add")),
-    "reduce_prod": _reduction(_op("mul")),
+    "reduce_sum": _reduction(_op("add"), 0.0),
+    "reduce_prod": _reduction(_op("mul"), 1.0),
     "reduce_max": _reduction(elementary.maximum),
     "reduce_min": _reduction(elementary.minimum),
-    "reduce_and": _reduction(elementary.logical("and")),
-    "reduce_or": _reduction(elementary.logical("or")),
-    "reduce_xor": _reduction(elementary.exclusive_or),
+    "reduce_and": _reduction(elementary.logical("and"), True),
+    "reduce_or": _reduction(elementary.logical("or"), False),
+    "reduce_xor": _reduction(elementary.exclusive_or, False),
     "argmax": _arg_reduction("max"),
     "argmin": _arg_reduction("min"),
     "cumsum": _cumulative(_op("add")),

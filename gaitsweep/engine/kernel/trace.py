@@ -23,6 +23,10 @@ class UnsupportedError(Exception):
     """A model computes with what the scalar kernel cannot express; the message names it and where."""
 
 
+class _Refusal(UnsupportedError):
+    """A rule cannot read an equation, of which it does not know the place; raised by `refuse`."""
+
+
 @dataclasses.dataclass
 class Traced:
     """A function as a scalar program: `inputs` and `outputs` are flat lists of nodes."""
@@ -58,7 +62,8 @@ class Tracer:
                 given = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
             except _Refusal as refusal:
                 raise UnsupportedError(f"{refusal}{_place(equation)}") from refusal
-            known.update(zip(equation.outvars, given, strict=True))
+            # a row of a list of nodes is one of NumPy's scalars, no array
+            known.update(zip(equation.outvars, map(np.asarray, given), strict=True))
         return [get(atom) for atom in jaxpr.outvars]
 
     def constants(self, values: np.ndarray) -> Nodes:
@@ -78,26 +83,23 @@ class Tracer:
         return None if any(v is None for v in values) else np.array(values).reshape(nodes.shape)
 
 
-class _Refusal(Exception):
-    """A rule cannot read an equation; raised by `refuse`."""
-
-
-def refuse(reason: str) -> _Refusal:
+def refuse(reason: str) -> UnsupportedError:
+    """The error to raise where a rule cannot read its equation; whoever reads on adds the place."""
     return _Refusal(reason)
 
 
 def kind_of(dtype: Any) -> Kind:
     """How scalars of an array's type are carried."""
-    dtype = np.dtype(dtype)
-    if dtype == np.bool_:
-        return "bool"
-    if dtype.kind in "iu":
-        return "int"
-    if dtype == np.float32:
-        return "f32"
-    if dtype == np.float64:
-        return "f64"
-    raise UnsupportedError(f"numbers of type {dtype} cannot run in the scalar kernel")
+    if not jax.dtypes.issubdtype(dtype, jax.dtypes.extended):  # such as keys of random numbers
+        if np.dtype(dtype) == np.bool_:
+            return "bool"
+        if np.dtype(dtype).kind in "iu":
+            return "int"
+        if np.dtype(dtype) == np.float32:
+            return "f32"
+        if np.dtype(dtype) == np.float64:
+            return "f64"
+    raise refuse(f"numbers of type {dtype} cannot run in the scalar kernel")
 
 
 def leaves_of(tree: Any) -> list[tuple[tuple[int, ...], Kind]]:

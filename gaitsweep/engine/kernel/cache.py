@@ -1,0 +1,58 @@
+"""Printed kernels on disk, so that a kernel is compiled once for a machine and not once for a run.
+
+A module is named by what it says and by the versions that compile it. Numba keeps the compiled code beside
+it. GAITSWEEP_CACHE names the folder; ~/.cache/gaitsweep (XDG_CACHE_HOME) is the default.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import ModuleType
+
+
+def module_of(source: str) -> ModuleType:
+    """The module with this source, imported from the folder of kernels."""
+    versions = [f"{name} {_version(name)}" for name in ("numba", "llvmlite", "numba-cuda")]
+    digest = hashlib.sha256("\n".join([source, *versions, sys.version]).encode()).hexdigest()
+    name = f"gaitsweep_kernel_{digest[:24]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    file = _folder() / f"{name}.py"
+    if not file.exists():
+        with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".tmp", delete=False) as draft:
+            draft.write(source)
+        os.replace(draft.name, file)
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # Numba looks a function's module up by its name
+    spec.loader.exec_module(module)
+    return module
+
+
+def _folder() -> Path:
+    base = os.environ.get("GAITSWEEP_CACHE")
+    if base is None:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
+    folder = Path(base) / "kernels"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        # a home that cannot be written to costs a compilation, not the run
+        return Path(tempfile.mkdtemp(prefix="gaitsweep-kernels-"))
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"

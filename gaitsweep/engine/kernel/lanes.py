@@ -1,0 +1,150 @@
+"""Trajectories in flight in a scalar kernel: what the lanes of every device share."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from functools import lru_cache, partial
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Status
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
+from gaitsweep.engine.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.record import BUFFER, Record, Recorder
+from gaitsweep.engine.xla import Values
+
+
+@dataclasses.dataclass(frozen=True)
+class Kernel:
+    """What a run's kernels are made from: the program of a chunk, and how a row is opened."""
+
+    chunk: Chunk
+    open: Any
+    title: str
+
+
+@lru_cache(maxsize=16)
+def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> Kernel:
+    """Trace a run into a scalar program.
+
+    Raises:
+        UnsupportedError: the model computes with what a scalar kernel cannot express.
+    """
+    lane = OneLane(model, recorder, numerics, drive)
+    scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.precision))
+    values = {q.name: scalar for q in model.parameters}
+    starts = {q.name: scalar for q in model.starts}
+    chunk = chunk_of(lane, values, starts)
+    title = f"{model}, {type(recorder).__name__}, {numerics}"
+    return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title)
+
+
+def _open(lane: OneLane, values: Any, starts: Any) -> Any:
+    held, carry, record, row, keep = lane.open(values, starts)
+    flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
+    return jnp.concatenate(flat), row, keep
+
+
+class KernelLanes(abc.ABC):
+    """Trajectories in flight on one device.
+
+    Args:
+        model, recorder, numerics: what is run and what is kept.
+        size: trajectories at once.
+        drive: for a ramp, the parameters at a time, from the raw values of a row.
+    """
+
+    # rows whose starts are worked out together: a fixed number, since XLA's last bits depend on it
+    batch: ClassVar[int] = 64
+
+    def __init__(
+        self,
+        model: Model,
+        recorder: Recorder,
+        numerics: Numerics,
+        *,
+        size: int,
+        drive: RowDrive | None = None,
+    ) -> None:
+        self.size = size
+        self.kernel = kernel_of(model, recorder, numerics, drive)
+        self.chunk = self.kernel.chunk
+        self._dtype = np.dtype(numerics.precision)
+
+    @abc.abstractmethod
+    def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
+        """Set `lanes` (n,) to the slots `opened` (n, slots), and their buffers' first rows where `kept`."""
+
+    @abc.abstractmethod
+    def run_chunk(self, looks: int) -> Given:
+        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+
+    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
+        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
+        lanes = np.flatnonzero(fresh)
+        for first in range(0, lanes.size, self.batch):
+            some = lanes[first : first + self.batch]
+            # the last batch is filled up, since XLA's last bits depend on a batch's width
+            rows = np.concatenate([some, np.repeat(some[:1], self.batch - some.size)])
+            given = [
+                {name: np.asarray(column[rows], self._dtype) for name, column in values.items()}
+                for values in (params, starts)
+            ]
+            with jax.default_device(jax.devices("cpu")[0]):
+                opened, kept_rows, keep = jax.device_get(self.kernel.open(*given))
+            n = some.size
+            self.put(some, opened[:n], kept_rows[:n], keep[:n])
+
+    def given(self, slots: np.ndarray, kept: np.ndarray) -> Given:
+        """What the host gets, from the slots (n_slots, size)."""
+
+        def read(leaf: Leaf) -> np.ndarray:
+            columns = slots[leaf.first : leaf.first + leaf.size].T
+            return columns.reshape(self.size, *leaf.shape)
+
+        record = self.chunk.record
+        fields = {
+            field.name: read(getattr(record, field.name))
+            for field in dataclasses.fields(Record)
+            if field.name != "window"
+        }
+        for name in ("status", "cycles", "filled", "samples"):
+            fields[name] = fields[name].astype(np.int32)
+        seen = Record(window=np.zeros((self.size, 0)), **fields)  # type: ignore[arg-type]
+        carry = self.chunk.carry
+        return Given(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
+
+
+class CpuLanes(KernelLanes):
+    """Lanes on one core, in tiles that fill vector registers; several cores take lanes of their own."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        from gaitsweep.engine.kernel import cpu
+
+        self._tile = cpu.TILE
+        tiles = -(-self.size // self._tile)
+        self._slots = np.zeros((tiles, cpu.slots(self.chunk), self._tile))
+        self._slots[:, self.chunk.record.status.first] = Status.complete
+        self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
+        self._run = cpu.compiled(self.chunk, self.kernel.title)
+
+    def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
+        tile, lane = np.divmod(lanes, self._tile)
+        self._slots[tile, : opened.shape[1], lane] = opened
+        if self.chunk.width:
+            self._kept[lanes[kept], 0] = rows[kept]
+
+    def run_chunk(self, looks: int) -> Given:
+        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+        tiles = self._slots.shape[0]
+        self._run(self._slots.reshape(tiles, -1), self._kept, looks)
+        flat = self._slots.transpose(1, 0, 2).reshape(self._slots.shape[1], -1)[:, : self.size]
+        given = self.given(flat, self._kept[: self.size])
+        self._slots[:, self.chunk.record.filled.first] = 0.0
+        return given

@@ -1,0 +1,203 @@
+"""Primitives that read and write at places of an array, known beforehand or only while running.
+
+A place that is only known while running becomes a choice among all the places that there are.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jax.lax import GatherScatterMode
+
+from gaitsweep.engine.kernel import elementary
+from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
+
+# A choice among more places than this costs more than a model's step should.
+MOST_PLACES = 64
+
+Combine = Callable[[Tracer, int, int], int]
+
+
+def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    operand, indices = args
+    p = equation.params
+    numbers, sizes = p["dimension_numbers"], p["slice_sizes"]
+    alone = {*numbers.collapsed_slice_dims, *numbers.operand_batching_dims}
+    window = [size for axis, size in enumerate(sizes) if axis not in alone]
+    batch = indices.shape[:-1]
+    found = []
+    for where in np.ndindex(batch):
+        starts = _starts(tracer, operand, numbers.start_index_map, indices[where])
+        for axis, along in zip(
+            numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True
+        ):
+            starts[axis] = tracer.program.constant(where[along], "int")
+        cut = _chosen(tracer, operand, sizes, starts, lambda place: operand[place])
+        if p["mode"] == GatherScatterMode.FILL_OR_DROP:
+            cut = _filled(tracer, equation, operand, starts, cut)
+        found.append(cut.reshape(window))
+    out = np.array(found, np.int64).reshape((*batch, *window))
+    return [np.moveaxis(out, range(len(batch), out.ndim), numbers.offset_dims)]
+
+
+def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cut: Nodes) -> Nodes:
+    """What was read, or JAX's filling value where the place is outside of the array."""
+    program = tracer.program
+    dtype = np.dtype(equation.outvars[0].aval.dtype)
+    value = equation.params["fill_value"]
+    if value is None:
+        bounds = np.iinfo(dtype) if dtype.kind in "iu" else None
+        value = np.nan if dtype.kind == "f" else True if bounds is None else bounds.max
+        if dtype.kind == "i" and bounds is not None:
+            value = bounds.min
+    fill = program.constant(value, kind_of(dtype))
+    inside = program.constant(True, "bool")
+    for at, size, many in zip(starts, equation.params["slice_sizes"], operand.shape, strict=True):
+        inside = program.apply("and", inside, program.apply("le", program.constant(0, "int"), at))
+        inside = program.apply("and", inside, program.apply("le", at, program.constant(many - size, "int")))
+    return tracer.each(lambda node: program.apply("select", inside, node, fill), cut)
+
+
+def _dynamic_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    operand, *starts = args
+    at = [int(start) for start in starts]
+    return [_chosen(tracer, operand, equation.params["slice_sizes"], at, lambda place: operand[place])]
+
+
+def _dynamic_update_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    operand, update, *starts = args
+
+    def put(place: tuple[slice, ...]) -> Nodes:
+        moved = operand.copy()
+        moved[place] = update
+        return moved
+
+    return [_chosen(tracer, operand, update.shape, [int(start) for start in starts], put)]
+
+
+def _starts(tracer: Tracer, operand: Nodes, axes: Sequence[int], given: Nodes) -> list[int]:
+    """For each axis of an array the node of its start: those given, and zero along the other axes."""
+    starts = [tracer.program.constant(0, "int")] * operand.ndim
+    for axis, at in zip(axes, given.tolist(), strict=True):
+        starts[axis] = at
+    return starts
+
+
+def _chosen(
+    tracer: Tracer,
+    operand: Nodes,
+    sizes: Sequence[int],
+    starts: list[int],
+    read: Callable[[tuple[slice, ...]], Nodes],
+) -> Nodes:
+    """`read` at the window that begins at `starts`, which are moved to where the window is inside."""
+    program = tracer.program
+    last = [many - size for many, size in zip(operand.shape, sizes, strict=True)]
+    _few(tracer, starts, last)
+
+    def along(axis: int, place: tuple[slice, ...]) -> Nodes:
+        if axis == operand.ndim:
+            return read(place)
+
+        def here(i: int) -> Nodes:
+            return along(axis + 1, (*place, slice(i, i + sizes[axis])))
+
+        at = starts[axis]
+        known = program.value(at)
+        if known is not None:
+            return here(min(max(int(known), 0), last[axis]))
+        chosen = here(last[axis])
+        for i in range(last[axis] - 1, -1, -1):
+            up_to = program.apply("le", at, program.constant(i, "int"))
+            chosen = tracer.each(
+                lambda yes, no, c=up_to: program.apply("select", c, yes, no), here(i), chosen
+            )
+        return chosen
+
+    return along(0, ())
+
+
+def _few(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
+    """Refuse a choice among too many places."""
+    moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
+    if int(np.prod(moving)) > MOST_PLACES:
+        raise refuse(
+            f"the scalar kernel chooses among {MOST_PLACES} places at most where they are only known while "
+            f"running, and here are {int(np.prod(moving))}"
+        )
+
+
+def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]]:
+    """Updates one after the other, each combined with what is at its place by then."""
+
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        operand, indices, updates = args
+        program = tracer.program
+        numbers = equation.params["dimension_numbers"]
+        alone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
+        wide = [axis for axis in range(operand.ndim) if axis not in alone]
+        # windows last, in the order of the operand's axes
+        ordered = [axis for axis in range(updates.ndim) if axis not in numbers.update_window_dims]
+        moved = np.transpose(updates, [*ordered, *numbers.update_window_dims])
+        sizes = [1] * operand.ndim
+        for axis, size in zip(wide, moved.shape[len(ordered) :], strict=True):
+            sizes[axis] = size
+        last = [many - size for many, size in zip(operand.shape, sizes, strict=True)]
+        total = operand.copy()
+        for where in np.ndindex(indices.shape[:-1]):
+            starts = _starts(tracer, operand, numbers.scatter_dims_to_operand_dims, indices[where])
+            pairs = zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)
+            for axis, along in pairs:
+                starts[axis] = program.constant(where[along], "int")
+            if equation.params["mode"] == GatherScatterMode.CLIP:
+                starts = [_clipped(tracer, at, most) for at, most in zip(starts, last, strict=True)]
+            _few(tracer, starts, last)
+            new = moved[where].reshape(sizes)
+            for place in itertools.product(
+                *(_places(tracer, s, m) for s, m in zip(starts, last, strict=True))
+            ):
+                here = program.constant(True, "bool")
+                for at, i in zip(starts, place, strict=True):
+                    here = program.apply("and", here, program.apply("eq", at, program.constant(i, "int")))
+                cut = tuple(slice(i, i + size) for i, size in zip(place, sizes, strict=True))
+                total[cut] = tracer.each(
+                    lambda old, node, c=here: program.apply("select", c, combine(tracer, old, node), old),
+                    total[cut],
+                    new,
+                )
+        return [total]
+
+    return rule
+
+
+def _clipped(tracer: Tracer, at: int, last: int) -> int:
+    least, most = (tracer.program.constant(i, "int") for i in (0, last))
+    return elementary.minimum(tracer.program, elementary.maximum(tracer.program, at, least), most)
+
+
+def _places(tracer: Tracer, at: int, last: int) -> Sequence[int]:
+    """Where a start may be; nowhere if it is known to be outside, for then its update is dropped."""
+    known = tracer.program.value(at)
+    if known is None:
+        return range(last + 1)
+    return [int(known)] if 0 <= known <= last else []
+
+
+def _applied(op: str) -> Combine:
+    return lambda tracer, old, new: tracer.program.apply(op, old, new)
+
+
+RULES = {
+    "gather": _gather,
+    "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _dynamic_update_slice,
+    "scatter": _scatter(lambda tracer, old, new: new),
+    "scatter-add": _scatter(_applied("add")),
+    "scatter-sub": _scatter(_applied("sub")),
+    "scatter-mul": _scatter(_applied("mul")),
+    "scatter-min": _scatter(lambda tracer, old, new: elementary.minimum(tracer.program, old, new)),
+    "scatter-max": _scatter(lambda tracer, old, new: elementary.maximum(tracer.program, old, new)),
+}

@@ -1,0 +1,111 @@
+"""Scalar programs as NumPy runs them: the emitted source, without a compiler."""
+
+from __future__ import annotations
+
+import ast
+import math
+import types
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from scipy import special
+
+from gaitsweep.engine.kernel.emit import statements
+from gaitsweep.engine.kernel.trace import Traced, kind_of, trace
+
+_TYPES = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bool_}
+
+_MATH = {
+    **{name: getattr(np, name) for name in ("log", "log1p", "expm1")},
+    **{name: getattr(np, f"arc{name[1:]}") for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},
+    "atan2": np.arctan2,
+    "erf": special.erf,
+    "erfc": special.erfc,
+}
+
+# The names that the emitted source reads, as in the preamble of the compiled module.
+NAMES: dict[str, Any] = {
+    "math": types.SimpleNamespace(**_MATH),
+    "inf": np.inf,
+    "nan": np.nan,
+    "float32": np.float32,
+    "float64": np.float64,
+    "floor32": np.floor,
+    "floor64": np.floor,
+    "sqrt32": np.sqrt,
+    "sqrt64": np.sqrt,
+    "_where": np.where,
+    "_not": np.logical_not,
+}
+
+
+class _OfArrays(ast.NodeTransformer):
+    """`a if c else b` and `not c` as calls, which take arrays of many inputs at once."""
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
+        self.generic_visit(node)
+        return ast.Call(ast.Name("_where", ast.Load()), [node.test, node.body, node.orelse], [])
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
+        self.generic_visit(node)
+        if isinstance(node.op, ast.Not):
+            return ast.Call(ast.Name("_not", ast.Load()), [node.operand], [])
+        return node
+
+
+def source_of(traced: Traced) -> str:
+    """A Python function of the inputs `x0`, `x1`, ... that gives all outputs."""
+    given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
+    lines, results = statements(traced.program, traced.outputs, given)
+    body = "\n".join(f"    {line}" for line in [*lines, f"return [{', '.join(results)}]"])
+    return f"def run({', '.join(given.values())}):\n{body}\n"
+
+
+def executable(traced: Traced) -> Callable[..., list[Any]]:
+    """The emitted function; each of its inputs may be an array of many values."""
+    tree = ast.fix_missing_locations(_OfArrays().visit(ast.parse(source_of(traced))))
+    names = dict(NAMES)
+    exec(compile(tree, "emitted", "exec"), names)
+    run = names["run"]
+
+    def quietly(*inputs: Any) -> list[Any]:
+        with np.errstate(all="ignore"):
+            return run(*inputs)
+
+    return quietly
+
+
+def traced_with(function: Callable[..., Any], *args: Any, steady: Sequence[bool] | None = None) -> Traced:
+    return trace(function, *args, steady=steady or [False] * len(args))
+
+
+def outputs_of(function: Callable[..., Any], *args: Any) -> list[np.ndarray]:
+    """The leaves of `function(*args)` by way of the scalar program, in their shapes and types."""
+    args = jax.tree.map(np.asarray, args)
+    results = executable(traced_with(function, *args))(*_scalars(args))
+    leaves = []
+    for leaf in jax.tree.leaves(jax.eval_shape(function, *args)):
+        size = math.prod(leaf.shape)
+        mine, results = results[:size], results[size:]
+        kind = _TYPES[kind_of(leaf.dtype)]
+        assert all(isinstance(m, bool | float) or m.dtype == kind for m in mine), "a number of another kind"
+        leaves.append(np.array(mine).reshape(leaf.shape).astype(leaf.dtype))
+    assert not results
+    return leaves
+
+
+def on_many(function: Callable[[Any], Any], values: np.ndarray) -> np.ndarray:
+    """A function of one number at many, all in one run of the emitted source."""
+    (result,) = executable(traced_with(function, values[0]))(values)
+    assert result.dtype == values.dtype
+    return result
+
+
+def _scalars(args: Any) -> list[Any]:
+    scalars: list[Any] = []
+    for leaf in jax.tree.leaves(args):
+        kind = _TYPES[kind_of(leaf.dtype)]
+        scalars.extend(kind(value) for value in leaf.ravel())
+    return scalars
