@@ -10,8 +10,7 @@ then the seconds that two figures of the paper would take at the measured rate. 
 
 `ratio` is cycles a second over those of the kernel engine with rk4. `of peak` is the share of the machine's
 double-precision peak: attempts a second times the operations that an attempt takes in the kernel's own
-program (of rk4 for what is written by hand, which may do with fewer), a multiply-add counting as two and a select
-as one.
+program (of rk4 for what is written by hand, which may do with fewer); a multiply-add counts as two.
 """
 
 from __future__ import annotations

@@ -59,18 +59,18 @@ def source_of(traced: Traced) -> str:
     """A Python function of the inputs `x0`, `x1`, ... that gives all outputs."""
     given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
     lines, results = statements(traced.program, traced.outputs, given)
-    body = "\n".join(f"    {line}" for line in [*lines, f"return [{', '.join(results)}]"])
+    body = "\n".join(f"    {line}" for line in [*lines, f"return ({''.join(f'{r}, ' for r in results)})"])
     return f"def run({', '.join(given.values())}):\n{body}\n"
 
 
-def executable(traced: Traced) -> Callable[..., list[Any]]:
+def executable(traced: Traced) -> Callable[..., tuple[Any, ...]]:
     """The emitted function; each of its inputs may be an array of many values."""
     tree = ast.fix_missing_locations(_OfArrays().visit(ast.parse(source_of(traced))))
     names = dict(NAMES)
     exec(compile(tree, "emitted", "exec"), names)
     run = names["run"]
 
-    def quietly(*inputs: Any) -> list[Any]:
+    def quietly(*inputs: Any) -> tuple[Any, ...]:
         with np.errstate(all="ignore"):
             return run(*inputs)
 

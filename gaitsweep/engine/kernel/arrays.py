@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine.kernel import elementary
+from gaitsweep.engine.kernel import arithmetic
+from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
 
 
@@ -92,11 +93,11 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
     shape = (*batch, *rows, *columns)
     count = math.prod(a.shape[i] for i in contract_a)
     program = tracer.program
-    kind = kind_of(equation.outvars[0].aval.dtype)
+    kind: Kind = kind_of(equation.outvars[0].aval.dtype)
     if count == 0:
         return [np.full(shape, program.constant(0.0, kind), np.int64)]
     # single precision may be asked to add up in double
-    left, right = (tracer.each(lambda x: elementary.converted(program, x, kind), x) for x in (left, right))
+    left, right = (tracer.each(lambda x: arithmetic.converted(program, x, kind), x) for x in (left, right))
     left = left.reshape(math.prod(batch), math.prod(rows), 1, count)
     right = right.reshape(math.prod(batch), 1, math.prod(columns), count)
     products = tracer.each(lambda x, y: program.apply("mul", x, y), left, right)
@@ -118,8 +119,8 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
                 # lexicographic: the first key that differs decides
                 decided = program.constant(False, "bool")
                 for a, b in reversed(list(zip(pairs[::2], pairs[1::2], strict=True))):
-                    equal = program.apply("and", elementary.alike(program, a, b), decided)
-                    decided = program.apply("or", elementary.before(program, b, a), equal)
+                    equal = program.apply("and", arithmetic.alike(program, a, b), decided)
+                    decided = program.apply("or", arithmetic.before(program, b, a), equal)
                 return decided
 
             swap = tracer.each(later, *(c[j] for c in columns[:keys] for j in (i, i + 1)))

@@ -50,6 +50,14 @@ def _open(lane: OneLane, values: Any, starts: Any) -> Any:
     return jnp.concatenate(flat), row, keep
 
 
+def _opening_device() -> Any:
+    """Where starts are worked out: the CPU, unless JAX was told not to see it."""
+    try:
+        return jax.devices("cpu")[0]
+    except RuntimeError:
+        return jax.devices()[0]
+
+
 class KernelLanes(abc.ABC):
     """Trajectories in flight on one device.
 
@@ -95,7 +103,7 @@ class KernelLanes(abc.ABC):
                 {name: np.asarray(column[rows], self._dtype) for name, column in values.items()}
                 for values in (params, starts)
             ]
-            with jax.default_device(jax.devices("cpu")[0]):
+            with jax.default_device(_opening_device()):
                 opened, kept_rows, keep = jax.device_get(self.kernel.open(*given))
             n = some.size
             self.put(some, opened[:n], kept_rows[:n], keep[:n])

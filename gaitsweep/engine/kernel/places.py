@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jax.lax import GatherScatterMode
 
-from gaitsweep.engine.kernel import elementary
+from gaitsweep.engine.kernel import arithmetic
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
 
 # A choice among more places than this costs more than a model's step should.
@@ -175,7 +175,7 @@ def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Node
 
 def _clipped(tracer: Tracer, at: int, last: int) -> int:
     least, most = (tracer.program.constant(i, "int") for i in (0, last))
-    return elementary.minimum(tracer.program, elementary.maximum(tracer.program, at, least), most)
+    return arithmetic.minimum(tracer.program, arithmetic.maximum(tracer.program, at, least), most)
 
 
 def _places(tracer: Tracer, at: int, last: int) -> Sequence[int]:
@@ -198,6 +198,6 @@ RULES = {
     "scatter-add": _scatter(_applied("add")),
     "scatter-sub": _scatter(_applied("sub")),
     "scatter-mul": _scatter(_applied("mul")),
-    "scatter-min": _scatter(lambda tracer, old, new: elementary.minimum(tracer.program, old, new)),
-    "scatter-max": _scatter(lambda tracer, old, new: elementary.maximum(tracer.program, old, new)),
+    "scatter-min": _scatter(lambda tracer, old, new: arithmetic.minimum(tracer.program, old, new)),
+    "scatter-max": _scatter(lambda tracer, old, new: arithmetic.maximum(tracer.program, old, new)),
 }

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine.kernel import elementary
+from gaitsweep.engine.kernel import arithmetic, elementary
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
 
 Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
@@ -33,12 +33,17 @@ def _elementwise(build: Callable[..., int]) -> Rule:
 
 def _convert(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     kind = kind_of(equation.params["new_dtype"])
-    return [tracer.each(lambda at: elementary.converted(tracer.program, at, kind), args[0])]
+    return [tracer.each(lambda at: arithmetic.converted(tracer.program, at, kind), args[0])]
 
 
 def _integer_pow(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     power = equation.params["y"]
-    return [tracer.each(lambda at: elementary.whole_power(tracer.program, at, power), args[0])]
+    return [tracer.each(lambda at: arithmetic.whole_power(tracer.program, at, power), args[0])]
+
+
+def _round(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    method = equation.params["rounding_method"]
+    return [tracer.each(lambda at: arithmetic.rounded(tracer.program, at, method), args[0])]
 
 
 def _same(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -55,8 +60,8 @@ def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[
 def _clamp(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     low, x, high = args
     program = tracer.program
-    floored = tracer.each(lambda a, b: elementary.maximum(program, a, b), x, low)
-    return [tracer.each(lambda a, b: elementary.minimum(program, a, b), floored, high)]
+    floored = tracer.each(lambda a, b: arithmetic.maximum(program, a, b), x, low)
+    return [tracer.each(lambda a, b: arithmetic.minimum(program, a, b), floored, high)]
 
 
 def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -108,7 +113,7 @@ def _arg_reduction(better: str) -> Rule:
         for i in range(1, moved.shape[-1]):
             new = moved[..., i]
             order = "lt" if better == "max" else "gt"
-            wins = tracer.each(lambda a, b, order=order: elementary.outdone(program, a, b, order), best, new)
+            wins = tracer.each(lambda a, b, order=order: arithmetic.outdone(program, a, b, order), best, new)
             here = np.full(best.shape, program.constant(i, "int"), np.int64)
             place = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, here, place)
             best = tracer.each(lambda c, a, b: program.apply("select", c, a, b), wins, new, best)
@@ -145,26 +150,24 @@ _ELEMENTWISE: dict[str, Rule] = {
     "add_any": _elementwise(_op("add")),
     "gt": _elementwise(lambda program, a, b: program.apply("lt", b, a)),
     "ge": _elementwise(lambda program, a, b: program.apply("le", b, a)),
-    "lt_to": _elementwise(elementary.before),
-    "eq_to": _elementwise(elementary.alike),
-    "le_to": _elementwise(elementary.not_after),
-    "div": _elementwise(elementary.quotient),
-    "rem": _elementwise(elementary.remainder),
-    "max": _elementwise(elementary.maximum),
-    "min": _elementwise(elementary.minimum),
-    "and": _elementwise(elementary.logical("and")),
-    "or": _elementwise(elementary.logical("or")),
-    "xor": _elementwise(elementary.exclusive_or),
-    "not": _elementwise(elementary.logical("not")),
-    "sign": _elementwise(elementary.sign),
-    "ceil": _elementwise(elementary.ceiling),
-    "round": lambda tracer, equation, args: [
-        tracer.each(lambda a: elementary.rounded(tracer.program, a, equation.params["rounding_method"]), args[0])
-    ],
+    "lt_to": _elementwise(arithmetic.before),
+    "eq_to": _elementwise(arithmetic.alike),
+    "le_to": _elementwise(arithmetic.not_after),
+    "div": _elementwise(arithmetic.quotient),
+    "rem": _elementwise(arithmetic.remainder),
+    "max": _elementwise(arithmetic.maximum),
+    "min": _elementwise(arithmetic.minimum),
+    "and": _elementwise(arithmetic.logical("and")),
+    "or": _elementwise(arithmetic.logical("or")),
+    "xor": _elementwise(arithmetic.exclusive_or),
+    "not": _elementwise(arithmetic.logical("not")),
+    "sign": _elementwise(arithmetic.sign),
+    "ceil": _elementwise(arithmetic.ceiling),
+    "round": _round,
     "square": _elementwise(lambda program, a: program.apply("mul", a, a)),
     "rsqrt": _elementwise(elementary.reciprocal_root),
     "cbrt": _elementwise(elementary.cube_root),
-    "pow": _elementwise(elementary.power),
+    "pow": _elementwise(arithmetic.power),
     "exp": _elementwise(elementary.exponential),
     "exp2": _elementwise(elementary.power_of_two),
     "logistic": _elementwise(elementary.logistic),
@@ -174,7 +177,7 @@ _ELEMENTWISE: dict[str, Rule] = {
     "sinh": _elementwise(elementary.hyperbolic_sine),
     "cosh": _elementwise(elementary.hyperbolic_cosine),
     "tanh": _elementwise(elementary.hyperbolic_tangent),
-    "is_finite": _elementwise(elementary.is_finite),
+    "is_finite": _elementwise(arithmetic.is_finite),
     "integer_pow": _integer_pow,
     "convert_element_type": _convert,
     "clamp": _clamp,
@@ -190,15 +193,15 @@ _ELEMENTWISE: dict[str, Rule] = {
 _REDUCTIONS: dict[str, Rule] = {
     "reduce_sum": _reduction(_op("add"), 0.0),
     "reduce_prod": _reduction(_op("mul"), 1.0),
-    "reduce_max": _reduction(elementary.maximum),
-    "reduce_min": _reduction(elementary.minimum),
-    "reduce_and": _reduction(elementary.logical("and"), True),
-    "reduce_or": _reduction(elementary.logical("or"), False),
-    "reduce_xor": _reduction(elementary.exclusive_or, False),
+    "reduce_max": _reduction(arithmetic.maximum),
+    "reduce_min": _reduction(arithmetic.minimum),
+    "reduce_and": _reduction(arithmetic.logical("and"), True),
+    "reduce_or": _reduction(arithmetic.logical("or"), False),
+    "reduce_xor": _reduction(arithmetic.exclusive_or, False),
     "argmax": _arg_reduction("max"),
     "argmin": _arg_reduction("min"),
     "cumsum": _cumulative(_op("add")),
     "cumprod": _cumulative(_op("mul")),
-    "cummax": _cumulative(elementary.maximum),
-    "cummin": _cumulative(elementary.minimum),
+    "cummax": _cumulative(arithmetic.maximum),
+    "cummin": _cumulative(arithmetic.minimum),
 }

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
@@ -90,7 +91,7 @@ def refuse(reason: str) -> UnsupportedError:
 
 def kind_of(dtype: Any) -> Kind:
     """How scalars of an array's type are carried."""
-    if not jax.dtypes.issubdtype(dtype, jax.dtypes.extended):  # such as keys of random numbers
+    if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as keys of random numbers
         if np.dtype(dtype) == np.bool_:
             return "bool"
         if np.dtype(dtype).kind in "iu":
