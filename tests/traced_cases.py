@@ -353,6 +353,10 @@ _cases(
             (M,),
         ),
         "read whole numbers outside": (lambda n: jnp.take(n, jnp.array([1, 9])), (WHOLE.astype(np.int32),)),
+        "read unsigned numbers and flags outside": (
+            lambda n: (jnp.take(n.astype(jnp.uint32), jnp.array([1, 9])), jnp.take(n > 0, jnp.array([1, 9]))),
+            (np.abs(WHOLE),),
+        ),
         "read flags by a mask": (lambda x: x[np.array([True, False, True])], (M,)),
         "read by batch": (lambda x: jax.vmap(lambda row, i: row[i])(x, jnp.array([0, 2, 3])), (M,)),
         "read at a moving place": (lambda x, i: (x[i], x[:, i], x[i, i], x[-i], x[i + 9]), (M, I)),

@@ -18,6 +18,14 @@ from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
 # A choice among more places than this costs more than a model's step should.
 MOST_PLACES = 64
 
+# What JAX reads outside of an array, by NumPy's letter for the type's kind.
+_FILLING: dict[str, Callable[[np.dtype], float]] = {
+    "f": lambda dtype: np.nan,
+    "i": lambda dtype: np.iinfo(dtype).min,
+    "u": lambda dtype: np.iinfo(dtype).max,
+    "b": lambda dtype: True,
+}
+
 Combine = Callable[[Tracer, int, int], int]
 
 
@@ -48,16 +56,12 @@ def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cu
     program = tracer.program
     dtype = np.dtype(equation.outvars[0].aval.dtype)
     value = equation.params["fill_value"]
-    if value is None:
-        bounds = np.iinfo(dtype) if dtype.kind in "iu" else None
-        value = np.nan if dtype.kind == "f" else True if bounds is None else bounds.max
-        if dtype.kind == "i" and bounds is not None:
-            value = bounds.min
-    fill = program.constant(value, kind_of(dtype))
+    fill = program.constant(_FILLING[dtype.kind](dtype) if value is None else value, kind_of(dtype))
     inside = program.constant(True, "bool")
     for at, size, many in zip(starts, equation.params["slice_sizes"], operand.shape, strict=True):
-        inside = program.apply("and", inside, program.apply("le", program.constant(0, "int"), at))
-        inside = program.apply("and", inside, program.apply("le", at, program.constant(many - size, "int")))
+        least, most = (program.constant(i, "int") for i in (0, many - size))
+        inside = program.apply("and", inside, program.apply("le", least, at))
+        inside = program.apply("and", inside, program.apply("le", at, most))
     return tracer.each(lambda node: program.apply("select", inside, node, fill), cut)
 
 
