@@ -46,43 +46,45 @@ def main() -> None:
     chosen = options.parse_args()
 
     load = os.getloadavg()[0]
-    cpu = peak.of_cpu()
-    lines: list[tuple[Row, float]] = []
-    base = math.nan
-    gpu: peak.Peak | None = None
-    counts: dict[str, int] = {}
     ours = engines.local_devices()
-    if ours[0].platform == "gpu" or not chosen.alone:
-        gpu = peak.of_gpu()
+    gpu = peak.of_gpu() if ours[0].platform == "gpu" or not chosen.alone else None
     operations = {method: engines.operations(method) for method in engines.STEPS}
+    # measured again after each row, since others may use the machine: the highest is the machine's
+    peaks = [peak.of_cpu()]
+    # each row with its operations an attempt (0: not counted) and the GPUs that it ran on (0: the CPU)
+    rows: list[tuple[Row, int, int]] = []
+    base = math.nan
 
-    def add(row: Row, share: float) -> None:
+    def add(row: Row, count: int = 0, gpus: int = 0) -> None:
         print(f"measured: {row['name']}: {row['cycles_per_second']:.4g} cycles/s", file=sys.stderr)
-        lines.append((row, share))
+        rows.append((row, count, gpus))
+        peaks.append(peak.of_cpu())
 
     for (engine, method), row in engines.measure_all(chosen.engines, chosen.lanes, chosen.crossings):
-        whole = gpu.per_second * len(ours) if gpu and ours[0].platform == "gpu" else cpu.per_second
-        add(row, row["steps_per_second"] * operations[method] / whole)
-        counts[method] = operations[method]
+        add(row, operations[method], len(ours) if ours[0].platform == "gpu" else 0)
         if (engine, method) == ("kernel", "rk4") and math.isnan(base):
             base = row["cycles_per_second"]
     if not chosen.alone:
         for platform, row in written_by_hand(chosen.crossings):
-            whole = gpu.per_second if gpu and platform == "gpu" else cpu.per_second
-            add(row, row["steps_per_second"] * operations["rk4"] / whole)
+            add(row, operations["rk4"], int(platform == "gpu"))
         for row in () if chosen.quick else general():
-            add(row, math.nan)
+            add(row)
 
+    cpu = max(peaks, key=lambda found: found.per_second)
     print(f"Load average before the run {load:.2f}. Peaks in double precision, 1e9 operations a second:")
     for machine in (cpu, gpu):
         if machine is not None:
             print(f"  {machine.per_second / 1e9:8.0f}  {machine.basis}")
-    print("Operations an attempt: " + ", ".join(f"{name} {count}" for name, count in counts.items()) + "\n")
+    print(
+        "Operations an attempt: " + ", ".join(f"{name} {count}" for name, count in operations.items()) + "\n"
+    )
     print(laid_out(HEAD))
-    for row, share in lines:
+    for row, count, gpus in rows:
+        whole = gpu.per_second * gpus if gpu and gpus else cpu.per_second
+        share = row["steps_per_second"] * count / whole if count else math.nan
         print(laid_out(cells(row, share, base)))
     print()
-    for row, _ in lines:
+    for row, _, _ in rows:
         print(f"{row['name']}: {row['note']}.")
 
 

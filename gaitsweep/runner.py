@@ -23,8 +23,8 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.crossings import Crossings
-from gaitsweep.engine.ramp import Path as RampPath
 from gaitsweep.engine.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.ramp import Path as RampPath
 from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.settle import Settle
 from gaitsweep.engine.sweep import Timings, sweep

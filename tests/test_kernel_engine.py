@@ -1,4 +1,4 @@
-"""The scalar kernels against the XLA engine: the same rows, whatever the recorder, the lanes and the devices."""
+"""The scalar kernels against the XLA engine: the same rows, whatever the recorder, lanes and devices."""
 
 from __future__ import annotations
 
@@ -96,7 +96,8 @@ def test_rows_that_fail_harm_no_other() -> None:
 
 
 def test_traces_and_ramps() -> None:
-    kernel, xla = both(Trace(Toy(), duration=5.0, every=0.05, after_cycles=1), {"launch_1": LAUNCH[:5]}, lanes=4)
+    trace = Trace(Toy(), duration=5.0, every=0.05, after_cycles=1)
+    kernel, xla = both(trace, {"launch_1": LAUNCH[:5]}, lanes=4)
     agree(kernel, xla, 1e-10)
     path = RampPath((1.0, 2.0, 1.0), rate=0.02)
 
@@ -136,7 +137,7 @@ def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
 
 
 def test_lanes_run_in_vector_registers() -> None:
-    """The attempt of the chain is nearly all packed arithmetic: LLVM turned the loop over lanes into vectors."""
+    """The chain's attempt is nearly all packed arithmetic: LLVM turned the loop over lanes into vectors."""
     if not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this processor has no AVX2")
     recorder = Crossings(Multilegged(), crossings=10)

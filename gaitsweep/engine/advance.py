@@ -173,7 +173,6 @@ def _advance_hybrid(
         )
         late = h - h * _share(below, above)
         land = hit & (late <= tolerance)
-        back = hit & ~land
 
         bracket = _next_bracket(carry, h, guards, on, hit, land)
         guess = _guess(bracket, below, above, tolerance)

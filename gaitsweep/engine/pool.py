@@ -10,8 +10,8 @@ import numpy as np
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.block import Block
-from gaitsweep.engine.lane import Given
 from gaitsweep.engine.engines import lanes_on, looks_of
+from gaitsweep.engine.lane import Given
 from gaitsweep.engine.work import Progress, Work
 
 

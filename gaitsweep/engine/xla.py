@@ -127,9 +127,7 @@ class _Programs(NamedTuple):
 
 # kept for the process, so that running a job again in a notebook does not compile again
 @lru_cache(maxsize=16)
-def _programs(
-    model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
-) -> _Programs:
+def _programs(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> _Programs:
     one = OneLane(model, recorder, numerics, drive)
     return _Programs(
         open=jax.jit(jax.vmap(partial(_open, one))),

@@ -87,7 +87,9 @@ class EngineChoice(Part):
     """On what the rows run."""
 
     name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
-        default="auto", description="kernel: compiled scalar kernels, the fastest; xla: JAX's own compiler; auto: kernel where it can"
+        default="auto",
+        description="kernel: compiled scalar kernels, the fastest; xla: JAX's own compiler; auto: kernel "
+        "where the model and the machine allow it",
     )
     lanes: LaneCount | None = Field(
         default=None, description="trajectories advanced at once; chosen for the device if not given"

@@ -16,7 +16,6 @@ from gaitsweep.engine.kernel.emit import steady_results
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, leaves_of
 from gaitsweep.engine.lane import OneLane
-from gaitsweep.engine.record import Record
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,14 +35,15 @@ class Leaf:
 class Chunk:
     """The program and its slots.
 
-    `held`, `carry`, `record` trees of leaves; `attempt` and `look` the nodes that slots get, by slot;
-    `keep` the node that says whether `row` (nodes) is kept; `steady` nodes worked out once, by slot.
+    `held`, `carry`, `record` the engine's trees, a `Leaf` for each array; `attempt` and `look` the nodes that
+    slots get, by slot; `keep` the node that says whether `row` (nodes) is kept; `steady` nodes worked out
+    once, by slot.
     """
 
     program: Program
     held: Any
     carry: Any
-    record: Record
+    record: Any
     attempt: dict[int, int]
     look: dict[int, int]
     keep: int
@@ -54,6 +54,16 @@ class Chunk:
     @property
     def width(self) -> int:
         return len(self.row)
+
+    @property
+    def first_of_record(self) -> int:
+        return min(leaf.first for leaf in jax.tree.leaves(self.record))
+
+    def slot_of(self, at: int) -> int:
+        """The slot that an input node stands for."""
+        value = self.program.nodes[at].value
+        assert value is not None
+        return int(value)
 
 
 def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:

@@ -66,7 +66,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
     status = chunk.record.status.first
     parts = [
         _PREAMBLE.format(title=title),
-        _stage("prepare", chunk, {slot: at for slot, at in chunk.steady.items()}, {}, lanes),
+        _stage("prepare", chunk, chunk.steady, {}, lanes),
         _stage("attempt", chunk, chunk.attempt, steady, lanes),
         _stage("look", chunk, look, steady, lanes),
         _KEEP.format(
@@ -156,4 +156,3 @@ def run(S, kept, looks):
             look(s)
             {keep}
 """
-

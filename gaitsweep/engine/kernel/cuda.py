@@ -1,4 +1,4 @@
-"""A chunk's program for an NVIDIA GPU: one thread a trajectory, its state in registers, compiled by numba-cuda.
+"""A chunk's program for an NVIDIA GPU: a thread for each trajectory, compiled by numba-cuda.
 
 Slots lie lane by lane, so that neighbouring threads read neighbouring numbers. What is worked out once is
 worked out by each thread as it starts; the recorder's look reads and writes the record where it lies.
@@ -22,9 +22,10 @@ from gaitsweep.engine.lane import Given
 from gaitsweep.engine.record import BUFFER, CADENCE
 from gaitsweep.engine.xla import Device, Values
 
-# Threads of a block: few, since a trajectory's state fills many registers.
+# Threads of a block; 64, 128 and 256 ran equally fast.
 THREADS = 128
-# Registers of a thread at most.
+# Registers of a thread: all that it may have. With fewer, more threads fit on the card at once, but what no
+# longer fits goes to memory, and that costs more.
 REGISTERS = 255
 
 _PREAMBLE = '''"""Written by gaitsweep: {title}."""
@@ -93,84 +94,105 @@ def source(chunk: Chunk, title: str) -> str:
 
     `S` (slots, lanes) float64; `kept` (BUFFER, width, lanes) gets the rows that are kept.
     """
-    program = chunk.program
-    status, halt = chunk.record.status.first, chunk.carry.halt.first
-    attempted = list(chunk.attempt.values())
-    looked = [*chunk.look.values(), *chunk.row, chunk.keep]
-    first_of_record = min(leaf.first for leaf in _leaves(chunk.record))
-    given = {at: f"h{at}" for at in chunk.steady.values()}
-    lines: list[str] = []
-
-    # held slots and the carry live in registers, the record in memory
-    inputs = {*used_inputs(program, [*attempted, *looked, *chunk.steady.values()])}
-    inputs |= {at for at, node in enumerate(program.nodes) if node.op == "input" and node.value in chunk.attempt}
-    names: dict[int, str] = {}
-    for at in sorted(inputs):
-        slot = int(program.nodes[at].value or 0)
-        names[at] = f"r{slot}" if slot >= first_of_record else f"c{slot}"
-        if slot < first_of_record:
-            lines.append(f"c{slot} = {_loaded(chunk, at)}")
-    steady_lines, steady = statements(program, list(chunk.steady.values()), names, "h")
-    lines += steady_lines
-    lines += [f"{given[at]} = {name}" for at, name in zip(given, steady, strict=True) if given[at] != name]
-    names |= given
-
-    halted = f"c{halt}"
-    lines += ["for _ in range(looks):", f"    for _ in range({CADENCE}):", f"        if {halted} != 0.0:"]
-    lines += ["            break"]
-    steps, results = statements(program, attempted, names, "v")
-    lines += [f"        {line}" for line in steps]
-    lines += _assigned("        ", {f"c{slot}": r for slot, r in zip(chunk.attempt, results, strict=True)})
-
-    records = [at for at in used_inputs(program, looked, names) if int(program.nodes[at].value or 0) >= first_of_record]
-    records += [at for at in inputs if int(program.nodes[at].value or 0) >= first_of_record and at not in records]
-    lines += [f"    {names[at]} = {_loaded(chunk, at)}" for at in records]
-    steps, results = statements(program, looked, names, "w")
-    lines += [f"    {line}" for line in steps]
-    n = len(chunk.look)
-    if chunk.width:
-        filled = chunk.record.filled.first
-        lines += [f"    if {results[-1]}:", f"        place = int(S[{filled}, i])"]
-        row = results[n:-1]
-        lines += [f"        kept[place, {k}, i] = {value}" for k, value in enumerate(row)]
-    carried: dict[str, str] = {}
-    for slot, at, result in zip(chunk.look, looked, results, strict=False):
-        if slot >= first_of_record:
-            stored = f"1.0 if {result} else 0.0" if program.nodes[at].kind == "bool" else result
-            lines.append(f"    S[{slot}, i] = {stored}")
-        else:
-            carried[f"c{slot}"] = result
-    lines += _assigned("    ", carried)
-    lines += [f"    if S[{status}, i] != 0.0:", "        break"]
-    changing = sorted({slot for slot in [*chunk.attempt, *chunk.look] if slot < first_of_record})
-    kinds = {int(program.nodes[at].value or 0): program.nodes[at].kind for at in inputs}
-    for slot in changing:
-        stored = f"1.0 if c{slot} else 0.0" if kinds[slot] == "bool" else f"c{slot}"
-        lines.append(f"S[{slot}, i] = {stored}")
-    return _PREAMBLE.format(title=title, status=status, registers=REGISTERS) + "\n".join(f"    {line}" for line in lines) + "\n"
+    status = chunk.record.status.first
+    head = _PREAMBLE.format(title=title, status=status, registers=REGISTERS)
+    return head + "\n".join(f"    {line}" for line in _Thread(chunk).lines()) + "\n"
 
 
-def _leaves(tree: Any) -> list[Any]:
-    import jax
+class _Thread:
+    """The lines of one thread: held slots and the carry live in registers `c`, the record in memory."""
 
-    return jax.tree.leaves(tree)
+    def __init__(self, chunk: Chunk) -> None:
+        self.chunk = chunk
+        program = chunk.program
+        self.attempted = list(chunk.attempt.values())
+        self.looked = [*chunk.look.values(), *chunk.row, chunk.keep]
+        inputs = set(used_inputs(program, [*self.attempted, *self.looked, *chunk.steady.values()]))
+        # what an attempt changes goes round the loop even where nothing reads it
+        inputs |= {
+            at
+            for at, node in enumerate(program.nodes)
+            if node.op == "input" and chunk.slot_of(at) in chunk.attempt
+        }
+        self.inputs = sorted(inputs)
+        self.names = {
+            at: f"{'r' if self._of_record(chunk.slot_of(at)) else 'c'}{chunk.slot_of(at)}"
+            for at in self.inputs
+        }
+
+    def lines(self) -> list[str]:
+        chunk = self.chunk
+        status, halt = chunk.record.status.first, chunk.carry.halt.first
+        return [
+            *self._opening(),
+            "for _ in range(looks):",
+            f"    for _ in range({CADENCE}):",
+            f"        if c{halt} != 0.0:",
+            "            break",
+            *(f"        {line}" for line in self._attempt()),
+            *(f"    {line}" for line in self._look()),
+            f"    if S[{status}, i] != 0.0:",
+            "        break",
+            *self._closing(),
+        ]
+
+    def _of_record(self, slot: int) -> bool:
+        return slot >= self.chunk.first_of_record
+
+    def _opening(self) -> list[str]:
+        """Registers are loaded, and what stays the same along a trajectory is worked out."""
+        lines = [f"{self.names[at]} = {self._loaded(at)}" for at in self.inputs if self.names[at][0] == "c"]
+        nodes = list(self.chunk.steady.values())
+        more, results = statements(self.chunk.program, nodes, self.names, "h")
+        self.names |= dict(zip(nodes, results, strict=True))
+        return lines + more
+
+    def _attempt(self) -> list[str]:
+        lines, results = statements(self.chunk.program, self.attempted, self.names, "v")
+        changed = {f"c{slot}": result for slot, result in zip(self.chunk.attempt, results, strict=True)}
+        return lines + _assigned(changed)
+
+    def _look(self) -> list[str]:
+        chunk = self.chunk
+        lines = [f"{name} = {self._loaded(at)}" for at, name in self.names.items() if name[0] == "r"]
+        more, results = statements(chunk.program, self.looked, self.names, "w")
+        lines += more
+        if chunk.width:
+            lines += [f"if {results[-1]}:", f"    place = int(S[{chunk.record.filled.first}, i])"]
+            row = results[len(chunk.look) : -1]
+            lines += [f"    kept[place, {k}, i] = {value}" for k, value in enumerate(row)]
+        carried: dict[str, str] = {}
+        for (slot, at), result in zip(chunk.look.items(), results, strict=False):
+            if self._of_record(slot):
+                lines.append(f"S[{slot}, i] = {self._stored(at, result)}")
+            else:
+                carried[f"c{slot}"] = result
+        return lines + _assigned(carried)
+
+    def _closing(self) -> list[str]:
+        chunk = self.chunk
+        changing = {slot for slot in (*chunk.attempt, *chunk.look) if not self._of_record(slot)}
+        return [
+            f"S[{chunk.slot_of(at)}, i] = {self._stored(at, self.names[at])}"
+            for at in self.inputs
+            if chunk.slot_of(at) in changing
+        ]
+
+    def _loaded(self, at: int) -> str:
+        place, kind = f"S[{self.chunk.slot_of(at)}, i]", self.chunk.program.nodes[at].kind
+        if kind == "bool":
+            return f"{place} != 0.0"
+        return f"float32({place})" if kind == "f32" else place
+
+    def _stored(self, at: int, value: str) -> str:
+        return f"1.0 if {value} else 0.0" if self.chunk.program.nodes[at].kind == "bool" else value
 
 
-def _loaded(chunk: Chunk, at: int) -> str:
-    node = chunk.program.nodes[at]
-    place = f"S[{node.value}, i]"
-    if node.kind == "bool":
-        return f"{place} != 0.0"
-    return f"float32({place})" if node.kind == "f32" else place
-
-
-def _assigned(indent: str, values: dict[str, str]) -> list[str]:
+def _assigned(values: dict[str, str]) -> list[str]:
     """Assignments that all read what was before any of them."""
-    targets = set(values)
-    held = {name: f"n{name}" for name, value in values.items() if value in targets and value != name}
-    lines = [f"{indent}{temporary} = {values[name]}" for name, temporary in held.items()]
-    lines += [f"{indent}{name} = {held.get(name, value)}" for name, value in values.items() if value != name]
-    return lines
+    early = {name: f"n{name}" for name, value in values.items() if value in values and value != name}
+    lines = [f"{temporary} = {values[name]}" for name, temporary in early.items()]
+    return lines + [f"{name} = {early.get(name, value)}" for name, value in values.items() if value != name]
 
 
 class CudaLanes(KernelLanes):
@@ -194,7 +216,15 @@ class CudaLanes(KernelLanes):
             self._none_filled = cuda.to_device(np.zeros(self.size))
         # the rows of `_slots` that the host reads after each chunk
         carry, record = self.chunk.carry, self.chunk.record
-        read = [carry.t, carry.attempts, *(leaf for leaf in _leaves(record) if leaf is not record.window)]
+        read = [
+            carry.t,
+            carry.attempts,
+            record.status,
+            record.cycles,
+            record.last,
+            record.filled,
+            record.samples,
+        ]
         self._read = sorted(leaf.first + i for leaf in read for i in range(leaf.size))
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
