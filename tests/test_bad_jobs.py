@@ -275,7 +275,6 @@ LINES: list[tuple[int, str, list[str]]] = [
     (7, "numerics: {precision: float16}", ["line 7", "numerics.precision", "Allowed: float64, float32"]),
     (7, "numerics: {event_tolerance: 1}", ["line 7", "numerics.event_tolerance is 1 s", "below numerics.dt"]),
     (7, "numerics: 3", ["line 7", "numerics is 3", "Allowed: dt, method"]),
-    (8, "engine: {name: kernel}", ["line 8", "engine.name is kernel", "not built yet", "Allowed: auto, xla"]),
     (8, "engine: {name: cuda}", ["line 8", 'engine.name is "cuda"', "Allowed: auto, xla, kernel"]),
     (8, "engine: {block: 0}", ["line 8", "engine.block is 0", "whole number"]),
     (8, "engine: {lanes: 2.5}", ["line 8", "engine.lanes is 2.5", "whole number"]),

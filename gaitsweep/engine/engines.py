@@ -15,8 +15,8 @@ from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import Device, Values
 
-# Looks of the recorder between two returns to the host. On a CPU a kernel's chunks are shorter: its methods take
-# fewer attempts to a cycle, and a row that has ended waits for the chunk's end.
+# Looks of the recorder between two returns to the host. On a CPU a kernel's chunks are shorter: its methods
+# take fewer attempts to a cycle, and a row that has ended waits for the chunk's end.
 KERNEL_LOOKS = 16
 
 
