@@ -54,6 +54,12 @@ def choose(
     """
     if wanted == "xla":
         return "xla", None
+    if wanted == "auto" and device.platform == "gpu":
+        # XLA runs the paper's jobs on a GPU in seconds, less than a kernel takes to compile the first time
+        return (
+            "xla",
+            "engine: xla, since kernels take minutes to compile for a GPU; --engine kernel asks for one.",
+        )
     reason = _obstacle(device, model, recorder, numerics, drive)
     if reason is None:
         return "kernel", None

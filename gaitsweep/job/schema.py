@@ -26,7 +26,7 @@ from gaitsweep.job.reading import finish, read_parts, read_rest
 from gaitsweep.job.runs import EngineChoice, Numerics, Part, Ramp, ReturnMap, Run, Settle, Trace
 from gaitsweep.job.vary import vary_schema
 
-_HASHED_FORM = 1  # raised when the meaning of a resolved job changes, so that no old directory is resumed
+_HASHED_FORM = 2  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
 _SETTINGS = WithJsonSchema(

@@ -62,7 +62,10 @@ class Tracer:
             try:
                 given = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
             except _Refusal as refusal:
-                raise UnsupportedError(f"{refusal}{_place(equation)}") from refusal
+                place = _place(equation)
+                if not place:  # inside a function of JAX's own: the equation that calls it may know
+                    raise
+                raise UnsupportedError(f"{refusal}{place}") from refusal
             # a row of a list of nodes is one of NumPy's scalars, no array
             known.update(zip(equation.outvars, map(np.asarray, given), strict=True))
         return [get(atom) for atom in jaxpr.outvars]
