@@ -13,18 +13,17 @@ import jax
 import numpy as np
 
 from gaitsweep.engine.kernel.emit import steady_results
-from gaitsweep.engine.kernel.program import Kind, Program
-from gaitsweep.engine.kernel.trace import Nodes, Tracer, leaves_of
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.trace import Nodes, Tracer
 from gaitsweep.engine.lane import OneLane
 
 
 @dataclasses.dataclass(frozen=True)
 class Leaf:
-    """An array of a trajectory: its first slot, its shape, its kind."""
+    """An array of a trajectory: its first slot and its shape."""
 
     first: int
     shape: tuple[int, ...]
-    kind: Kind
 
     @property
     def size(self) -> int:
@@ -83,13 +82,11 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     def place(tree: Any, steady: bool) -> tuple[Any, list[Nodes]]:
         nonlocal count
-        leaves, nodes = [], []
-        for shape, kind in leaves_of(tree):
-            leaf = Leaf(count, shape, kind)
-            numbers = [program.input(count + i, kind, steady=steady) for i in range(leaf.size)]
-            nodes.append(np.array(numbers, np.int64).reshape(shape))
-            leaves.append(leaf)
-            count += leaf.size
+        nodes = tracer.inputs(tree, count, steady=steady)
+        leaves = []
+        for array in nodes:
+            leaves.append(Leaf(count, array.shape))
+            count += array.size
         return jax.tree.unflatten(jax.tree.structure(tree), leaves), nodes
 
     held_leaves, held_nodes = place(held, True)
@@ -98,7 +95,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     def changes(leaves: Any, given: list[Nodes]) -> dict[int, int]:
         slots: dict[int, int] = {}
-        for leaf, nodes in zip(jax.tree.leaves(leaves, is_leaf=_is_leaf), given, strict=True):
+        for leaf, nodes in zip(jax.tree.leaves(leaves), given, strict=True):
             for i, at in enumerate(nodes.ravel().tolist()):
                 if not (program.nodes[at].op == "input" and program.nodes[at].value == leaf.first + i):
                     slots[leaf.first + i] = at
@@ -123,7 +120,3 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         steady={count + i: at for i, at in enumerate(steady)},
         n_slots=count + len(steady),
     )
-
-
-def _is_leaf(thing: Any) -> bool:
-    return isinstance(thing, Leaf)

@@ -14,7 +14,7 @@ from typing import Any
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.emit import statements, used_inputs
+from gaitsweep.engine.kernel.emit import loaded, statements, stored
 from gaitsweep.engine.record import CADENCE
 
 # Lanes of a tile: two vectors of 8, so that one works while the other waits for its results.
@@ -47,12 +47,13 @@ def _prefer_wide_vectors() -> None:
 
     LLVM avoids the widest ones by default, for fear of a lower clock; these kernels gain by them.
     """
+    if "numba" in sys.modules:  # it has read its settings
+        return
     import llvmlite.binding as llvm
 
     features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"
-    if "numba" not in sys.modules:
-        os.environ.setdefault("NUMBA_CPU_NAME", llvm.get_host_cpu_name())
-        os.environ.setdefault("NUMBA_CPU_FEATURES", features)
+    os.environ.setdefault("NUMBA_CPU_NAME", llvm.get_host_cpu_name())
+    os.environ.setdefault("NUMBA_CPU_FEATURES", features)
 
 
 def source(chunk: Chunk, lanes: int, title: str) -> str:
@@ -98,37 +99,19 @@ def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, st
     wanted = list(outputs.values())
     names = dict(given)
     loads = []
-    for at in sorted({*used_inputs(program, wanted, given), *_used(chunk, wanted, given)}):
+    for at in program.needed(wanted, given):
         node = program.nodes[at]
-        place = given.get(at, f"s[{int(node.value or 0) * lanes} + lane]")
-        if node.kind == "bool":
-            place = f"{place} != 0.0"
-        elif node.kind == "f32":
-            place = f"float32({place})"
-        loads.append(f"x{at} = {place}")
-        names[at] = f"x{at}"
+        if at in given or node.op == "input":
+            place = given[at] if at in given else f"s[{chunk.slot_of(at) * lanes} + lane]"
+            names[at] = f"x{at}"
+            loads.append(f"{names[at]} = {loaded(node.kind, place)}")
     lines, results = statements(program, wanted, names)
-    stores = []
-    for slot, at, result in zip(outputs, wanted, results, strict=True):
-        if program.nodes[at].kind == "bool":
-            result = f"1.0 if {result} else 0.0"
-        stores.append(f"s[{slot * lanes} + lane] = {result}")
+    stores = [
+        f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, result)}"
+        for slot, at, result in zip(outputs, wanted, results, strict=True)
+    ]
     body = "\n".join(f"        {line}" for line in [*loads, *lines, *stores]) or "        pass"
     return f"@compiled\ndef {name}(s):\n    for lane in range({lanes}):\n{body}\n"
-
-
-def _used(chunk: Chunk, wanted: list[int], given: dict[int, str]) -> set[int]:
-    """The nodes among `given` that `wanted` reads."""
-    program = chunk.program
-    reached: set[int] = set()
-    waiting = list(wanted)
-    while waiting:
-        at = waiting.pop()
-        if at not in reached:
-            reached.add(at)
-            if at not in given:
-                waiting.extend(program.nodes[at].args)
-    return {at for at in reached if at in given}
 
 
 _KEEP = """@compiled

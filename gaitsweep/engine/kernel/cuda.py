@@ -16,7 +16,7 @@ import numpy as np
 from gaitsweep.contract import Status
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.emit import statements, used_inputs
+from gaitsweep.engine.kernel.emit import loaded, statements, stored, used_inputs
 from gaitsweep.engine.kernel.lanes import KernelLanes
 from gaitsweep.engine.lane import Given
 from gaitsweep.engine.record import BUFFER, CADENCE
@@ -179,13 +179,10 @@ class _Thread:
         ]
 
     def _loaded(self, at: int) -> str:
-        place, kind = f"S[{self.chunk.slot_of(at)}, i]", self.chunk.program.nodes[at].kind
-        if kind == "bool":
-            return f"{place} != 0.0"
-        return f"float32({place})" if kind == "f32" else place
+        return loaded(self.chunk.program.nodes[at].kind, f"S[{self.chunk.slot_of(at)}, i]")
 
     def _stored(self, at: int, value: str) -> str:
-        return f"1.0 if {value} else 0.0" if self.chunk.program.nodes[at].kind == "bool" else value
+        return stored(self.chunk.program.nodes[at].kind, value)
 
 
 def _assigned(values: dict[str, str]) -> list[str]:
@@ -214,18 +211,6 @@ class CudaLanes(KernelLanes):
             self._slots = cuda.to_device(slots)
             self._kept = cuda.to_device(np.zeros((BUFFER, self.chunk.width, self.size)))
             self._none_filled = cuda.to_device(np.zeros(self.size))
-        # the rows of `_slots` that the host reads after each chunk
-        carry, record = self.chunk.carry, self.chunk.record
-        read = [
-            carry.t,
-            carry.attempts,
-            record.status,
-            record.cycles,
-            record.last,
-            record.filled,
-            record.samples,
-        ]
-        self._read = sorted(leaf.first + i for leaf in read for i in range(leaf.size))
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
         """Start new trajectories; those of all batches go to the device together."""
@@ -244,16 +229,13 @@ class CudaLanes(KernelLanes):
         """Advance all running lanes by up to `looks * CADENCE` attempts."""
         with self._cuda.gpus[self._number]:
             self._launch("run", self.size, self._slots, self._kept, self.size, looks)
-            slots = np.zeros((self.chunk.n_slots, self.size))
-            for slot in self._read:
-                self._slots[slot].copy_to_host(slots[slot])
-            filled = self.chunk.record.filled.first
-            new = int(slots[filled].max())
-            kept = np.zeros((0, self.chunk.width, self.size))
+            given = self.given(lambda slot: self._slots[slot].copy_to_host())
+            new = int(given.record.filled.max())
             if new:
                 kept = self._kept[:new].copy_to_host()
-                self._slots[filled].copy_to_device(self._none_filled)
-        return self.given(slots, kept.transpose(2, 0, 1))
+                self._slots[self.chunk.record.filled.first].copy_to_device(self._none_filled)
+                given = given._replace(kept=kept.transpose(2, 0, 1))
+        return given
 
     def _launch(self, name: str, threads: int, *args: Any) -> None:
         blocks = -(-threads // THREADS)

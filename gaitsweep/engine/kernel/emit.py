@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from gaitsweep.engine.kernel.program import Program
-
-Read = Callable[[int], str]
+from gaitsweep.engine.kernel.program import Kind, Program
 
 
 def statements(
@@ -24,39 +22,36 @@ def statements(
     """
     lines: list[str] = []
     names: dict[int, str] = {}
-    for at in _computed(program, wanted, given):
+    for at in program.needed(wanted, given):
+        if at in given:
+            continue
         node = program.nodes[at]
         if node.op == "constant":
             names[at] = literal(program, at)
             continue
         operation = OPERATIONS[node.op]
         args = [given[a] if a in given else names[a] for a in node.args]
-        single = program.nodes[node.args[-1]].kind == "f32"
-        source = operation.source.format(*args)
-        if node.op in ("floor", "sqrt"):
-            source = f"{node.op}{'32' if single else '64'}({args[0]})"
+        bits = 32 if program.nodes[node.args[-1]].kind == "f32" else 64
         names[at] = f"{prefix}{at}"
-        lines.append(f"{names[at]} = {source}")
+        lines.append(f"{names[at]} = {operation.source.format(*args, bits=bits)}")
     return lines, [given[at] if at in given else names[at] for at in wanted]
 
 
-def _computed(program: Program, wanted: Sequence[int], given: Mapping[int, str]) -> list[int]:
-    """The nodes to compute, in order; what is given needs nothing of what it was made from."""
-    reached: set[int] = set()
-    waiting = [at for at in wanted if at not in given]
-    while waiting:
-        at = waiting.pop()
-        if at not in reached:
-            reached.add(at)
-            waiting.extend(a for a in program.nodes[at].args if a not in given)
-    return sorted(reached)
-
-
-def used_inputs(program: Program, wanted: Sequence[int], given: Mapping[int, str] | None = None) -> list[int]:
+def used_inputs(program: Program, wanted: Sequence[int], given: Container[int] = ()) -> list[int]:
     """The input nodes that `wanted` depend on, other than through what is given."""
-    given = given or {}
-    nodes = {at for at in wanted if at not in given} | set(_computed(program, wanted, given))
-    return sorted(at for at in nodes if program.nodes[at].op == "input")
+    return [at for at in program.needed(wanted, given) if program.nodes[at].op == "input" and at not in given]
+
+
+def loaded(kind: Kind, place: str) -> str:
+    """What is read where all kinds are stored as float64."""
+    if kind == "bool":
+        return f"{place} != 0.0"
+    return f"float32({place})" if kind == "f32" else place
+
+
+def stored(kind: Kind, value: str) -> str:
+    """What is written there."""
+    return f"1.0 if {value} else 0.0" if kind == "bool" else value
 
 
 def steady_results(program: Program, wanted: Sequence[int]) -> list[int]:

@@ -134,28 +134,22 @@ def _select_truth(program: Program, condition: int, yes: int, no: int) -> int | 
     return program.apply("or", program.apply("and", condition, yes), program.apply("and", negated, no))
 
 
-def _and(program: Program, args: tuple[int, ...]) -> int | None:
-    a, b = args
-    if a == b:
-        return a
-    for x, y in (args, args[::-1]):
-        known = program.value(x)
-        if known is not None:
-            return y if known else x
-        if program.nodes[y].op == "not" and program.nodes[y].args[0] == x:
-            return program.constant(False, "bool")
-    return None
+def _joined(neutral: bool) -> Rule:
+    """The rule of `and` (True is neutral) or of `or` (False is)."""
 
+    def rule(program: Program, args: tuple[int, ...]) -> int | None:
+        a, b = args
+        if a == b:
+            return a
+        for x, y in (args, args[::-1]):
+            known = program.value(x)
+            if known is not None:
+                return y if known == neutral else x
+            if program.nodes[y].op == "not" and program.nodes[y].args[0] == x:
+                return program.constant(not neutral, "bool")
+        return None
 
-def _or(program: Program, args: tuple[int, ...]) -> int | None:
-    a, b = args
-    if a == b:
-        return a
-    for x, y in (args, args[::-1]):
-        known = program.value(x)
-        if known is not None:
-            return x if known else y
-    return None
+    return rule
 
 
 def _not(program: Program, args: tuple[int, ...]) -> int | None:
@@ -196,8 +190,8 @@ _RULES: dict[str, Rule] = {
     "div": _div,
     "neg": _neg,
     "select": _select,
-    "and": _and,
-    "or": _or,
+    "and": _joined(True),
+    "or": _joined(False),
     "not": _not,
     "to_f32": lambda program, args: _same_kind(program, args, "f32"),
     "to_f64": lambda program, args: _same_kind(program, args, "f64"),

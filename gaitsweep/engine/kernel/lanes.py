@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, ClassVar
 
@@ -108,12 +109,12 @@ class KernelLanes(abc.ABC):
             n = some.size
             self.put(some, opened[:n], kept_rows[:n], keep[:n])
 
-    def given(self, slots: np.ndarray, kept: np.ndarray) -> Given:
-        """What the host gets, from the slots (n_slots, size)."""
+    def given(self, read_slot: Callable[[int], np.ndarray]) -> Given:
+        """What the host gets, its buffers empty, from a slot's numbers (size,) by the slot."""
 
         def read(leaf: Leaf) -> np.ndarray:
-            columns = slots[leaf.first : leaf.first + leaf.size].T
-            return columns.reshape(self.size, *leaf.shape)
+            columns = [read_slot(leaf.first + i) for i in range(leaf.size)]
+            return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
         record = self.chunk.record
         fields = {
@@ -125,6 +126,7 @@ class KernelLanes(abc.ABC):
             fields[name] = fields[name].astype(np.int32)
         seen = Record(window=np.zeros((self.size, 0)), **fields)  # type: ignore[arg-type]
         carry = self.chunk.carry
+        kept = np.zeros((self.size, 0, self.chunk.width))
         return Given(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
 
 
@@ -152,7 +154,6 @@ class CpuLanes(KernelLanes):
         """Advance all running lanes by up to `looks * CADENCE` attempts."""
         tiles = self._slots.shape[0]
         self._run(self._slots.reshape(tiles, -1), self._kept, looks)
-        flat = self._slots.transpose(1, 0, 2).reshape(self._slots.shape[1], -1)[:, : self.size]
-        given = self.given(flat, self._kept[: self.size])
+        given = self.given(lambda slot: self._slots[:, slot].ravel()[: self.size])
         self._slots[:, self.chunk.record.filled.first] = 0.0
-        return given
+        return given._replace(kept=self._kept[: self.size])

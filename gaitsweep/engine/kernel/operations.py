@@ -12,7 +12,10 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Operation:
-    """`kind` of the result ("same": that of the last argument), its NumPy evaluation, its Python source."""
+    """`kind` of the result ("same": that of the last argument), its NumPy evaluation, its Python source.
+
+    In the source, {0}, {1} ... stand for the arguments, {bits} for 32 or 64: the width of the last one.
+    """
 
     kind: str
     evaluate: Callable[..., Any]
@@ -45,8 +48,8 @@ OPERATIONS: dict[str, Operation] = {
     "div": Operation("same", lambda a, b: a / b, "{0} / {1}"),
     "neg": Operation("same", lambda a: -a, "-{0}"),
     "abs": Operation("same", np.abs, "abs({0})"),
-    "floor": Operation("same", np.floor, "math.floor({0})"),
-    "sqrt": Operation("same", np.sqrt, "math.sqrt({0})"),
+    "floor": Operation("same", np.floor, "floor{bits}({0})"),
+    "sqrt": Operation("same", np.sqrt, "sqrt{bits}({0})"),
     "lt": Operation("bool", lambda a, b: a < b, "{0} < {1}"),
     "le": Operation("bool", lambda a, b: a <= b, "{0} <= {1}"),
     "eq": Operation("bool", lambda a, b: a == b, "{0} == {1}", commutes=True),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from typing import Literal
 
 import numpy as np
 
+from gaitsweep.engine.kernel.fold import simplified
 from gaitsweep.engine.kernel.operations import OPERATIONS
 
 Kind = Literal["f64", "f32", "int", "bool"]
@@ -55,8 +56,6 @@ class Program:
 
     def apply(self, op: str, *args: int) -> int:
         """The node of an operation on nodes: a new one, an old one, or a constant."""
-        from gaitsweep.engine.kernel.fold import simplified
-
         found = simplified(self, op, args)
         return self.write(op, *args) if found is None else found
 
@@ -86,15 +85,16 @@ class Program:
             return None
         return self.constant(result, kind)
 
-    def needed(self, wanted: Iterable[int]) -> list[int]:
-        """The nodes on which `wanted` depend, themselves included, in order."""
+    def needed(self, wanted: Iterable[int], given: Container[int] = ()) -> list[int]:
+        """The nodes on which `wanted` depend, themselves included, in order; none behind what is `given`."""
         reached: set[int] = set()
         waiting = list(wanted)
         while waiting:
             at = waiting.pop()
             if at not in reached:
                 reached.add(at)
-                waiting.extend(self.nodes[at].args)
+                if at not in given:
+                    waiting.extend(self.nodes[at].args)
         return sorted(reached)
 
     def _add(self, key: tuple, node: Node, steady: bool) -> int:

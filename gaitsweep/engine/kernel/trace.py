@@ -70,6 +70,16 @@ class Tracer:
             known.update(zip(equation.outvars, map(np.asarray, given), strict=True))
         return [get(atom) for atom in jaxpr.outvars]
 
+    def inputs(self, tree: Any, first: int, *, steady: bool) -> list[Nodes]:
+        """Nodes for each leaf of a tree of arrays or of their shapes: inputs numbered from `first` on."""
+        arrays = []
+        for shape, kind in leaves_of(tree):
+            size = int(np.prod(shape))
+            nodes = [self.program.input(first + i, kind, steady=steady) for i in range(size)]
+            arrays.append(np.array(nodes, np.int64).reshape(shape))
+            first += size
+        return arrays
+
     def constants(self, values: np.ndarray) -> Nodes:
         kind = kind_of(values.dtype)
         flat = [self.program.constant(value, kind) for value in values.ravel().tolist()]
@@ -126,15 +136,11 @@ def trace(function: Callable[..., Any], *trees: Any, steady: Sequence[bool]) -> 
     program = Program()
     tracer = Tracer(program)
     arrays: list[Nodes] = []
-    inputs: list[int] = []
     for tree, still in zip(trees, steady, strict=True):
-        for shape, kind in leaves_of(tree):
-            size = int(np.prod(shape))
-            nodes = [program.input(len(inputs) + i, kind, steady=still) for i in range(size)]
-            inputs.extend(nodes)
-            arrays.append(np.array(nodes, np.int64).reshape(shape))
+        arrays += tracer.inputs(tree, sum(array.size for array in arrays), steady=still)
     given = tracer.read(closed, arrays)
-    return Traced(program, inputs, [int(at) for array in given for at in array.ravel()])
+    inputs, outputs = ([int(at) for array in side for at in array.ravel()] for side in (arrays, given))
+    return Traced(program, inputs, outputs)
 
 
 def _place(equation: Any) -> str:
