@@ -17,9 +17,9 @@ import pytest
 from hypothesis import strategies as st
 from jax import lax
 
-from gaitsweep.engine.kernel import arrays, control, places, primitives
+from gaitsweep.engine.kernel import arrays, control, lower, places, primitives
 from gaitsweep.engine.kernel.trace import UnsupportedError
-from tests.scalar_programs import NAMES, executable, outputs_of, source_of, traced_with
+from tests.scalar_programs import executable, outputs_of, source_of, traced_with
 from tests.traced_cases import CASES
 
 
@@ -313,14 +313,9 @@ KINDS = (np.float64(0), np.float32(0), np.int64(0), np.bool_(True))
 
 @pytest.fixture(scope="module")
 def compiled() -> Callable[..., Any]:
-    """The emitted source as Numba compiles it for a CPU, and the kinds that Numba finds in it."""
+    """The emitted source as it is lowered to LLVM and compiled for a CPU."""
     traced = traced_with(_of_all_kinds, *KINDS)
-    names = {**NAMES, "math": math}
-    exec(source_of(traced), names)
-    function = numba.njit(error_model="numpy", fastmath={"contract", "nsz"})(names["run"])
-    inputs = (np.float64(1), np.float32(1), np.float64(1), np.bool_(True))
-    function(*inputs)
-    found = function.overloads[function.signatures[0]].signature.return_type
-    wanted = {"f64": "float64", "f32": "float32", "int": "float64", "bool": "bool"}
-    assert [str(t) for t in found] == [wanted[traced.program.nodes[at].kind] for at in traced.outputs]
-    return function
+    kinds = "".join(lower.KINDS[traced.program.nodes[at].kind] for at in traced.outputs)
+    source = source_of(traced).replace("):", f') -> "{kinds}":', 1)
+    run = lower.straight_line(lower.CpuCalls, source)
+    return numba.njit(lambda x, y, n, flag: run(x, y, n, flag))

@@ -15,11 +15,15 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 
+from gaitsweep.engine.kernel import lower
+
 
 def module_of(source: str) -> ModuleType:
     """The module with this source, imported from the folder of kernels."""
     versions = [f"{name} {_version(name)}" for name in ("numba", "llvmlite", "numba-cuda")]
-    digest = hashlib.sha256("\n".join([source, *versions, sys.version]).encode()).hexdigest()
+    # what turns the source into instructions decides them as the source does
+    own = Path(lower.__file__).read_text()
+    digest = hashlib.sha256("\n".join([source, own, *versions, sys.version]).encode()).hexdigest()
     name = f"gaitsweep_kernel_{digest[:24]}"
     if name in sys.modules:
         return sys.modules[name]

@@ -21,18 +21,11 @@ from gaitsweep.engine.record import CADENCE
 TILE = 16
 
 _PREAMBLE = '''"""Written by gaitsweep: {title}."""
-import math
-
-import numpy as np
 from numba import njit
 
-inf, nan = np.inf, np.nan
-float32, float64 = np.float32, np.float64
-floor64 = floor32 = np.floor
-sqrt64 = sqrt32 = np.sqrt
-compiled = njit(
-    nogil=True, cache=True, error_model="numpy", boundscheck=False, fastmath={{"contract", "nsz"}}
-)
+from gaitsweep.engine.kernel.lower import CpuCalls, straight_line
+
+compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 '''
 
 
@@ -110,9 +103,20 @@ def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, st
         f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, result)}"
         for slot, at, result in zip(outputs, wanted, results, strict=True)
     ]
-    body = "\n".join(f"        {line}" for line in [*loads, *lines, *stores]) or "        pass"
-    return f"@compiled\ndef {name}(s):\n    for lane in range({lanes}):\n{body}\n"
+    body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores, "pass"])
+    return _STAGE.format(name=name, lanes=lanes, body=body)
 
+
+_STAGE = """{name}_of_lane = straight_line(CpuCalls, '''def {name}_of_lane(s, lane):
+{body}
+''')
+
+
+@compiled
+def {name}(s):
+    for lane in range({lanes}):
+        {name}_of_lane(s, lane)
+"""
 
 _KEEP = """@compiled
 def keep(s, kept, tile):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import math
 from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, ClassVar
@@ -18,6 +19,8 @@ from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.lane import Given, OneLane, RowDrive
 from gaitsweep.engine.record import BUFFER, Record, Recorder
 from gaitsweep.engine.xla import Values
+
+CACHE_LINE = 64  # bytes, and those of the widest vector
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,6 +133,14 @@ class KernelLanes(abc.ABC):
         return Given(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
 
 
+def _aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros that begin where a line of the cache does, so that no vector lies across two."""
+    size = math.prod(shape)
+    room = np.zeros(size + CACHE_LINE // 8)
+    first = -room.ctypes.data % CACHE_LINE // 8
+    return room[first : first + size].reshape(shape)
+
+
 class CpuLanes(KernelLanes):
     """Lanes on one core, in tiles that fill vector registers; several cores take lanes of their own."""
 
@@ -139,7 +150,7 @@ class CpuLanes(KernelLanes):
 
         self._tile = cpu.TILE
         tiles = -(-self.size // self._tile)
-        self._slots = np.zeros((tiles, cpu.slots(self.chunk), self._tile))
+        self._slots = _aligned((tiles, cpu.slots(self.chunk), self._tile))
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
         self._run = cpu.compiled(self.chunk, self.kernel.title)
