@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from gaitsweep.engine.lane import Given
 from gaitsweep.engine.work import Work
 
 
@@ -33,20 +34,42 @@ class Block:
     """The rows of one block while they run."""
 
     def __init__(self, work: Work, number: int) -> None:
+        self.number = number
         self.first = number * work.block
         self.rows = min(work.block, work.n_rows - self.first)
         self.params, self.starts = work.values(self.first, self.first + self.rows)
-        self.missing = self.rows
+        self.opened = 0  # rows that have been put into lanes
+        self.missing = self.rows  # rows that have not ended
         self.status = np.zeros(self.rows, np.int32)
         self.cycles = np.zeros(self.rows, np.int64)
         self.attempts = np.zeros(self.rows, np.int64)
         self.t_end = np.full(self.rows, np.nan)
         self.last = np.full((self.rows, len(work.model.observables)), np.nan)
-        self.kept: dict[int, list[np.ndarray]] = {}
+        self._owners: list[np.ndarray] = []
+        self._samples: list[np.ndarray] = []
+
+    def keep(self, rows: np.ndarray, given: Given, lanes: np.ndarray) -> None:
+        """Take what these lanes (n,) have kept; `rows` are those of all lanes."""
+        if lanes.size:
+            filled = given.record.filled[lanes]
+            new = np.arange(given.kept.shape[1]) < filled[:, None]
+            self._samples.append(given.kept[lanes][new])
+            self._owners.append(np.repeat(rows[lanes], filled))
+
+    def end(self, rows: np.ndarray, given: Given, lanes: np.ndarray) -> None:
+        """Take what the rows of these lanes (n,) have ended with."""
+        mine, record = rows[lanes], given.record
+        self.status[mine] = record.status[lanes]
+        self.cycles[mine] = record.cycles[lanes]
+        self.attempts[mine] = given.attempts[lanes]
+        self.t_end[mine] = given.t[lanes]
+        self.last[mine] = record.last[lanes]
+        self.missing -= lanes.size
 
     def result(self, labels: dict[str, np.ndarray]) -> BlockResult:
-        samples = [np.concatenate(self.kept[row]) for row in sorted(self.kept)]
-        owner = [np.full(len(kept), row) for row, kept in zip(sorted(self.kept), samples, strict=True)]
+        owner = np.concatenate([np.zeros(0, np.int64), *self._owners])
+        # a row's samples came in their order
+        order = np.argsort(owner, kind="stable")
         empty = np.zeros((0, 0))
         return BlockResult(
             first=self.first,
@@ -56,6 +79,6 @@ class Block:
             t_end=self.t_end,
             last=self.last,
             labels=labels,
-            owner=np.concatenate(owner) + self.first if owner else np.zeros(0, np.int64),
-            samples=np.concatenate(samples) if samples else empty,
+            owner=owner[order] + self.first,
+            samples=np.concatenate(self._samples)[order] if self._samples else empty,
         )

@@ -15,9 +15,9 @@ from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import Device, Values
 
-# Looks of the recorder between two returns to the host. On a CPU a kernel's chunks are shorter: its methods
-# take fewer attempts to a cycle, and a row that has ended waits for the chunk's end.
-KERNEL_LOOKS = 16
+# Looks of a kernel's recorder between two returns to the host, on each kind of device. On a CPU chunks are
+# short, since a row that has ended waits for the chunk's end; on a GPU what the host does after each counts.
+KERNEL_LOOKS = {"cpu": 16, "gpu": 128}
 
 
 class Lanes(Protocol):
@@ -54,12 +54,6 @@ def choose(
     """
     if wanted == "xla":
         return "xla", None
-    if wanted == "auto" and device.platform == "gpu":
-        # XLA runs the paper's jobs on a GPU in seconds, less than a kernel takes to compile the first time
-        return (
-            "xla",
-            "engine: xla, since kernels take minutes to compile for a GPU; --engine kernel asks for one.",
-        )
     reason = _obstacle(device, model, recorder, numerics, drive)
     if reason is None:
         return "kernel", None
@@ -107,8 +101,7 @@ def lanes_on(device: Device, work: Work) -> Lanes:
 
 def looks_of(work: Work) -> int:
     """Looks of the recorder between two returns to the host."""
-    on_cpu = work.devices[0].platform == "cpu"
-    return KERNEL_LOOKS if work.engine == "kernel" and on_cpu else xla.LOOKS
+    return KERNEL_LOOKS[work.devices[0].platform] if work.engine == "kernel" else xla.LOOKS
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:

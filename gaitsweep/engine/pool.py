@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -33,14 +33,10 @@ class Pool:
         self.cycles = 0
         self._running_share = 0.0
         self._running_attempts = 0
-        self._waiting = self._queue(blocks)
+        self._waiting = list(blocks)[::-1]
+        self._newest: Block | None = None
         # what the lanes run with: parameters, then starts
         self._values: list[dict[str, np.ndarray]] = []
-
-    def _queue(self, blocks: Sequence[int]) -> Iterator[tuple[int, int]]:
-        for number in blocks:
-            self.open[number] = Block(self.work, number)
-            yield from ((number, row) for row in range(self.open[number].rows))
 
     def chunk(self, looks: int | None = None) -> Given:
         """Advance the lanes of all devices at once."""
@@ -59,57 +55,64 @@ class Pool:
     def refill(self) -> None:
         """Put waiting rows into free lanes."""
         fresh = np.zeros(self.block_of.size, bool)
-        for lane in self._order[self.block_of[self._order] < 0]:
-            following = next(self._waiting, None)
-            if following is None:
+        free = self._order[self.block_of[self._order] < 0]
+        while free.size:
+            block = self._with_waiting_rows()
+            if block is None:
                 break
-            number, row = following
-            block = self.open[number]
-            self.block_of[lane], self.row_of[lane], fresh[lane] = number, row, True
+            rows = np.arange(block.opened, min(block.rows, block.opened + free.size))
+            lanes, free = free[: rows.size], free[rows.size :]
+            block.opened += rows.size
+            self.block_of[lanes], self.row_of[lanes], fresh[lanes] = block.number, rows, True
             if not self._values:
                 # idle lanes are computed too: the first row's values are sound ones for them
                 self._values = [
-                    {name: np.repeat(column[row], fresh.size) for name, column in given.items()}
+                    {name: np.repeat(column[:1], fresh.size) for name, column in given.items()}
                     for given in (block.params, block.starts)
                 ]
             for held, given in zip(self._values, (block.params, block.starts), strict=True):
                 for name, column in held.items():
-                    column[lane] = given[name][row]
+                    column[lanes] = given[name][rows]
         if fresh.any():
-            for i, lanes in enumerate(self.groups):
-                part = slice(i * lanes.size, (i + 1) * lanes.size)
-                params, starts = ({k: v[part] for k, v in held.items()} for held in self._values)
-                lanes.fill(params, starts, fresh[part])
+            for i, group in enumerate(self.groups):
+                part = slice(i * group.size, (i + 1) * group.size)
+                if fresh[part].any():
+                    params, starts = ({k: v[part] for k, v in held.items()} for held in self._values)
+                    group.fill(params, starts, fresh[part])
+
+    def _with_waiting_rows(self) -> Block | None:
+        """The newest block while it has rows that wait, then the next one."""
+        if self._newest is None or self._newest.opened == self._newest.rows:
+            if not self._waiting:
+                return None
+            self._newest = Block(self.work, self._waiting.pop())
+            self.open[self._newest.number] = self._newest
+        return self._newest
 
     def collect(self, given: Given) -> list[int]:
         """Take what a chunk gave; the numbers of the blocks that it completed."""
-        record, rows, t, attempts = given
+        record, _, t, attempts = given
+        busy = self.block_of >= 0
+        running = busy & (record.status == Status.running)
+        ended = busy & ~running
         complete = []
-        for lane in np.flatnonzero((self.block_of >= 0) & (record.filled > 0)):
-            kept = np.array(rows[lane, : int(record.filled[lane])])
-            self.open[self.block_of[lane]].kept.setdefault(int(self.row_of[lane]), []).append(kept)
-        running = (self.block_of >= 0) & (record.status == Status.running)
-        for lane in np.flatnonzero((self.block_of >= 0) & ~running):
-            block, row = self.open[self.block_of[lane]], self.row_of[lane]
-            block.status[row] = record.status[lane]
-            block.cycles[row] = record.cycles[lane]
-            block.attempts[row] = attempts[lane]
-            block.t_end[row] = t[lane]
-            block.last[row] = record.last[lane]
-            block.missing -= 1
-            self.done += 1
-            self.attempts += int(attempts[lane])
-            self.cycles += int(record.cycles[lane])
+        for number in np.unique(self.block_of[busy & (ended | (record.filled > 0))]):
+            block, mine = self.open[number], self.block_of == number
+            block.keep(self.row_of, given, np.flatnonzero(mine & (record.filled > 0)))
+            block.end(self.row_of, given, np.flatnonzero(mine & ended))
             if block.missing == 0:
-                complete.append(int(self.block_of[lane]))
-            self.block_of[lane] = -1
+                complete.append(int(number))
+        self.done += int(np.count_nonzero(ended))
+        self.attempts += int(attempts[ended].sum())
+        self.cycles += int(record.cycles[ended].sum())
+        self.block_of[ended] = -1
         # the first rows to end are the quick ones: those that still run say how long a row takes, too
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
             typical = max(typical, float(np.mean(record.cycles[running])))
         self._running_share = float(np.sum(self.work.recorder.share(record, t, typical)[running]))
         self._running_attempts = int(np.sum(attempts[running]))
-        return sorted(complete)
+        return complete
 
     def close(self, number: int) -> Block:
         return self.open.pop(number)

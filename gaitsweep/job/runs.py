@@ -89,7 +89,7 @@ class EngineChoice(Part):
     name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
         default="auto",
         description="kernel: compiled scalar kernels, the fastest; xla: JAX's own compiler; auto: kernel "
-        "on a CPU where the model allows it, xla elsewhere",
+        "where the model and the machine allow it",
     )
     lanes: LaneCount | None = Field(
         default=None, description="trajectories advanced at once; chosen for the device if not given"

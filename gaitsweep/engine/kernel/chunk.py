@@ -55,6 +55,10 @@ class Chunk:
         return len(self.row)
 
     @property
+    def first_of_carry(self) -> int:
+        return min(leaf.first for leaf in jax.tree.leaves(self.carry))
+
+    @property
     def first_of_record(self) -> int:
         return min(leaf.first for leaf in jax.tree.leaves(self.record))
 

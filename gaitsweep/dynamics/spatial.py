@@ -1,0 +1,213 @@
+"""Spatial vectors and inertias of rigid-body dynamics, at a point that each of them leaves unsaid.
+
+A motion and a force have six coordinates each, angular ones first, as in Featherstone's "Rigid Body Dynamics
+Algorithms" (2008, ch. 2), kept here as two 3-vectors; a 6 x 6 inertia is kept as its 3 x 3 blocks. A Pluecker
+transform is a rotation `E` of the axes and a shift `r` of the point, done one after the other.
+
+Accelerations are the classical ones, those of the body's point at the origin (sec. 2.11): so the linear
+velocities drop out of the equations of motion, and the free joint's acceleration is MuJoCo's.
+Zeros that are NumPy constants cost nothing in the scalar kernel: it folds them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Array: TypeAlias = jax.Array | np.ndarray
+Scalar: TypeAlias = jax.Array | np.ndarray | np.float64 | float
+
+ZERO = np.zeros(3)
+EYE = np.eye(3)
+_UPPER = np.triu(np.ones((3, 3), bool))
+_CROSS = np.array(  # r x m = (_CROSS @ r) @ m
+    [
+        [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]],
+        [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]],
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+    ]
+)
+
+
+def skew(r: Array) -> Array:
+    """The matrix r x of the cross product with `r` (3,), shape (3, 3)."""
+    return _CROSS @ r
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a x b, shape (3,)."""
+    return skew(a) @ b
+
+
+def symmetric(A: Array) -> Array:
+    """A matrix (3, 3) known to be symmetric, its lower triangle read from the upper one.
+
+    So the scalar kernel computes the upper triangle alone.
+    """
+    return np.where(_UPPER, A, A.T) if isinstance(A, np.ndarray) else jnp.where(_UPPER, A, A.T)
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """A spatial velocity or (classical) acceleration: `angular` (rad/s, rad/s2), `linear` of the point."""
+
+    angular: Array
+    linear: Array
+
+    def __add__(self, other: Motion) -> Motion:
+        return Motion(self.angular + other.angular, self.linear + other.linear)
+
+    def __mul__(self, rate: Scalar) -> Motion:
+        return Motion(self.angular * rate, self.linear * rate)
+
+    def dot(self, force: Force) -> Scalar:
+        """The power of a force on this motion."""
+        return self.angular @ force.couple + self.linear @ force.linear
+
+    def shifted(self, r: Array) -> Motion:
+        """The same at the point that lies at `r` (3,) from here, both at rest in the body (table 2.2)."""
+        return Motion(self.angular, self.linear + cross(self.angular, r))
+
+    def rotated(self, E: Array | None) -> Motion:
+        """The same in other coordinates: `E` (3, 3) turns coordinates here into those; None: no turn."""
+        return self if E is None else Motion(E @ self.angular, E @ self.linear)
+
+
+@dataclasses.dataclass(frozen=True)
+class Force:
+    """A spatial force: its `couple` about the point (N m), and `linear` (N), each (3,)."""
+
+    couple: Array
+    linear: Array
+
+    def __add__(self, other: Force) -> Force:
+        return Force(self.couple + other.couple, self.linear + other.linear)
+
+    def __sub__(self, other: Force) -> Force:
+        return Force(self.couple - other.couple, self.linear - other.linear)
+
+    def __mul__(self, factor: Scalar) -> Force:
+        return Force(self.couple * factor, self.linear * factor)
+
+    def moved_from(self, r: Array) -> Force:
+        """The same about another point, from which this one lies at `r` (3,) (table 2.2)."""
+        return Force(self.couple + cross(r, self.linear), self.linear)
+
+    def rotated(self, E: Array | None) -> Force:
+        """The same in other coordinates, as for a motion."""
+        return self if E is None else Force(E @ self.couple, E @ self.linear)
+
+
+@dataclasses.dataclass(frozen=True)
+class Inertia:
+    """A spatial inertia [[I, H], [H^T, M]], rigid or articulated (sec. 2.13, 7.1), blocks (3, 3).
+
+    `I` (kg m2) and `M` (kg) are symmetric; for a rigid body H = m c x and M = m 1.
+    """
+
+    I: Array  # noqa: E741 - the book's name
+    H: Array
+    M: Array
+
+    def __add__(self, other: Inertia) -> Inertia:
+        return Inertia(self.I + other.I, self.H + other.H, self.M + other.M)
+
+    def __matmul__(self, motion: Motion) -> Force:
+        w, v = motion.angular, motion.linear
+        return Force(self.I @ w + self.H @ v, self.H.T @ w + self.M @ v)
+
+    def without(self, U: Force, per_D: Scalar) -> Inertia:
+        """I - U D^-1 U^T, what is felt through a joint that gives way; `per_D` is D^-1 (sec. 7.3)."""
+        n, f = U.couple, U.linear
+        n_D, f_D = n * per_D, f * per_D
+        return Inertia(
+            symmetric(self.I - n_D[:, None] * n[None, :]),
+            self.H - n_D[:, None] * f[None, :],
+            symmetric(self.M - f_D[:, None] * f[None, :]),
+        )
+
+    def freed_along(self, S: Motion) -> Inertia:
+        """The same with zeros where `S`, along a coordinate axis, makes them: I^a S = 0 but for rounding."""
+        w, v = 1.0 - np.abs(S.angular), 1.0 - np.abs(S.linear)
+        return Inertia(self.I * np.outer(w, w), self.H * np.outer(w, v), self.M * np.outer(v, v))
+
+    def rotated(self, E: Array | None) -> Inertia:
+        """The same in other coordinates, as for a motion: E I E^T block by block."""
+        if E is None:
+            return self
+        return Inertia(turned(E, self.I), E @ self.H @ E.T, turned(E, self.M))
+
+    def moved_from(self, r: Array) -> Inertia:
+        """The same about another point, from which this one lies at `r` (3,) (sec. 2.13)."""
+        rx = skew(r)
+        H = self.H + rx @ self.M
+        return Inertia(symmetric(self.I + rx @ self.H.T - H @ rx), H, self.M)
+
+
+def turned(E: Array, A: Array) -> Array:
+    """E A E^T of a symmetric matrix `A` (3, 3)."""
+    return A if E is EYE else symmetric(E @ A @ E.T)
+
+
+def rotation_about(axis: np.ndarray, angle: Scalar) -> Array:
+    """The rotation matrix (3, 3) by `angle` (rad) about a constant unit `axis` (3,).
+
+    Written so that a coordinate axis leaves its zeros and its one constant.
+    """
+    along = np.outer(axis, axis)
+    return along + jnp.cos(angle) * (EYE - along) + jnp.sin(angle) * skew(axis)
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """The rotation matrix (3, 3) of a quaternion (w, x, y, z), whatever its norm (eq. 4.12)."""
+    w, x, y, z = (quaternion[k] for k in range(4))
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    xs, ys, zs = x * s, y * s, z * s
+    return jnp.array(
+        [
+            [1.0 - (y * ys + z * zs), x * ys - w * zs, x * zs + w * ys],
+            [x * ys + w * zs, 1.0 - (x * xs + z * zs), y * zs - w * xs],
+            [x * zs - w * ys, y * zs + w * xs, 1.0 - (x * xs + y * ys)],
+        ]
+    )
+
+
+def quaternion_product(p: Array, q: Array) -> Array:
+    """The quaternion (w, x, y, z) of the rotation `q` followed, in its parent's frame, by `p`."""
+    w, u, x, v = p[0], p[1:], q[0], q[1:]
+    return jnp.concatenate([(w * x - u @ v)[None], w * v + x * u + cross(u, v)])
+
+
+def quaternion_exponential(turn: Array) -> Array:
+    """The quaternion (w, x, y, z) of the rotation vector `turn` (3,), rad; smooth at zero."""
+    square = turn @ turn
+    tiny = square < 1e-12
+    angle = jnp.sqrt(jnp.where(tiny, 1.0, square))
+    half_sinc = jnp.where(tiny, 0.5 - square / 48.0, jnp.sin(0.5 * angle) / angle)
+    cosine = jnp.where(tiny, 1.0 - square / 8.0, jnp.cos(0.5 * angle))
+    return jnp.concatenate([cosine[None], half_sinc * turn])
+
+
+def solve_positive(A: Array, b: Array) -> Array:
+    """x of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
+
+    Written out over Python integers, reading the upper triangle alone: no routine of linear algebra.
+    """
+
+    upper: list[Array] = []
+    scaled: list[Scalar] = []
+    for _ in range(b.shape[0] - 1):
+        row, per_pivot = A[0, 1:], 1.0 / A[0, 0]
+        factor = row * per_pivot
+        upper.append(factor)
+        scaled.append(b[0] * per_pivot)
+        A = A[1:, 1:] - factor[:, None] * row[None, :]
+        b = b[1:] - factor * b[0]
+    x = b / A[0]
+    for factor, value in zip(reversed(upper), reversed(scaled), strict=True):
+        x = jnp.concatenate([jnp.asarray(value - factor @ x)[None], x])
+    return x

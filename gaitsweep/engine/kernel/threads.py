@@ -1,0 +1,227 @@
+"""A chunk's program for an NVIDIA GPU: a thread for each trajectory, compiled by numba-cuda.
+
+Slots lie lane by lane, so that neighbouring threads read neighbouring numbers. The carry lives in registers,
+the record where it lies. What stays the same along a trajectory is worked out once, as it is placed; if it
+is the same in all rows it reaches the threads as an argument, which costs them no register.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.emit import loaded, statements, stored
+from gaitsweep.engine.kernel.lower import KINDS
+from gaitsweep.engine.record import CADENCE
+
+# Registers of a thread: all that it may have. With fewer, more threads fit on the card at once, but what no
+# longer fits goes to memory, and that costs more.
+REGISTERS = 255
+
+_HEAD = '''"""Written by gaitsweep: {title}."""
+from numba import cuda
+
+from gaitsweep.engine.kernel.lower import CudaCalls, straight_line
+
+
+def lowered(source):
+    return straight_line(CudaCalls, source)
+'''
+
+_STAGE = """
+{name} = lowered('''def {name}({parameters}){kinds}:
+{body}
+''')
+"""
+
+_PUT = """
+
+@cuda.jit(cache=True)
+def put(S, n, lanes, opened):
+    k = cuda.grid(1)
+    if k < lanes.size:
+        i = lanes[k]
+        for slot in range(opened.shape[0]):
+            S[slot * n + i] = opened[slot, k]
+        prepare(S, n, i)
+
+
+@cuda.jit(cache=True)
+def put_rows(kept, lanes, rows):
+    k = cuda.grid(1)
+    if k < lanes.size:
+        for number in range(rows.shape[1]):
+            kept[0, number, lanes[k]] = rows[k, number]
+"""
+
+_RUN = """
+
+@cuda.jit(cache=True, max_registers={registers})
+def run(S, kept, n, looks, same):
+    i = cuda.grid(1)
+    if i >= n:
+        return
+    if S[{status} * n + i] != 0.0:
+        return
+    own = read_own(S, n, i)
+    c = read_carry(S, n, i)
+    for _ in range(looks):
+        for _ in range({cadence}):
+            if c[{halt}] != 0.0:
+                break
+            c = attempt(own, same, c)
+        c = look(S, kept, n, i, own, same, c)
+        if S[{status} * n + i] != 0.0:
+            break
+    write_carry(S, n, i, c)
+"""
+
+
+def placing(chunk: Chunk, title: str) -> str:
+    """The module that sets lanes: `put(S, n, lanes, opened)` and `put_rows(kept, lanes, rows)`.
+
+    `S` (slots * n) float64, n lanes; `opened` (slots, len(lanes)) what the slots get.
+    """
+    program, nodes = chunk.program, list(chunk.steady.values())
+    lines, names = _loads(chunk, program.needed(nodes))
+    more, results = statements(program, nodes, names)
+    stores = [
+        _write(chunk, at, slot, result) for slot, at, result in zip(chunk.steady, nodes, results, strict=True)
+    ]
+    stage = _stage("prepare", "S, n, i", [*lines, *more, *stores])
+    return _HEAD.format(title=title) + stage + _PUT
+
+
+def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
+    """The module whose kernel `run(S, kept, n, looks, same)` advances n lanes by up to `looks` looks.
+
+    `S` (slots * n) float64; `kept` (BUFFER * width * n) gets the rows that are kept; `same` the values of
+    `same(chunk, varying)`; `varying` the held slots that differ from row to row.
+    """
+    thread = _Thread(chunk, varying)
+    run = _RUN.format(
+        registers=REGISTERS,
+        cadence=CADENCE,
+        status=chunk.record.status.first,
+        halt=thread.carry.index(chunk.carry.halt.first),
+    )
+    return _HEAD.format(title=title) + "".join(thread.stages()) + run
+
+
+def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
+    """The nodes that are the same in all rows, with their slots, in the order in which threads take them."""
+    return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
+
+
+def _steady(chunk: Chunk) -> dict[int, int]:
+    """What stays the same along a trajectory and is read by attempts or looks: nodes, with their slots."""
+    given = {at: slot for slot, at in chunk.steady.items()}
+    wanted = [*chunk.attempt.values(), *chunk.look.values(), *chunk.row, chunk.keep]
+    for at in chunk.program.needed(wanted, given):
+        node = chunk.program.nodes[at]
+        if node.op == "input" and chunk.program.steady[at]:
+            given[at] = chunk.slot_of(at)
+    return given
+
+
+def _varies(chunk: Chunk, at: int, varying: Collection[int]) -> bool:
+    nodes = chunk.program.nodes
+    return any(nodes[a].op == "input" and chunk.slot_of(a) in varying for a in chunk.program.needed([at]))
+
+
+def _read(chunk: Chunk, at: int, slot: int) -> str:
+    return loaded(chunk.program.nodes[at].kind, f"S[{slot} * n + i]")
+
+
+def _write(chunk: Chunk, at: int, slot: int, value: str) -> str:
+    return f"S[{slot} * n + i] = {stored(chunk.program.nodes[at].kind, value)}"
+
+
+def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str]]:
+    """Lines that read from memory the inputs among `nodes`, and their names."""
+    slots = {at: chunk.slot_of(at) for at in nodes if chunk.program.nodes[at].op == "input"}
+    lines = [f"r{slot} = {_read(chunk, at, slot)}" for at, slot in slots.items()]
+    return lines, {at: f"r{slot}" for at, slot in slots.items()}
+
+
+def _stage(name: str, parameters: str, lines: list[str], kinds: str = "") -> str:
+    body = "\n".join(f"    {line}" for line in lines or ["pass"])
+    return _STAGE.format(name=name, parameters=parameters, kinds=f' -> "{kinds}"' if kinds else "", body=body)
+
+
+class _Thread:
+    """The stages of one thread: `c` the carry, `own` and `same` what stays as it is along a trajectory."""
+
+    def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
+        self.chunk = chunk
+        self.looked = [*chunk.look.values(), *chunk.row, chunk.keep]
+        steady = _steady(chunk)
+        self.own = {at: slot for at, slot in steady.items() if _varies(chunk, at, varying)}
+        self._carried = self._carried_inputs()
+        self.carry = list(self._carried.values())
+        self._kinds = self._letters(self._carried)
+        self._names = {at: f"c[{k}]" for k, at in enumerate(self._carried)}
+        self._names |= {at: f"own[{k}]" for k, at in enumerate(self.own)}
+        self._names |= {at: f"same[{k}]" for k, at in enumerate(same(chunk, varying))}
+
+    def _carried_inputs(self) -> dict[int, int]:
+        """Inputs of the carry that something reads or that an attempt or a look changes, with their slots."""
+        chunk, nodes = self.chunk, self.chunk.program.nodes
+        read = set(chunk.program.needed([*chunk.attempt.values(), *self.looked]))
+        changed = {*chunk.attempt, *chunk.look}
+        inputs = {at: chunk.slot_of(at) for at, node in enumerate(nodes) if node.op == "input"}
+        return {
+            at: slot
+            for at, slot in inputs.items()
+            if chunk.first_of_carry <= slot < chunk.first_of_record and (at in read or slot in changed)
+        }
+
+    def _letters(self, nodes: Iterable[int]) -> str:
+        return "".join(KINDS[self.chunk.program.nodes[at].kind] for at in nodes)
+
+    def stages(self) -> list[str]:
+        own = [_read(self.chunk, at, slot) for at, slot in self.own.items()] or ["0.0"]
+        carry = [_read(self.chunk, at, slot) for at, slot in self._carried.items()]
+        back = [_write(self.chunk, at, slot, f"c[{k}]") for k, (at, slot) in enumerate(self._carried.items())]
+        return [
+            _stage("read_own", "S, n, i", [_given(own)], self._letters(self.own) or "d"),
+            _stage("read_carry", "S, n, i", [_given(carry)], self._kinds),
+            self._attempt(),
+            self._look(),
+            _stage("write_carry", "S, n, i, c", back),
+        ]
+
+    def _attempt(self) -> str:
+        # a trajectory that waits makes no attempt
+        halt = self.chunk.carry.halt.first
+        going = {at: "0.0" for at, slot in self._carried.items() if slot == halt}
+        wanted = list(self.chunk.attempt.values())
+        lines, results = statements(self.chunk.program, wanted, self._names | going)
+        changed = dict(zip(self.chunk.attempt, results, strict=True))
+        return _stage("attempt", "own, same, c", [*lines, self._moved(changed)], self._kinds)
+
+    def _look(self) -> str:
+        chunk, program = self.chunk, self.chunk.program
+        reached = program.needed(self.looked, self._names)
+        lines, names = _loads(chunk, (at for at in reached if at not in self._names))
+        more, results = statements(program, self.looked, self._names | names)
+        changed = dict(zip(chunk.look, results, strict=False))
+        lines += more
+        if chunk.width:
+            lines += [f"if {results[-1]}:", f"    place = int(S[{chunk.record.filled.first} * n + i])"]
+            kept = zip(chunk.row, results[len(chunk.look) : -1], strict=True)
+            lines += [
+                f"    kept[(place * {chunk.width} + {k}) * n + i] = {stored(program.nodes[at].kind, value)}"
+                for k, (at, value) in enumerate(kept)
+            ]
+        record = ((slot, at) for slot, at in chunk.look.items() if slot >= chunk.first_of_record)
+        lines += [_write(chunk, at, slot, changed[slot]) for slot, at in record]
+        return _stage("look", "S, kept, n, i, own, same, c", [*lines, self._moved(changed)], self._kinds)
+
+    def _moved(self, changed: dict[int, str]) -> str:
+        """The carry after a stage: what changed, and what stayed."""
+        return _given([changed.get(slot, f"c[{k}]") for k, slot in enumerate(self.carry)])
+
+
+def _given(values: list[str]) -> str:
+    return f"return ({', '.join(values)},)"
