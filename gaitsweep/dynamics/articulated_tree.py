@@ -48,7 +48,8 @@ class Link:
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=[
-        "mass", "com", "inertia", "position", "anchor", "reference", "armature", "damping", "stiffness", "rest",
+        "mass", "com", "inertia", "position", "anchor", "reference",
+        "armature", "damping", "stiffness", "rest",
     ],
     meta_fields=[],
 )  # fmt: skip
@@ -60,7 +61,7 @@ class Geometry:
     centre of mass in the body's axes; `position` (n, 3) m of the body's frame in its parent's; `anchor`
     (n, 3) m, a point of the joint's axis in the body's frame; `reference` (n,) rad or m, the joint's q where
     `position` and the link's orientation hold; `armature` (nv,) kg m2 or kg; `damping` (nv,) N m s/rad or
-    N s/m; `stiffness` (n,) N m/rad or N/m of a spring in the joint and `rest` (n,) rad or m, where it is slack.
+    N s/m; `stiffness` (n,) N m/rad or N/m of a spring in the joint; `rest` (n,) rad or m, where it is slack.
     """
 
     mass: Array
@@ -165,12 +166,13 @@ class Tree:
         ]
         for i in range(len(self.links) - 1, -1, -1):
             parent, plane = self.links[i].parent, planes[i]
-            if parent == WORLD or planes[parent] is None:
+            here = None if parent == WORLD else planes[parent]
+            if here is None:
                 continue
             if plane is None:
                 planes[parent] = None
                 continue
-            beyond, here = np.array(self.links[i].orientation) @ plane, planes[parent]
+            beyond = np.array(self.links[i].orientation) @ plane
             if not here.any():
                 planes[parent] = beyond
             elif beyond.any() and np.abs(np.cross(here, beyond)).max() > 1e-12:

@@ -197,7 +197,6 @@ def solve_positive(A: Array, b: Array) -> Array:
 
     Written out over Python integers, reading the upper triangle alone: no routine of linear algebra.
     """
-
     upper: list[Array] = []
     scaled: list[Scalar] = []
     for _ in range(b.shape[0] - 1):

@@ -97,7 +97,7 @@ def forward_dynamics(
             if link.kind != "fixed":
                 rate = (u[i] - a.dot(U[i])) * per_D[i]
                 a = a + body.S * rate
-                pieces.append(rate[None])
+                pieces.append(jnp.reshape(rate, 1))
         accelerations.append(a)
     return jnp.concatenate(pieces)
 
@@ -135,7 +135,7 @@ def inverse_dynamics(
         if link.kind == "free":
             pieces += [forces[i].couple, place.frame @ forces[i].linear]
         elif link.kind != "fixed":
-            pieces.append(jnp.asarray(bodies[i].S.dot(forces[i]))[None])
+            pieces.append(jnp.reshape(bodies[i].S.dot(forces[i]), 1))
         if link.parent != WORLD:
             felt = forces[i].rotated(place.across).moved_from(place.offset)
             forces[link.parent] = forces[link.parent] + felt
@@ -153,7 +153,7 @@ def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
 
 
 def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array]:
-    """A link's inertia about its point, and its mass times the centre of mass from there (3,), in its axes."""
+    """A link's inertia about its point and its mass times the centre of mass from there (3,), in its axes."""
     mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
     # worked out in the body's frame, where it is constant, and turned whole
     inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])
@@ -164,14 +164,18 @@ def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array
 def _bodies(tree: Tree, geometry: Geometry, q: Array, v: Array, external: External) -> list[_Body]:
     placed = places(tree, geometry, q)
     moving = movements(tree, placed, v)
+    for force in external:
+        if not 0 <= force.link < len(placed):
+            raise ValueError(
+                f"A force acts on link {force.link}, but the tree has links 0 to {len(placed) - 1}."
+            )
     bodies = []
     for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
         inertia, h = rigid_body(geometry, i, place)
         w = moving[i].angular
         bias = Force(cross(w, inertia.I @ w), cross(w, cross(w, h)))
         for force in external:
-            if force.link == i:
-                bias = bias - force.on(place)
+            bias = bias - force.on(place) if force.link == i else bias
         S = Motion(ZERO, place.axis) if link.kind == "slide" else Motion(place.axis, ZERO)
         c = (
             Motion(ZERO, ZERO)
@@ -203,7 +207,7 @@ def _carried(tree: Tree, i: int, bodies: list[_Body], accelerations: list[Motion
 def _of_free(
     place: Place, IA: Inertia, pA: Force, tau: Array, armature: Array, gravity: Array
 ) -> tuple[Motion, Array]:
-    """The acceleration of a free link, in its axes and against gravity, and of its joint, as MuJoCo has it."""
+    """The acceleration of a free link, in its axes and less gravity, and of its joint, as MuJoCo has it."""
     to_link = place.frame.T
     linear = turned(to_link, EYE * armature[:3, None])
     # armature on the linear velocities resists their change alone, without gravity

@@ -12,7 +12,7 @@ from gaitsweep.dynamics.tree_kinematics import Place, movements, places, velocit
 
 
 def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
-    """The inertia of the degrees of freedom (nv, nv), armature included, by composite rigid bodies (table 6.2).
+    """The mass matrix (nv, nv), kg m2, kg m and kg, armature included, by composite bodies (table 6.2).
 
     Args:
         tree, geometry: the links.

@@ -4,6 +4,9 @@ Geoms count by their masses alone, contacts and actuators not at all: the forces
 puts them in `external` and `tau`. Whatever else would act in MuJoCo and not here is refused.
 """
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -52,7 +55,7 @@ def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
             rows.append(_numbers(m, body, j, begins, ends))
             parent = len(links) - 1
         link_of[body] = parent
-    stacked = {name: np.array([row[name] for row in rows], float) for name in rows[0]} if rows else {}
+    stacked = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
     return Tree(tuple(links)), Geometry(**stacked, armature=m.dof_armature.copy(), damping=_damping(m))
 
 
@@ -62,7 +65,7 @@ def _link(m: mujoco.MjModel, body: int, j: int | None, parent: int, begins: bool
     axis = _row(m.jnt_axis[j]) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0)
     turn = _rotation(m.body_quat[body]) if begins and kind != "free" else np.eye(3)
     name = _name(m.body(body).name, "body", body)
-    if not ends:
+    if j is not None and not ends:
         name = f"{name}/{_name(m.jnt(j).name, 'joint', j)}"
     return Link(name, parent, kind, axis, (_row(turn[0]), _row(turn[1]), _row(turn[2])))
 
@@ -95,9 +98,11 @@ def _damping(m: mujoco.MjModel) -> np.ndarray:
 
 def _complaints(m: mujoco.MjModel) -> Iterator[str]:
     """A sentence for each thing in a model that the tree leaves out of the equations of motion."""
+    if not m.nv:
+        yield "The model has no joint, so there is nothing that could move."
     for number, name in ((m.neq, "an equality constraint"), (m.ntendon, "a tendon"), (m.nflex, "a flex")):
         if number:
-            yield f"The model has {name}, which an articulated tree cannot do: use the MJX body, or remove it."
+            yield f"The model has {name}, which an articulated tree cannot do: remove it."
     if m.opt.density or m.opt.viscosity:
         yield "The model moves in a fluid (option density or viscosity), which an articulated tree cannot do."
     for body in range(1, m.nbody):
@@ -105,7 +110,7 @@ def _complaints(m: mujoco.MjModel) -> Iterator[str]:
         if m.body_mocapid[body] >= 0:
             yield f"Body '{name}' is a mocap body, which an articulated tree cannot do: remove mocap."
         if m.body_gravcomp[body]:
-            yield f"Body '{name}' has gravcomp, which an articulated tree cannot do: apply that force yourself."
+            yield f"Body '{name}' has gravcomp, which an articulated tree cannot do: apply its force instead."
         if m.body_plugin[body] >= 0:
             yield f"Body '{name}' has a plugin, which an articulated tree cannot do."
     for j in range(m.njnt):
@@ -127,9 +132,9 @@ def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
     if m.dof_frictionloss[dof] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_FRICTIONLOSS):
         yield f"Joint '{name}' has frictionloss, which an articulated tree cannot do: use damping."
     if m.jnt_stiffnesspoly[j].any() or m.dof_dampingpoly[dof].any() or m.jnt_plasticadr[j] >= 0:
-        yield f"Joint '{name}' has a spring or damper that is not linear: apply its force yourself."
+        yield f"Joint '{name}' has a spring or damper that is not linear: apply its force instead."
     if kind == mujoco.mjtJoint.mjJNT_FREE and m.jnt_stiffness[j]:
-        yield f"Free joint '{name}' has a spring, which an articulated tree cannot do: apply its force yourself."
+        yield f"Joint '{name}' is free and has a spring, which a tree cannot do: apply its force instead."
 
 
 def _compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:

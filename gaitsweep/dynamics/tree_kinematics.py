@@ -128,9 +128,10 @@ def _jointed(
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """How a link moves: `angular` (3,) rad/s in its axes, `base` (3,) m/s the velocity of its base in the world.
+    """How a link moves.
 
-    `linear` (3,) m/s is the velocity of its point beyond that of the base, in its axes.
+    `angular` (3,) rad/s in its axes; `base` (3,) m/s the velocity of its base in the world; `linear` (3,) m/s
+    that of its point beyond the base's, in its axes.
     """
 
     angular: Array
@@ -190,7 +191,7 @@ def rates(tree: Tree, q: Array, v: Array) -> Array:
 
 
 def integrate(tree: Tree, q: Array, v: Array, dt: Scalar) -> Array:
-    """q (nq,) after `dt` (s) at constant v (nv,), as MuJoCo's mj_integratePos; quaternions come out of norm 1."""
+    """q (nq,) after `dt` (s) at constant v (nv,), as MuJoCo's mj_integratePos; quaternions of norm 1."""
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
         if link.kind == "free":
