@@ -158,6 +158,10 @@ class HybridModel(Model):
 
     linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields, modes held
 
+    def in_steps(self) -> Steps | None:
+        """The same model in steps of fixed length, which `numerics.method: semi_implicit` takes, if it has."""
+        return None
+
     @abc.abstractmethod
     def flow(self, params: Params, state: State) -> Rates:
         """Time derivatives of the continuous fields of `state`, by field name."""
@@ -182,3 +186,26 @@ class SteppedModel(Model):
     @abc.abstractmethod
     def events(self, params: Params, before: State, after: State) -> jax.Array:
         """A bool for each event that this step brought about."""
+
+
+class Steps(abc.ABC):
+    """The steps of a hybrid model that can also be advanced in steps of fixed length.
+
+    As in a `SteppedModel`, but that a step may work its events in itself; `jump` then has nothing left to do.
+    """
+
+    @abc.abstractmethod
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        """The state one step of `dt` (s) later."""
+
+    @abc.abstractmethod
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """A bool for each event that this step brought about."""
+
+    @abc.abstractmethod
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        """The state after the events `fired`."""
+
+    @abc.abstractmethod
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """True where the events `fired` close a cycle."""

@@ -20,8 +20,8 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import HybridModel, Model, Params, State, SteppedModel
-from gaitsweep.engine.propose import METHODS, move
+from gaitsweep.contract import HybridModel, Model, Params, State, SteppedModel, Steps
+from gaitsweep.engine.propose import METHODS, move, own_steps
 
 # Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
 # crossing is ever lost and nothing has to be copied when one happens.
@@ -136,8 +136,9 @@ def advance(
             steps are then constants for differentiation, and each event's time is corrected to first order,
             t_e - g/g', by a term whose value is zero and whose derivative is that of the event time.
     """
-    if isinstance(model, SteppedModel):
-        return _advance_stepped(model, numerics, drive)
+    steps = own_steps(numerics.method, model)
+    if steps is not None:
+        return _advance_stepped(steps, numerics, drive)
     return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities)
 
 
@@ -145,6 +146,7 @@ def _advance_hybrid(
     model: HybridModel, numerics: Numerics, drive: Drive | None, sensitivities: bool
 ) -> Advance:
     method = METHODS[numerics.method]
+    assert method.step is not None
     propose = method.step(model)
 
     def attempt(params: Params, carry: Carry) -> Carry:
@@ -306,7 +308,7 @@ def _implicit_event_time(
     return move(trial, rates, shift), t + shift
 
 
-def _advance_stepped(model: SteppedModel, numerics: Numerics, drive: Drive | None) -> Advance:
+def _advance_stepped(model: SteppedModel | Steps, numerics: Numerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = jnp.asarray(numerics.dt, carry.t.dtype)
         going = carry.halt == GOING

@@ -15,8 +15,9 @@ class BlockResult:
     """One block's rows, in their order.
 
     `first` the first row's number; `status`, `cycles`, `attempts`, `t_end` (n,); `last` observables at the
-    last crossing (n, observables); `labels` `gait` (an index, -1: not labelled) and the traits, (n,) each;
-    `owner`, `samples`: what the recorder kept, the row's number and the kept numbers, in order.
+    last crossing (n, observables); `labels` `gait` (an index, -1: not labelled) and the traits, for each row
+    or, on stairs, for each sample; `owner`, `samples`: what the recorder kept, the row's number and the kept
+    numbers, in order.
     """
 
     first: int
@@ -66,11 +67,15 @@ class Block:
         self.last[mine] = record.last[lanes]
         self.missing -= lanes.size
 
-    def result(self, labels: dict[str, np.ndarray]) -> BlockResult:
+    def kept(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the recorder kept, in the order of rows: its row in the block (n,), its numbers (n, width)."""
         owner = np.concatenate([np.zeros(0, np.int64), *self._owners])
         # a row's samples came in their order
         order = np.argsort(owner, kind="stable")
-        empty = np.zeros((0, 0))
+        return owner[order], np.concatenate(self._samples)[order] if self._samples else np.zeros((0, 0))
+
+    def result(self, labels: dict[str, np.ndarray]) -> BlockResult:
+        owner, samples = self.kept()
         return BlockResult(
             first=self.first,
             status=self.status,
@@ -79,6 +84,6 @@ class Block:
             t_end=self.t_end,
             last=self.last,
             labels=labels,
-            owner=owner[order] + self.first,
-            samples=np.concatenate(self._samples)[order] if self._samples else empty,
+            owner=owner + self.first,
+            samples=samples,
         )

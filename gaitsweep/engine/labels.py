@@ -1,4 +1,4 @@
-"""Gaits of the rows of a block, from the observables where they ended."""
+"""Gaits of a block's rows where they ended, or at the ends of their stairs, from the observables there."""
 
 from __future__ import annotations
 
@@ -10,36 +10,66 @@ import numpy as np
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.block import Block
+from gaitsweep.engine.staircase import Staircase, readable
 from gaitsweep.engine.work import Work
 
 # How a row may end and still stand on the section, where its gait can be read.
 LABELLED = (Status.settled, Status.cycle_limit, Status.time_limit)
+# Records of stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
+BATCH = 1024
 
 
 class Labels:
-    """Gaits and traits of a block's rows, in one call of fixed width."""
+    """Gaits and traits of a block's rows, or of their stairs, in calls of fixed width."""
 
     def __init__(self, work: Work) -> None:
         self.work = work
         model = work.model
         names = [q.name for q in model.observables]
 
-        def one(values: Any, observed: jax.Array) -> dict[str, jax.Array]:
-            params = model.params(values)
+        def one(values: Any, t: jax.Array, observed: jax.Array) -> dict[str, jax.Array]:
+            params = model.params(values) if work.drive is None else work.drive(values, t)
             return model.label(params, {name: observed[i] for i, name in enumerate(names)})
 
         self._label = jax.jit(jax.vmap(one))
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
-        if not self.work.recorder.labelled:
+        """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
+        recorder = self.work.recorder
+        if isinstance(recorder, Staircase):
+            rows, samples = block.kept()
+            samples = samples.reshape(-1, recorder.width)
+            t = recorder.stairs.middle(samples[:, 0])
+            observed = samples[:, recorder.HEAD :]
+            return self._read(block, BATCH, rows, t, observed, readable(samples))
+        if not recorder.labelled:
             return {}
-        readable = np.isin(block.status, LABELLED) & (block.cycles > 0)
-        n, width = block.rows, min(self.work.block, self.work.n_rows)
-        # rows that cannot be read take the first row's place, so that the width never changes
-        rows = np.concatenate([np.arange(n), np.zeros(width - n, np.int64)])
-        values = {k: np.asarray(v, np.float64)[rows] for k, v in block.params.items()}
-        observed = np.where(readable[:, None], block.last, 0.0)[rows]
-        given = {k: np.asarray(v)[:n] for k, v in self._label(values, jnp.asarray(observed)).items()}
-        gait = np.where(readable, given.pop("gait"), -1).astype(np.int32)
-        traits = {k: np.where(readable, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in given.items()}
+        good = np.isin(block.status, LABELLED) & (block.cycles > 0)
+        width = min(self.work.block, self.work.n_rows)
+        return self._read(block, width, np.arange(block.rows), block.t_end, block.last, good)
+
+    def _read(
+        self,
+        block: Block,
+        width: int,
+        rows: np.ndarray,
+        t: np.ndarray,
+        observed: np.ndarray,
+        good: np.ndarray,
+    ) -> dict[str, np.ndarray]:
+        """The labels of `rows` (n,) of a block at times and observables (n, ...), `width` at a time."""
+        values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
+        parts = []
+        for first in range(0, max(rows.size, 1), width):
+            part = slice(first, first + width)
+            n = rows[part].size
+            # what cannot be read takes the first row's place, so that the width never changes
+            padded = np.concatenate([rows[part], np.zeros(width - n, np.int64)])
+            times, seen = np.zeros(width), np.zeros((width, observed.shape[1]))
+            times[:n], seen[:n] = t[part], np.where(good[part, None], observed[part], 0.0)
+            given = self._label({k: v[padded] for k, v in values.items()}, times, jnp.asarray(seen))
+            parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
+        found = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+        gait = np.where(good, found.pop("gait"), -1).astype(np.int32)
+        traits = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
         return {"gait": gait, **traits}

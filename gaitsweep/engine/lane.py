@@ -13,7 +13,7 @@ from gaitsweep.contract import Model, Params
 from gaitsweep.engine.advance import Carry, Numerics, advance, start
 from gaitsweep.engine.record import Record, Recorder
 
-# The parameters at a time, from the raw values of a row: a ramp.
+# The parameters at a time, from the raw values of a row: a ramp, a staircase.
 RowDrive = Callable[[Any, jax.Array], Params]
 
 

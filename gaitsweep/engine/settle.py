@@ -50,7 +50,7 @@ class Settle(Recorder):
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1
         slot = jnp.arange(SETTLE_WINDOW) == cycles % SETTLE_WINDOW
-        moved = jnp.max(jnp.abs(_change(self.model, now[None, :] - record.window)))
+        moved = jnp.max(jnp.abs(change(self.model, now[None, :] - record.window)))
         still = (cycles >= SETTLE_WINDOW) & (moved < SETTLE_WINDOW * self.tolerance)
         # crossings without time between them are no cycles
         settled = still & (carry.chain < SETTLE_WINDOW)
@@ -74,7 +74,7 @@ class Settle(Recorder):
         return np.minimum(np.asarray(record.cycles) / (typical_cycles or 0.4 * self.max_cycles), 0.95)
 
 
-def _change(model: Model, difference: jax.Array) -> jax.Array:
+def change(model: Model, difference: jax.Array) -> jax.Array:
     """Differences of observables, those of angles wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     wrapped = jnp.mod(difference + jnp.pi, 2.0 * jnp.pi) - jnp.pi

@@ -16,7 +16,8 @@ class Work:
     """What is to be run: all rows, and how.
 
     `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;
-    `drive` the parameters at a time from a row's raw values, for ramps; `engine` is xla or kernel.
+    `drive` the parameters at a time from a row's raw values, for ramps and staircases; `engine` is xla or
+    kernel.
     """
 
     model: Model

@@ -13,7 +13,10 @@ from pathlib import Path
 from gaitsweep import nearmiss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 
-_REGISTRY = {"multilegged": "gaitsweep.models.multilegged:Multilegged"}
+_REGISTRY = {
+    "multilegged": "gaitsweep.models.multilegged:Multilegged",
+    "waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped",
+}
 _OWN = "a model of your own is written package.module:attribute"
 
 

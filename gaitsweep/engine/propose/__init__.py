@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gaitsweep.contract import HybridModel, Model
+from gaitsweep.contract import HybridModel, Model, SteppedModel, Steps
 from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
@@ -11,13 +11,24 @@ METHODS: dict[str, Method] = {
     "rk4": Method(rk4, first_step=0.125, growth=1.25),
     "stabilised": Method(exponential(STABILISED), first_step=1.0 / 32.0, growth=2.0, linear_only=True),
     "exact": Method(exponential(EXACT), first_step=1.0 / 32.0, growth=2.0, linear_only=True),
+    "semi_implicit": Method(None, first_step=1.0, growth=1.0),
 }
 
-__all__ = ["METHODS", "Method", "Propose", "move", "refusal"]
+__all__ = ["METHODS", "Method", "Propose", "move", "own_steps", "refusal"]
+
+
+def own_steps(name: str, model: Model) -> SteppedModel | Steps | None:
+    """What advances a model in steps of its own: it has nothing else, or this method asks for it."""
+    if isinstance(model, SteppedModel):
+        return model
+    return model.in_steps() if METHODS[name].step is None and isinstance(model, HybridModel) else None
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
     """Why a method does not suit a model in this precision, in words after the field's name, or None."""
+    if METHODS[name].step is None and own_steps(name, model) is None:
+        located = ", ".join(other for other, method in METHODS.items() if method.step is not None)
+        return f"is {name}, a step that {model.name} does not have. Allowed: {located}."
     if not METHODS[name].linear_only:
         return None
     general = ", ".join(other for other, method in METHODS.items() if not method.linear_only)

@@ -17,13 +17,14 @@ Propose = Callable[[Params, State, jax.Array], State]
 class Method:
     """A way to step, and how steps begin after an event.
 
-    `step` makes the function that steps a model; `first_step` the first step after an event, as a share of
-    dt, and `growth` the factor by which each step that is accepted lets the next one grow, up to dt: what
-    an event sets in motion in a stiff mode (a foot on hard ground) dies away within a few steps, and feet
-    leave and touch again within milliseconds; `linear_only`: right only for `HybridModel.linear`.
+    `step` makes the function that steps a model, None where the model brings its own; `first_step` the first
+    step after an event, as a share of dt, and `growth` the factor by which each step that is accepted lets
+    the next one grow, up to dt: what an event sets in motion in a stiff mode (a foot on hard ground) dies
+    away within a few steps, and feet leave and touch again within milliseconds; `linear_only`: right only
+    for `HybridModel.linear`.
     """
 
-    step: Callable[[HybridModel], Propose]
+    step: Callable[[HybridModel], Propose] | None
     first_step: float
     growth: float
     linear_only: bool = False

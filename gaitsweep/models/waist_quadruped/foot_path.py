@@ -1,0 +1,71 @@
+"""Where a limb's phase puts its foot: the swing's curve, the stance's line, the way back if it misses."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.dynamics.phase_oscillator import TWO_PI
+
+# What a limb does: stance, the swing's first half, its second half, and past it without having landed.
+STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["phi_AEP", "x_c", "D", "H", "h", "dip"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class FootPath:
+    """The curve: `phi_AEP` rad, the anterior extreme position's phase; the rest in m.
+
+    The extreme positions are at `x_c` + D/2 and `x_c` - D/2, at a depth of `H` below the hip; `h` is how far
+    the swing lifts the foot, `dip` how far a foot that has not landed seeks below them.
+    """
+
+    phi_AEP: jax.Array
+    x_c: jax.Array
+    D: jax.Array
+    H: jax.Array
+    h: jax.Array
+    dip: jax.Array
+
+    @property
+    def PEP(self) -> jax.Array:
+        """x of the posterior extreme position, m."""
+        return self.x_c - 0.5 * self.D
+
+    def target(
+        self, phi: jax.Array, segment: jax.Array, landing: tuple[jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
+        """x and z of the foot relative to its hip, m.
+
+        Args:
+            phi: the limb's phase, rad.
+            segment: STANCE, EARLY, LATE or BEYOND.
+            landing: x and z wanted at the last landing (LP), m.
+        """
+        standing, swinging = segment == STANCE, (segment == EARLY) | (segment == LATE)
+        turn, done = TWO_PI * (phi / self.phi_AEP), self.done(phi)
+        # one angle for both curves: a limb follows one of them
+        angle = jnp.where(swinging, turn, jnp.pi * done)
+        sine, cosine = jnp.sin(angle), jnp.cos(angle)
+        # both lines lead straight to the PEP: from the point of landing, or from the AEP and dipping
+        from_x = jnp.where(standing, landing[0], self.PEP + self.D)
+        from_z = jnp.where(standing, landing[1], -self.H)
+        x, z = self.line(from_x, from_z, done)
+        z = z - jnp.where(standing, 0.0, self.dip * sine)
+        x = jnp.where(swinging, self.PEP + self.D * (turn - sine) / TWO_PI, x)
+        return x, jnp.where(swinging, 0.5 * self.h * (1.0 - cosine) - self.H, z)
+
+    def done(self, phi: jax.Array) -> jax.Array:
+        """How much of the way from the AEP's phase to the cycle's end is done, 0 to 1."""
+        return (phi - self.phi_AEP) / (TWO_PI - self.phi_AEP)
+
+    def line(self, x: jax.Array, z: jax.Array, done: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """The straight way from (x, z) to the PEP, of which a share is `done`."""
+        return x + (self.PEP - x) * done, z + (-self.H - z) * done

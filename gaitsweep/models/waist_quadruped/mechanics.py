@@ -1,0 +1,135 @@
+"""The body of the quadruped: its tree with the row's masses and lengths, its feet, and what acts on it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache, partial
+from importlib import resources
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.dynamics.anchored_foot import anchored_force
+from gaitsweep.dynamics.articulated_tree import Geometry, Tree, rescaled
+from gaitsweep.dynamics.external_force import PointForce
+from gaitsweep.dynamics.tree_dynamics import forward_dynamics
+from gaitsweep.dynamics.tree_from_mjcf import tree_of
+from gaitsweep.dynamics.tree_kinematics import movements, places, velocity
+from gaitsweep.dynamics.two_link_limb import joint_angles
+
+LIMBS = range(4)
+# Fore knees bend one way, hind knees the other.
+BEND = (1.0, 1.0, -1.0, -1.0)
+# Places in q; in v, which has no quaternion, each is one less.
+WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=[
+        "kappa_w", "sigma_w", "kappa_1", "sigma_1", "kappa_2", "sigma_2", "K_TL", "D_TL", "clamp", "g",
+        "body_mass", "body_length", "body_width", "link_mass", "link_length",
+    ],
+    meta_fields=[],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class Mechanics:
+    """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad."""
+
+    kappa_w: jax.Array
+    sigma_w: jax.Array
+    kappa_1: jax.Array
+    sigma_1: jax.Array
+    kappa_2: jax.Array
+    sigma_2: jax.Array
+    K_TL: jax.Array
+    D_TL: jax.Array
+    clamp: jax.Array
+    g: jax.Array
+    body_mass: jax.Array
+    body_length: jax.Array
+    body_width: jax.Array
+    link_mass: jax.Array
+    link_length: jax.Array
+
+    def geometry(self) -> Geometry:
+        """Table I's body, scaled to these masses and lengths; a body's height stays."""
+        tree, of_table_1 = body()
+        trunk = jnp.stack([self.body_length / 0.1, self.body_width / 0.1, jnp.ones_like(self.g)])
+        links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
+        return rescaled(
+            tree,
+            of_table_1,
+            mass={"front": self.body_mass, "rear": self.body_mass}
+            | dict.fromkeys(links, self.link_mass / 0.1),
+            size={"front": trunk, "rear": trunk} | dict.fromkeys(links, self.link_length / 0.08),
+        )
+
+    def feet(self, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Positions (4, 3) m and velocities (4, 3) m/s of the feet in the world."""
+        tree, _ = body()
+        placed = places(tree, self.geometry(), q)
+        moving = movements(tree, placed, v)
+        lower = [tree.index(f"lower_{i + 1}") for i in LIMBS]
+        at = [placed[i].position(self._foot()) for i in lower]
+        return jnp.stack(at), jnp.stack([velocity(placed[i], moving[i], self._foot()) for i in lower])
+
+    def _foot(self) -> jax.Array:
+        """A foot in its lower link's frame (3,), m."""
+        return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
+
+    def torques(self, q: jax.Array, v: jax.Array, x: jax.Array, z: jax.Array) -> jax.Array:
+        """Forces on the degrees of freedom (15,): the joints' PD control and the waist's spring.
+
+        Args:
+            q, v: positions and velocities of the tree.
+            x, z: where each foot should be, relative to its hip, (4,) m; eq. (4) holds its limb to the
+                angles of that.
+        """
+        tau = [jnp.zeros_like(self.g)] * 15
+        tau[WAIST - 1] = -self.kappa_w * q[WAIST] - self.sigma_w * v[WAIST - 1]
+        for i in LIMBS:
+            hip, knee = joint_angles(x[i], z[i], self.link_length, BEND[i])
+            tau[HIP[i] - 1] = -self.kappa_1 * (q[HIP[i]] - hip) - self.sigma_1 * v[HIP[i] - 1]
+            tau[KNEE[i] - 1] = -self.kappa_2 * (q[KNEE[i]] - knee) - self.sigma_2 * v[KNEE[i] - 1]
+        return jnp.stack(tau)
+
+    def ground_forces(
+        self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array
+    ) -> list[PointForce]:
+        """Eq. (A8) on each foot.
+
+        Args:
+            at, speed: positions and velocities of the feet, (4, 3) m and m/s.
+            anchors: where each touched down, (4, 2) m.
+            contact: whether each stands, (4,).
+        """
+        tree, _ = body()
+        ground = self.K_TL, self.D_TL, self.clamp
+        return [
+            PointForce(
+                tree.index(f"lower_{i + 1}"),
+                self._foot(),
+                anchored_force(at[i], speed[i], anchors[i], contact[i], *ground),
+            )
+            for i in LIMBS
+        ]
+
+    def accelerations(
+        self, q: jax.Array, v: jax.Array, tau: jax.Array, forces: list[PointForce]
+    ) -> jax.Array:
+        """dv/dt (15,), eq. (1)."""
+        tree, _ = body()
+        gravity = jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+        return forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=gravity)
+
+
+def mjcf() -> str:
+    """The body as an MJCF."""
+    return resources.files(__package__).joinpath("body.xml").read_text()
+
+
+@cache
+def body() -> tuple[Tree, Geometry]:
+    """The tree and the numbers of Table I."""
+    return tree_of(mjcf())

@@ -1,0 +1,240 @@
+"""Quadruped with a passive waist joint (Aoi, Yamashita and Tsuchiya 2011).
+
+Two rigid bodies joined by a sprung roll joint, four limbs of two links. Each limb has a phase oscillator that
+draws its foot along a path; left and right oscillators are held half a turn apart, fore and hind ones do not
+speak to each other. A foot that lands resets its limb's phase, and the gait, the phase difference between
+fore and hind limbs, follows from the mechanics alone. Limbs: 1 right fore, 2 left fore, 3 right hind, 4 left
+hind.
+
+The model can be run in two ways. As an ODE with located events (`numerics.method: rk4`) for edges, slopes and
+Jacobians; in steps of semi-implicit Euler (`method: semi_implicit`) for scans, with the time of a landing
+interpolated inside its step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import HybridModel, Quantity, Rates
+from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
+from gaitsweep.dynamics.tree_kinematics import rates
+from gaitsweep.dynamics.two_link_limb import joint_angles
+from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
+from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, WAIST, Mechanics, body
+from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
+from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
+from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
+from gaitsweep.models.waist_quadruped.steps import SemiImplicit
+
+# A body has fallen below this share of H, or beyond these angles (rad).
+LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
+
+
+@dataclasses.dataclass(frozen=True)
+class WaistQuadruped(HybridModel):
+    """The quadruped of two bodies, a waist and four limbs."""
+
+    name: ClassVar[str] = "waist_quadruped"
+    source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
+    gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
+    precisions: ClassVar[tuple[str, ...]] = ("float64", "float32")
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return PARAMETERS
+
+    @property
+    def starts(self) -> tuple[Quantity, ...]:
+        return (
+            Quantity(
+                "delta_13", "rad", "phase difference phi_1 - phi_3, held while the gait establishes itself",
+                default=math.pi, circular=True, symbol=r"\Delta_{13}",
+            ),
+        )  # fmt: skip
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        pairs = {"delta_13": (1, 3), "delta_12": (1, 2), "delta_34": (3, 4)}
+        return (
+            *(
+                Quantity(
+                    name, "rad", f"phase difference phi_{i} - phi_{j} at limb 3's landing",
+                    circular=True, symbol=rf"\Delta_{{{i}{j}}}", source="eq. (5)",
+                )
+                for name, (i, j) in pairs.items()
+            ),
+            Quantity("speed", "m/s", "mean forward speed over the last cycle", symbol="v"),
+            Quantity("period", "s", "duration of the last cycle", symbol="T"),
+        )  # fmt: skip
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        limbs = [i + 1 for i in LIMBS]
+        return (
+            *(Quantity(f"phase_{i}", "rad", f"phase phi_{i} of limb {i}", circular=True) for i in limbs),
+            *(Quantity(f"contact_{i}", "1", f"1 while foot {i} is on the ground") for i in limbs),
+            Quantity("waist", "rad", "angle of the waist joint", symbol=r"\theta_w"),
+            Quantity("roll", "rad", "roll of the front body, for small angles"),
+            Quantity("pitch", "rad", "pitch of the front body, for small angles"),
+            *(
+                Quantity(f"q_{i}", "m, 1 or rad", f"position {i} of the tree, as MuJoCo's qpos")
+                for i in range(16)
+            ),
+        )
+
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        v = {name: jnp.asarray(value) for name, value in values.items()}
+        omega_w = TWO_PI * v["f"]
+        mechanics = Mechanics(
+            kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
+            sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
+            **{f.name: v[f.name] for f in dataclasses.fields(Mechanics) if f.name in v},
+        )
+        cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
+        return Params(
+            **{name: v[name] for name in RHYTHM},
+            omega=TWO_PI / cycle,
+            phi_AEP=TWO_PI * (1.0 - v["beta"]),
+            mechanics=mechanics,
+        )
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        """Standing, all feet on the ground below their hips, limb 3 about to leave the AEP."""
+        p, wanted = params, start["delta_13"]
+        zero = jnp.zeros_like(p.omega)
+        phi_3 = p.phi_AEP
+        phi_1 = phi_3 + wanted
+        phi = wrapped(jnp.stack([phi_1, phi_1 - jnp.pi, phi_3, phi_3 - jnp.pi]))
+        half = phi < 0.5 * p.phi_AEP
+        segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(half, EARLY, LATE))
+        path = p.path(zero)
+        x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
+        angles = self._angles(p, x, z)
+        q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
+        # pressed in by the body's weight
+        weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
+        q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))
+        at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
+        return State(
+            q=q,
+            v=jnp.zeros(15, q.dtype),
+            phi=phi,
+            clock=zero,
+            contact=jnp.ones(4, bool),
+            anchor=at[:, :2],
+            segment=segment,
+            lifted=jnp.zeros(4, bool),
+            landing_x=x,
+            landing_z=z,
+            height=at[:, 2],
+            gain=jnp.zeros(4, q.dtype),
+            closed=jnp.zeros((), bool),
+            wanted=wanted,
+            stride_x=zero,
+            stride_t=zero,
+            speed=zero,
+            period=zero,
+        )
+
+    def _angles(self, p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
+        """The joints of q beyond the root that put the feet at (x, z) from their hips, the waist straight."""
+        found = [jnp.zeros_like(p.omega)] * 9
+        for i in LIMBS:
+            hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
+            found[HIP[i] - 7], found[KNEE[i] - 7] = hip, knee
+        return jnp.stack(found)
+
+    def _accelerations(self, p: Params, s: State) -> jax.Array:
+        m = p.mechanics
+        x, z = p.path(s.clock).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
+        return m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
+
+    def flow(self, params: Params, state: State) -> Rates:
+        p, s = params, state
+        return {
+            "q": rates(body()[0], s.q, s.v),
+            "v": self._accelerations(p, s),
+            "phi": phase_rates(p, s),
+            "clock": jnp.ones_like(s.clock),
+        }
+
+    def in_steps(self) -> SemiImplicit:
+        return SemiImplicit()
+
+    def guards(self, params: Params, state: State) -> jax.Array:
+        """Each limb's phase against the end of its segment, then each foot's contact, shape (8,)."""
+        p, s = params, state
+        height = p.mechanics.feet(s.q, s.v)[0][:, 2]
+        return jnp.concatenate([s.phi - corner(p, s.segment), jnp.where(s.contact, height, -height)])
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        p, s = params, state
+        now = transitions(s, fired[:4], fired[4:])
+        at, _ = p.mechanics.feet(s.q, s.v)
+        touches = now.contact & ~s.contact
+        anchor = jnp.where(touches[:, None], at[:, :2], s.anchor)
+        wanted_at = p.path(s.clock).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        return after_events(p, dataclasses.replace(s, anchor=anchor), now, wanted_at, 0.0)
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """Limb 3 lands."""
+        return transitions(before, fired[:4], fired[4:]).lands[2]
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        phi = state.phi
+        return {
+            "delta_13": wrapped(phi[0] - phi[2]),  # eq. (5)
+            "delta_12": wrapped(phi[0] - phi[1]),
+            "delta_34": wrapped(phi[2] - phi[3]),
+            "speed": state.speed,
+            "period": state.period,
+        }
+
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+        s, contact = state, state.contact.astype(state.phi.dtype)
+        roll, pitch = _tilt(s.q)
+        return {
+            **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},
+            **{f"contact_{i + 1}": contact[i] for i in LIMBS},
+            "waist": s.q[WAIST],
+            "roll": roll,
+            "pitch": pitch,
+            **{f"q_{i}": s.q[i] for i in range(16)},
+        }
+
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """The gait whose middle is nearest among those within whose width delta_13 is."""
+        p, delta = params, observations["delta_13"]
+        centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
+        widths = jnp.stack([p.walk_width, p.trot_width, p.pace_width])
+        distance = jnp.abs(wrapped(delta - centres + jnp.pi) - jnp.pi)
+        distance = jnp.where(distance < widths, distance, jnp.inf)
+        gait = jnp.where(jnp.min(distance) < jnp.inf, jnp.argmin(distance), len(self.gaits) - 1)
+        return {"gait": gait}
+
+    def failed(self, params: Params, state: State) -> jax.Array:
+        """The body is down, or has tilted or twisted over."""
+        w, x, y, z = state.q[3:7]
+        norm = w * w + x * x + y * y + z * z
+        up, side, ahead = w * w - x * x - y * y + z * z, 2.0 * (y * z + w * x), 2.0 * (x * z - w * y)
+        rolled = jnp.abs(side) > math.tan(TILTED) * up
+        pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
+        twisted = jnp.abs(state.q[WAIST]) > TWISTED
+        return (state.q[2] < LOW * params.H) | rolled | pitched | twisted
+
+    def period(self, params: Params) -> jax.Array:
+        return TWO_PI / params.omega
+
+
+def _tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Roll and pitch (rad) of the front body."""
+    w, x, y, z = q[3:7] / jnp.sqrt(q[3:7] @ q[3:7])
+    roll = jnp.arctan2(2.0 * (y * z + w * x), w * w - x * x - y * y + z * z)
+    return roll, jnp.arcsin(2.0 * (w * y - x * z))

@@ -1,0 +1,75 @@
+"""Parameters of the quadruped with a waist joint; what the paper leaves open was found by search."""
+
+from __future__ import annotations
+
+from gaitsweep.contract import Quantity
+
+_PAPER = "Aoi 2011"
+_TABLE_1 = "Aoi 2011, Table I"
+_SEARCH = "found by search"
+
+
+def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
+    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+
+
+def _gain(i: int, j: int) -> Quantity:
+    return Quantity(
+        f"K_{i}{j}",
+        "rad/s",
+        f"pull of limb {j} on limb {i} towards a difference of pi",
+        10.0,
+        low=0.0,
+        symbol=f"K_{{{i}{j}}}",
+        source="Aoi 2011, eq. (6)",
+    )
+
+
+def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
+    symbol = rf"\Delta_{{13}}^\mathrm{{{name}}}"
+    return (
+        Quantity(
+            f"{name}_centre", "rad", f"delta_13 in the middle of what is called {name}", centre,
+            circular=True, symbol=symbol, source=_SEARCH,
+        ),
+        _positive(f"{name}_width", "rad", f"how far from it is still called {name}", width,
+                  rf"w^\mathrm{{{name}}}", _SEARCH),
+    )  # fmt: skip
+
+
+PARAMETERS = (
+    _positive("f", "Hz", "stiffness of the waist, as a frequency", 2.6, "f", "Aoi 2011, eq. (8)"),
+    Quantity("beta", "1", "duty factor", 0.75, low=0.5, high=1.0, open_ends=True, symbol=r"\beta",
+             source=_PAPER),
+    _positive("kappa_0", "kg m2", "inertia that turns f into the waist's stiffness", 0.042, r"\kappa_0", _SEARCH),
+    _positive("zeta_0", "1", "damping ratio of the waist", 1.0, r"\zeta_0", _PAPER),
+    _positive("D", "m", "distance between the extreme positions of a foot", 0.056, "D", _PAPER),
+    _positive("T_sw", "s", "duration of the swing", 0.1, r"T_\mathrm{sw}", _PAPER),
+    _gain(1, 2), _gain(2, 1), _gain(3, 4), _gain(4, 3),
+    Quantity("resetting", "1", "1: phases are reset at landing; 0: they are not", 1.0, low=0.0, high=1.0,
+             symbol="r", source="Aoi 2011, eq. (7)"),
+    _positive("kappa_1", "N m/rad", "stiffness of the hips", 16.3, r"\kappa_1", _SEARCH),
+    _positive("sigma_1", "N m s/rad", "damping of the hips", 0.125, r"\sigma_1", _SEARCH),
+    _positive("kappa_2", "N m/rad", "stiffness of the knees", 9.75, r"\kappa_2", _SEARCH),
+    _positive("sigma_2", "N m s/rad", "damping of the knees", 0.0755, r"\sigma_2", _SEARCH),
+    _positive("K_TL", "N/m", "spring of the ground under a foot", 3.6e4, r"K_\mathrm{TL}", _SEARCH),
+    _positive("D_TL", "N s/m", "damper of the ground under a foot", 175.0, r"D_\mathrm{TL}", _SEARCH),
+    Quantity("clamp", "1", "1: the ground cannot pull; 0: eq. (A8) to the letter", 0.0, low=0.0, high=1.0, symbol="c"),
+    _positive("H", "m", "depth of the extreme positions below the hip", 0.133, "H", _SEARCH),
+    Quantity("x_c", "m", "middle of the extreme positions, ahead of the hip", -0.0008, symbol="x_c", source=_SEARCH),
+    _positive("h", "m", "height to which the swing lifts a foot", 0.0393, "h", _SEARCH),
+    _positive("dip", "m", "how far a foot that has not landed seeks below", 0.009, "d", _SEARCH),
+    _positive("body_mass", "kg", "mass of the front body and of the rear one", 1.0, "m_B", _TABLE_1),
+    _positive("body_length", "m", "length of each body; the hips keep their place on it", 0.1, "l_B", _TABLE_1),
+    _positive("body_width", "m", "width of each body; the hips are at its sides", 0.1, "w_B", _TABLE_1),
+    _positive("link_mass", "kg", "mass of each of a limb's two links", 0.1, "m_L", _TABLE_1),
+    _positive("link_length", "m", "length of each of a limb's two links", 0.08, "l_L", _TABLE_1),
+    _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _PAPER),
+    _positive("T_grow", "s", "time in which D and h grow from 0 at the start", 4.0, r"T_\mathrm{grow}", _SEARCH),
+    _positive("T_hold", "s", "time from the start during which delta_13 is held", 7.0, r"T_\mathrm{hold}", _SEARCH),
+    Quantity("K_13", "rad/s", "pull towards the wanted delta_13 while it is held", 20.0, low=0.0, symbol="K_{13}",
+             source=_SEARCH),
+    *_gait("walk", 2.37, 0.24),
+    *_gait("trot", 2.83, 0.22),
+    *_gait("pace", 0.0, 1.2),
+)  # fmt: skip

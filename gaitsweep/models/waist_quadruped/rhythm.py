@@ -1,0 +1,87 @@
+"""The limbs' rhythm: phases that speak to each other, segments of the feet's path, and what a landing does."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.dynamics.phase_oscillator import TWO_PI
+from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE
+from gaitsweep.models.waist_quadruped.state import Params, State
+
+
+class Transitions(NamedTuple):
+    """For each limb (4,): contact, segment and lifted after the events, whether it lands, whether it wraps."""
+
+    contact: jax.Array
+    segment: jax.Array
+    lifted: jax.Array
+    lands: jax.Array
+    wraps: jax.Array
+
+
+def phase_rates(p: Params, s: State) -> jax.Array:
+    """Rates (4,) of the phases, rad/s, eq. (2) and (6); delta_13 is pulled to what is wanted while held."""
+    left, right = jnp.sin(s.phi[0] - s.phi[1] - jnp.pi), jnp.sin(s.phi[2] - s.phi[3] - jnp.pi)
+    held = jnp.where(s.clock < p.T_hold, p.K_13, 0.0)
+    pair_13 = held * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
+    pair_24 = held * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
+    pull = [
+        -p.K_12 * left - pair_13,
+        p.K_21 * left - pair_24,
+        -p.K_34 * right + pair_13,
+        p.K_43 * right + pair_24,
+    ]
+    return p.omega + jnp.stack(pull)
+
+
+def corner(p: Params, segment: jax.Array) -> jax.Array:
+    """The phase (4,) at which each limb's segment ends."""
+    early, late = segment == EARLY, segment == LATE
+    return jnp.where(early, 0.5 * p.phi_AEP, jnp.where(late, p.phi_AEP, TWO_PI))
+
+
+def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transitions:
+    """What follows from limbs `at_corner` (4,) of their segment and feet whose contact has `switched` (4,).
+
+    A foot lands in the second half of its swing if it has been off the ground, and later in any case.
+    """
+    contact = s.contact ^ switched
+    wraps = at_corner & ((s.segment == STANCE) | (s.segment == BEYOND))
+    segment = jnp.where(wraps, EARLY, jnp.where(at_corner, s.segment + 1, s.segment))
+    lifted = jnp.where(wraps, ~contact, s.lifted | ~contact)
+    lands = contact & ((lifted & (segment == LATE)) | (segment == BEYOND))
+    return Transitions(contact, jnp.where(lands, STANCE, segment), lifted, lands, wraps)
+
+
+def after_events(
+    p: Params, s: State, now: Transitions, wanted_at: tuple[jax.Array, jax.Array], over: jax.Array | float
+) -> State:
+    """The state after its limbs' transitions, contact points apart.
+
+    Args:
+        wanted_at: x and z (4,) m of the feet's paths where the limbs landed.
+        over: phase (4,) rad that has passed since each landing.
+    """
+    reset = now.lands & (p.resetting > 0.0)
+    phi = jnp.where(reset, p.phi_AEP + over, jnp.where(now.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)
+    closed = now.lands[2]
+    t = s.clock - (over * jnp.ones(4))[2] / p.omega
+    cycle = jnp.where(closed, t - s.stride_t, 1.0)
+    return dataclasses.replace(
+        s,
+        phi=phi,
+        contact=now.contact,
+        segment=now.segment,
+        lifted=now.lifted,
+        landing_x=jnp.where(now.lands, wanted_at[0], s.landing_x),
+        landing_z=jnp.where(now.lands, wanted_at[1], s.landing_z),
+        closed=closed,
+        stride_x=jnp.where(closed, s.q[0], s.stride_x),
+        stride_t=jnp.where(closed, t, s.stride_t),
+        speed=jnp.where(closed, (s.q[0] - s.stride_x) / cycle, s.speed),
+        period=jnp.where(closed, cycle, s.period),
+    )

@@ -1,0 +1,98 @@
+"""Parameters as the quadruped's equations read them, and what changes along a trajectory."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.models.waist_quadruped.foot_path import FootPath
+from gaitsweep.models.waist_quadruped.mechanics import Mechanics
+
+RHYTHM = (
+    "beta", "T_sw", "K_12", "K_21", "K_34", "K_43", "resetting", "T_grow", "T_hold", "K_13", "D", "H", "x_c",
+    "h", "dip", "walk_centre", "walk_width", "trot_centre", "trot_width", "pace_centre", "pace_width",
+)  # fmt: skip
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=[*RHYTHM, "omega", "phi_AEP", "mechanics"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class Params:
+    """Parameters as the equations read them; units as in `PARAMETERS`."""
+
+    beta: jax.Array
+    T_sw: jax.Array
+    K_12: jax.Array
+    K_21: jax.Array
+    K_34: jax.Array
+    K_43: jax.Array
+    resetting: jax.Array
+    T_grow: jax.Array
+    T_hold: jax.Array
+    K_13: jax.Array
+    D: jax.Array
+    H: jax.Array
+    x_c: jax.Array
+    h: jax.Array
+    dip: jax.Array
+    walk_centre: jax.Array
+    walk_width: jax.Array
+    trot_centre: jax.Array
+    trot_width: jax.Array
+    pace_centre: jax.Array
+    pace_width: jax.Array
+    omega: jax.Array  # rad/s
+    phi_AEP: jax.Array  # rad
+    mechanics: Mechanics
+
+    def path(self, clock: jax.Array) -> FootPath:
+        """The feet's path at a time (s); at the start it grows from nothing."""
+        grown = jnp.clip(clock / self.T_grow, 0.0, 1.0)
+        return FootPath(self.phi_AEP, self.x_c, self.D * grown, self.H, self.h * grown, self.dip)
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=[
+        "q", "v", "phi", "clock", "contact", "anchor", "segment", "lifted", "landing_x", "landing_z", "height", "gain", "closed",
+        "wanted", "stride_x", "stride_t", "speed", "period",
+    ],
+    meta_fields=[],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class State:
+    """What changes along a trajectory; limbs in their order.
+
+    `q` (16,), `v` (15,) as MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `contact` (4,) bool;
+    `anchor` (4, 2) m, where each foot touched down; `segment` (4,) of its path; `lifted` (4,): the foot has
+    been off the ground since its swing began; `landing_x`, `landing_z` (4,) m, where the foot was wanted at
+    its landing (LP); `wanted` rad, the delta_13 held at the start; `stride_x` (m) and `stride_t` (s) at limb
+    3's last landing, `speed` (m/s) and `period` (s) of the cycle before it. Of the last of the model's own
+    steps: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of the phases in it, `closed`: limb 3
+    landed in it.
+    """
+
+    q: jax.Array
+    v: jax.Array
+    phi: jax.Array
+    clock: jax.Array
+    contact: jax.Array
+    anchor: jax.Array
+    segment: jax.Array
+    lifted: jax.Array
+    landing_x: jax.Array
+    landing_z: jax.Array
+    height: jax.Array
+    gain: jax.Array
+    closed: jax.Array
+    wanted: jax.Array
+    stride_x: jax.Array
+    stride_t: jax.Array
+    speed: jax.Array
+    period: jax.Array

@@ -1,0 +1,71 @@
+"""The quadruped in steps of fixed length: semi-implicit Euler, landings interpolated inside their step.
+
+A step first looks at what happened in the one before it, between whose ends it finds touchdowns and corners
+of the phases, then moves on. So a crossing is seen one step after its landing, and the forward kinematics are
+worked out once a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import Steps
+from gaitsweep.dynamics.tree_kinematics import integrate
+from gaitsweep.models.waist_quadruped.mechanics import body
+from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
+from gaitsweep.models.waist_quadruped.state import Params, State
+
+
+class SemiImplicit(Steps):
+    """Steps of semi-implicit Euler of the tree."""
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        p, s, m = params, state, params.mechanics
+        at, speed = m.feet(s.q, s.v)
+        height = at[:, 2]
+        switched = jnp.where(s.contact, height > 0.0, height <= 0.0)
+        past = s.phi - corner(p, s.segment)
+        now = transitions(s, past >= 0.0, switched)
+        touches = now.contact & ~s.contact
+        # the rest of the last step, as a share, after the foot's height was zero
+        sunk = s.height - height
+        rest = jnp.where(touches, -height / jnp.where(sunk != 0.0, sunk, 1.0), 0.0)
+        # of a touchdown and a corner of the phase in one step, the later one made the limb land
+        since_touch = jnp.where(touches, rest * s.gain, jnp.inf)
+        since_corner = jnp.where(past >= 0.0, past, jnp.inf)
+        over = jnp.where(now.lands, jnp.minimum(since_touch, since_corner), 0.0)
+        anchor = jnp.where(touches[:, None], at[:, :2] - (rest * dt)[:, None] * speed[:, :2], s.anchor)
+
+        # where each foot is wanted; for a limb that lands, where it was wanted then, and how far it is since
+        path = p.path(s.clock)
+        phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
+        x, z = path.target(phi, jnp.where(now.lands, s.segment, now.segment), (s.landing_x, s.landing_z))
+        s = after_events(p, dataclasses.replace(s, anchor=anchor), now, (x, z), over)
+        on_line = path.line(x, z, path.done(s.phi))
+        x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
+
+        forces = m.ground_forces(at, speed, s.anchor, s.contact)
+        v = s.v + dt * m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
+        gain = dt * phase_rates(p, s)
+        return dataclasses.replace(
+            s,
+            q=integrate(body()[0], s.q, v, dt),
+            v=v,
+            phi=s.phi + gain,
+            clock=s.clock + dt,
+            height=height,
+            gain=gain,
+        )
+
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """Limb 3's landing, which the step has worked in already."""
+        return after.closed[None]
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        return fired[0]
