@@ -20,6 +20,9 @@ from gaitsweep.dynamics.two_link_limb import joint_angles
 LIMBS = range(4)
 # Fore knees bend one way, hind knees the other.
 BEND = (1.0, 1.0, -1.0, -1.0)
+# A foot is let go of where it is this far above the ground (m), 1/2000 of how deep it stands. Let go of at zero
+# it could chatter without end: on the ground its damper lifts it, off the ground it falls at once.
+RELEASE = 1e-7
 # Places in q; in v, which has no quaternion, each is one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 

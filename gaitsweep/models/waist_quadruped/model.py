@@ -26,7 +26,7 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree_kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
-from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, WAIST, Mechanics, body
+from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
@@ -172,7 +172,9 @@ class WaistQuadruped(HybridModel):
         """Each limb's phase against the end of its segment, then each foot's contact, shape (8,)."""
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
-        return jnp.concatenate([s.phi - corner(p, s.segment), jnp.where(s.contact, height, -height)])
+        return jnp.concatenate(
+            [s.phi - corner(p, s.segment), jnp.where(s.contact, height - RELEASE, -height)]
+        )
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
         p, s = params, state

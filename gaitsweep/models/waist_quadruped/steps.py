@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Steps
 from gaitsweep.dynamics.tree_kinematics import integrate
-from gaitsweep.models.waist_quadruped.mechanics import body
+from gaitsweep.models.waist_quadruped.mechanics import RELEASE, body
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
 
@@ -26,7 +26,7 @@ class SemiImplicit(Steps):
         p, s, m = params, state, params.mechanics
         at, speed = m.feet(s.q, s.v)
         height = at[:, 2]
-        switched = jnp.where(s.contact, height > 0.0, height <= 0.0)
+        switched = jnp.where(s.contact, height > RELEASE, height <= 0.0)
         past = s.phi - corner(p, s.segment)
         now = transitions(s, past >= 0.0, switched)
         touches = now.contact & ~s.contact
