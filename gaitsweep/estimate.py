@@ -16,6 +16,7 @@ from gaitsweep.engine.engines import looks_of
 from gaitsweep.engine.pool import Pool
 from gaitsweep.engine.record import CADENCE
 from gaitsweep.engine.settle import Settle
+from gaitsweep.engine.staircase import Staircase
 from gaitsweep.engine.trace import Trace
 from gaitsweep.engine.work import Work
 from gaitsweep.job import Job
@@ -59,6 +60,8 @@ def estimate(job: Job) -> Estimate:
     numbers = len(work.model.observables) + len(ready.plan.names) + len(work.model.traits) + 4
     if not isinstance(work.recorder, Settle):
         numbers = work.recorder.width + len(ready.plan.names) + 3
+    if isinstance(work.recorder, Staircase):
+        numbers += len(work.model.traits) + 3
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     kept = min(work.block, work.n_rows) * records * numbers * BYTES_A_NUMBER
     return Estimate(
@@ -104,6 +107,10 @@ def _row_needs(work: Work) -> tuple[float, float, float]:
     if isinstance(recorder, Trace):
         attempts = (recorder.after_cycles + recorder.duration / period) * cycle + recorder.samples
         return attempts, attempts, float(recorder.samples)
+    if isinstance(recorder, Staircase):
+        stairs = recorder.stairs
+        attempts = stairs.duration / period * cycle + stairs.count
+        return attempts, attempts, float(stairs.count)
     assert isinstance(recorder, Crossings)
     if recorder.duration is not None:
         crossings = recorder.duration / period

@@ -11,6 +11,8 @@ import pandas as pd
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.ramp import Path as RampPath
+from gaitsweep.engine.staircase import Staircase
+from gaitsweep.engine.stairs import Stairs
 
 Columns = Mapping[str, np.ndarray]
 STATUSES = [status.name for status in Status if status is not Status.running]
@@ -24,16 +26,12 @@ def settle_frame(model: Model, axes: Columns, block: BlockResult) -> pd.DataFram
         axes: what varies, (n,) each.
         block: the rows' results.
     """
-    gaits = list(model.gaits)
-    unread = gaits.index("none") if "none" in gaits else -1
-    labels = dict(block.labels)
-    gait = np.where(labels["gait"] < 0, unread, labels.pop("gait"))
     columns: dict[str, object] = {"row": block.first + np.arange(len(block.status), dtype=np.int64)}
     columns |= dict(axes)
     columns |= {"status": _status(block.status), "cycles": block.cycles, "t_end": block.t_end}
     columns |= {f"{q.name}_end": block.last[:, i] for i, q in enumerate(model.observables)}
-    columns["gait"] = pd.Categorical.from_codes(gait.tolist(), categories=gaits)
-    columns |= {q.name: labels[q.name] for q in model.traits}
+    columns["gait"] = _gait(model, block.labels["gait"])
+    columns |= {q.name: block.labels[q.name] for q in model.traits}
     return pd.DataFrame(columns)
 
 
@@ -44,7 +42,8 @@ def crossing_frame(
 
     A row that ended before its first crossing keeps one record, with the cycles that it had and no numbers.
     """
-    owner, samples = _at_least_one(block, 2 + len(model.observables))
+    owner, place = _at_least_one(block)
+    samples = _placed(block.samples.reshape(-1, 2 + len(model.observables)), place)
     crossing = np.where(np.isnan(samples[:, 0]), block.cycles[owner - block.first], samples[:, 0])
     t = samples[:, 1]
     columns: dict[str, object] = {"row": owner}
@@ -60,9 +59,37 @@ def crossing_frame(
     return pd.DataFrame(columns)
 
 
+def stair_frame(
+    model: Model, axes: Columns, block: BlockResult, parameter: str, stairs: Stairs
+) -> pd.DataFrame:
+    """One record a stair that the row came to the end of, with the gait there.
+
+    A row that ended on its first stair keeps one record, with the cycles that it had and no numbers.
+    """
+    owner, place = _at_least_one(block)
+    samples = _placed(block.samples.reshape(-1, Staircase.HEAD + len(model.observables)), place)
+    kept = place >= 0
+    stair = np.where(kept, samples[:, 0], 0.0).astype(np.float64)
+    columns: dict[str, object] = {"row": owner}
+    columns |= {name: column[owner - block.first] for name, column in axes.items()}
+    columns |= {"stair": stair.astype(np.int64), "pass": stairs.passes(stair)}
+    columns[parameter] = np.where(kept, np.asarray(stairs.value(jnp.asarray(stair))), np.nan)
+    columns["t"] = samples[:, 2]
+    columns["crossing"] = np.where(kept, samples[:, 1], block.cycles[owner - block.first]).astype(np.int64)
+    columns |= {"settled": samples[:, 3] == 1.0, "status": _status(block.status[owner - block.first])}
+    observed = samples[:, Staircase.HEAD :]
+    columns |= {f"{q.name}_n": observed[:, i] for i, q in enumerate(model.observables)}
+    columns["gait"] = _gait(model, _placed(block.labels["gait"], place, absent=-1))
+    for q in model.traits:
+        trait = block.labels[q.name]
+        columns[q.name] = _placed(trait, place, absent=0 if trait.dtype.kind in "iu" else np.nan)
+    return pd.DataFrame(columns)
+
+
 def trace_frame(model: Model, axes: Columns, block: BlockResult) -> pd.DataFrame:
     """One record a sample; a row without any keeps one, with no numbers."""
-    owner, samples = _at_least_one(block, 1 + len(model.signals))
+    owner, place = _at_least_one(block)
+    samples = _placed(block.samples.reshape(-1, 1 + len(model.signals)), place)
     columns: dict[str, object] = {"row": owner}
     columns |= {name: column[owner - block.first] for name, column in axes.items()}
     columns["t"] = samples[:, 0]
@@ -71,14 +98,27 @@ def trace_frame(model: Model, axes: Columns, block: BlockResult) -> pd.DataFrame
     return pd.DataFrame(columns)
 
 
-def _at_least_one(block: BlockResult, width: int) -> tuple[np.ndarray, np.ndarray]:
+def _at_least_one(block: BlockResult) -> tuple[np.ndarray, np.ndarray]:
+    """The row of each record (n,), and where its numbers stand in the block; -1 where a row kept none."""
     rows = block.first + np.arange(len(block.status), dtype=np.int64)
     without = np.setdiff1d(rows, block.owner)
-    samples = block.samples.reshape(-1, width)
     owner = np.concatenate([block.owner, without]).astype(np.int64)
-    samples = np.concatenate([samples, np.full((without.size, width), np.nan)])
+    place = np.concatenate([np.arange(block.owner.size), np.full(without.size, -1)])
     order = np.argsort(owner, kind="stable")
-    return owner[order], samples[order]
+    return owner[order], place[order]
+
+
+def _placed(column: np.ndarray, place: np.ndarray, absent: float = np.nan) -> np.ndarray:
+    """What stands at each place of a column, `absent` where the place is -1."""
+    last = np.full((1, *column.shape[1:]), absent, column.dtype)
+    return np.concatenate([column, last])[place]
+
+
+def _gait(model: Model, codes: np.ndarray) -> pd.Categorical:
+    """Gaits by their number; what was not read is "none" where the model has that."""
+    gaits = list(model.gaits)
+    unread = gaits.index("none") if "none" in gaits else -1
+    return pd.Categorical.from_codes(np.where(codes < 0, unread, codes).tolist(), categories=gaits)
 
 
 def _status(codes: np.ndarray) -> pd.Categorical:

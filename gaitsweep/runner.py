@@ -14,28 +14,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-import jax
-import jax.numpy as jnp
 import pandas as pd
 
 from gaitsweep import provenance
 from gaitsweep.contract import Model
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
-from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.engines import EngineError, choose, default_lanes
-from gaitsweep.engine.ramp import Path as RampPath
-from gaitsweep.engine.record import Recorder
-from gaitsweep.engine.settle import Settle
 from gaitsweep.engine.sweep import Timings, sweep
-from gaitsweep.engine.trace import Trace
 from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
-from gaitsweep.expression import evaluate, functions_of
-from gaitsweep.frames import crossing_frame, settle_frame, trace_frame
 from gaitsweep.job import Job, Plan, plan
 from gaitsweep.plot import draw
+from gaitsweep.recording import drive_of, frame_of, recorder_of
 from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
 
 RESULTS = Path("results")
@@ -88,8 +80,8 @@ def prepare(job: Job) -> Prepared:
         raise RunError(str(error)) from error
     rows = plan(job)
     numerics = Numerics(**job.numerics.model_dump())
-    recorder, ramp = _recorder(job, rows)
-    drive = None if ramp is None else _drive(rows, *ramp)
+    recorder, moving = recorder_of(job, rows)
+    drive = None if moving is None else drive_of(rows, moving)
     try:
         engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
     except EngineError as error:
@@ -109,7 +101,7 @@ def prepare(job: Job) -> Prepared:
         engine=engine,
     )
     job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes)
-    return Prepared(job, rows, work, note, job_hash, functools.partial(_frame, job, rows, ramp))
+    return Prepared(job, rows, work, note, job_hash, functools.partial(frame_of, job, rows, moving))
 
 
 def carry_out(
@@ -250,38 +242,3 @@ def _quantities(model: Model) -> dict[str, dict[str, Any]]:
         # a start stands in the table by its own name, an observable with _end or _n
         for q in (*model.parameters, *model.observables, *model.signals, *model.traits, *model.starts)
     }
-
-
-def _recorder(job: Job, rows: Plan) -> tuple[Recorder, tuple[str, RampPath] | None]:
-    run, model = job.run, rows.model
-    if run.kind == "settle":
-        return Settle(model, run.max_cycles, run.tolerance, run.max_time), None
-    if run.kind == "trace":
-        return Trace(model, run.duration, run.every, run.after_cycles), None
-    if run.kind == "return_map":
-        return Crossings(model, run.crossings, run.after_cycles), None
-    path = RampPath(tuple(run.path), run.rate, run.hold)
-    return Crossings(model, duration=path.duration), (run.parameter, path)
-
-
-def _drive(rows: Plan, parameter: str, path: RampPath) -> Callable[[Any, jax.Array], Any]:
-    """The parameters at a time of a ramp; formulas that use the moving parameter follow it."""
-    following = [name for name in rows.order if name in rows.derived and parameter in rows.closure([name])]
-    functions = functions_of(jnp)
-
-    def drive(values: Any, t: jax.Array) -> Any:
-        moved = {**values, parameter: path.at(t)}
-        for name in following:
-            moved[name] = evaluate(rows.derived[name], moved, functions)
-        return rows.model.params(moved)
-
-    return drive
-
-
-def _frame(job: Job, rows: Plan, ramp: tuple[str, RampPath] | None, block: BlockResult) -> pd.DataFrame:
-    axes = rows.columns(block.first, block.first + len(block.status))
-    if job.run.kind == "settle":
-        return settle_frame(rows.model, axes, block)
-    if job.run.kind == "trace":
-        return trace_frame(rows.model, axes, block)
-    return crossing_frame(rows.model, axes, block, ramp)

@@ -19,8 +19,7 @@ _TYPES = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bo
 
 _MATH = {
     **{name: getattr(np, name) for name in ("log", "log1p", "expm1")},
-    **{name: getattr(np, f"arc{name[1:]}") for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},
-    "atan2": np.arctan2,
+    **{name: getattr(np, f"arc{name[1:]}") for name in ("asinh", "acosh", "atanh")},
     "erf": special.erf,
     "erfc": special.erfc,
 }

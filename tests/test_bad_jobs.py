@@ -222,7 +222,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     ),
     (6, "run: {max_cycles: 3}", ["line 6", "run.kind is missing", "Allowed: settle"]),
     (6, "run: settle", ["line 6", 'run is "settle"', "kind among them"]),
-    (6, "run:", ["run is missing", "settle, trace, ramp or return_map"]),
+    (6, "run:", ["run is missing", "settle, trace, ramp, return_map or staircase"]),
     (
         6,
         "run: {kind: settle, max_cycels: 3}",

@@ -1,9 +1,10 @@
-"""Whether every value that the rows of a job take is one that its model allows."""
+"""Whether a run can be made, and every value that its rows take is one that its model allows."""
 
 from __future__ import annotations
 
 import dataclasses
 import graphlib
+import itertools
 import math
 
 import numpy as np
@@ -13,7 +14,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.runs import Ramp
+from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Ramp, Staircase, Trace
 from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000
@@ -47,7 +48,7 @@ def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
 def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
     """Complaints about values outside what the model allows, each with the first row that has one."""
     complaints: list[Complaint] = []
-    moving = run.parameter if isinstance(run, Ramp) else None
+    moving = run.parameter if isinstance(run, Ramp | Staircase) else None
     wrong: set[str] = set()
     for name in plan.order:
         if name == moving or plan.closure([name]) & wrong:
@@ -56,9 +57,39 @@ def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
         if complaint is not None:
             complaints.append(complaint)
             wrong.add(name)
-    if isinstance(run, Ramp):
-        complaints.extend(_check_ramp(plan, subject, run))
+    if isinstance(run, Ramp | Staircase):
+        complaints.extend(_check_path(plan, subject, run))
     return complaints
+
+
+def check_run(run: object) -> list[Complaint]:
+    """Complaints about a run whose own fields do not fit each other."""
+    if isinstance(run, Trace):
+        return _check_trace(run)
+    return _check_stairs(run) if isinstance(run, Staircase) else []
+
+
+def _check_trace(run: Trace) -> list[Complaint]:
+    if run.every > run.duration:
+        text = f"is {run.every:g} s, but must not be longer than run.duration, {run.duration:g} s."
+        return [Complaint(("run", "every"), text)]
+    if run.duration / run.every > MOST_SAMPLES:
+        text = f"makes {run.duration / run.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
+        return [Complaint(("run", "every"), text)]
+    return []
+
+
+def _check_stairs(run: Staircase) -> list[Complaint]:
+    pairs = list(itertools.pairwise(run.path))
+    for index, (before, value) in enumerate(pairs, start=1):
+        if value == before:
+            text = f"is {value:g}, as the value before it is: leave one of the two out."
+            return [Complaint(("run", "path", index), text)]
+    stairs = 1.0 + sum(max(1.0, abs(b - a) / run.step) for a, b in pairs)
+    if stairs > MOST_STAIRS:
+        text = f"is {run.step:g}, which makes {stairs:.6g} stairs; at most {MOST_STAIRS} are made."
+        return [Complaint(("run", "step"), text)]
+    return []
 
 
 def place(plan: Plan, subject: Subject, name: str) -> Path:
@@ -106,7 +137,7 @@ def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: 
     return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
-def _check_ramp(plan: Plan, subject: Subject, run: Ramp) -> list[Complaint]:
+def _check_path(plan: Plan, subject: Subject, run: Ramp | Staircase) -> list[Complaint]:
     quantity = subject.parameters[run.parameter]
     complaints = []
     for index, value in enumerate(run.path):
@@ -124,7 +155,8 @@ def _check_ramp(plan: Plan, subject: Subject, run: Ramp) -> list[Complaint]:
             there = dataclasses.replace(plan, settings={**plan.settings, run.parameter: value})
             complaint = _check_quantity(there, subject, name, subject.parameters[name])
             if complaint is not None:
-                text = f"{complaint.text.removesuffix('.')}, where the ramp has {run.parameter} = {value:g}."
+                where = f"where the {run.kind} has {run.parameter} = {value:g}."
+                text = f"{complaint.text.removesuffix('.')}, {where}"
                 complaints.append(Complaint(complaint.path, text))
                 break
     return complaints

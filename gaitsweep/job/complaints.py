@@ -115,7 +115,7 @@ def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, pre
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, owners))
     sort, value, context = details["type"], details["input"], details.get("ctx", {})
-    owner = owners.get(str(loc[-2]) if len(loc) > 1 else top, owners[top])
+    owner = owners.get(_key(loc, -2) if len(loc) > 1 else top, owners[top])
     if sort == "gaitsweep":
         return Complaint(path, context["text"])
     if sort == "extra_forbidden":
@@ -132,14 +132,14 @@ def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, pre
     if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
         return _about_kind(path, value, owners)
     if sort in ("model_type", "dict_type", "model_attributes_type"):
-        inner = owners.get(str(next(reversed(loc), "")))
+        inner = owners.get(_key(loc, -1) if loc else "")
         fields = f" {nearmiss.allowing(inner.fields)}" if inner else ""
         return Complaint(path, f"is {found(value)}, but takes fields (key: value).{fields}")
     return Complaint(path, f"is {found(value)}, which this field does not take.")
 
 
 def _about_kind(path: Path, value: object, owners: dict[str, Owner]) -> Complaint:
-    kinds = [tag for tag, owner in owners.items() if owner.union == path[0]]
+    kinds = [tag.rpartition(".")[2] for tag, owner in owners.items() if owner.union == path[0]]
     if not isinstance(value, dict):
         return Complaint(
             path, f"is {found(value)}, but takes fields, kind among them. {nearmiss.allowing(kinds)}"
@@ -156,6 +156,11 @@ def _without_tags(loc: Path, owners: dict[str, Owner]) -> Path:
     """The path as written: pydantic puts a union's tag after run and after figures[i]."""
     if len(loc) > 1 and loc[0] == "run" and loc[1] in owners:
         return (loc[0], *loc[2:])
-    if len(loc) > 2 and loc[0] == "figures" and loc[2] in owners:
+    if len(loc) > 2 and loc[0] == "figures" and _key(loc, 2) in owners:
         return (*loc[:2], *loc[3:])
     return loc
+
+
+def _key(loc: Path, place: int) -> str:
+    """Under which key of the owners a part of a pydantic path stands: figures.basin, but settle."""
+    return f"figures.{loc[place]}" if loc[0] == "figures" else str(loc[place])

@@ -9,6 +9,7 @@ from typing import Any
 from gaitsweep.job import complaints
 from gaitsweep.job.complaints import Complaint, JobError, found, unknown_field
 from gaitsweep.job.document import Document, read_document
+from gaitsweep.job.runs import MOVING
 
 _FIELDS = ("model", "structure", "params", "source")
 
@@ -65,7 +66,7 @@ class Config:
         self.raw = merged
 
     def _without_overridden(self, theirs: Mapping[str, Any], section: str) -> dict[str, Any]:
-        """The config's values but for those that the job varies, ramps, or writes in the other section."""
+        """The config's values but for those that the job varies, moves, or writes in the other section."""
         overridden = _moving(self.raw)
         other = self.raw.get("structure" if section == "params" else "params")
         if isinstance(other, Mapping):
@@ -95,6 +96,6 @@ def _moving(raw: Mapping[str, Any]) -> set[str]:
         else:
             names.add(str(key))
     run = raw.get("run")
-    if isinstance(run, Mapping) and run.get("kind") == "ramp":
+    if isinstance(run, Mapping) and run.get("kind") in MOVING:
         names.add(str(run.get("parameter")))
     return names

@@ -37,8 +37,8 @@ class Plan:
     """A job's rows; nothing is held that grows with their number.
 
     `settings` has a number or a formula for each parameter and start that does not vary, the model's
-    defaults among them; NaN stands for a start that the model itself decides. A ramp's parameter has the
-    first value of its path. `sizes` are the structure's numbers.
+    defaults among them; NaN stands for a start that the model itself decides. The parameter of
+    a ramp or staircase has the first value of its path. `sizes` are the structure's numbers.
     """
 
     model: Model
@@ -65,7 +65,7 @@ class Plan:
     def derived(self) -> dict[str, str]:
         """The parameters that are formulas of others, the structure's numbers written into them.
 
-        A parameter that moves while a row runs (a ramp) moves these as well.
+        A parameter that moves while a row runs (ramp, staircase) moves these as well.
         """
         parameters = [quantity.name for quantity in self.model.parameters]
         formulas = {name: self.settings[name] for name in parameters if name in self.settings}

@@ -11,13 +11,13 @@ from pydantic import BaseModel, ValidationError
 
 from gaitsweep.engine.propose import refusal
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.checks import check_names, check_ranges
+from gaitsweep.job.checks import check_names, check_ranges, check_run
 from gaitsweep.job.complaints import Complaint, JobError, Owner, found, from_pydantic
 from gaitsweep.job.config import Config
 from gaitsweep.job.figures import check_figures, table_columns
 from gaitsweep.job.numbers import SCOPE, Scope
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.runs import MOST_SAMPLES, Numerics, Ramp, Trace
+from gaitsweep.job.runs import MOVING, Numerics, Ramp, Staircase
 from gaitsweep.job.subject import Subject, read_settings, read_subject
 from gaitsweep.job.vary import Vary, read_vary
 
@@ -32,7 +32,7 @@ class Reading:
     vary: Vary
     settings: dict[str, float | str]
     complaints: list[Complaint]
-    ramped: str | None
+    moved: str | None
     plan: Plan | None = None
 
     def refuse(self, complaints: list[Complaint]) -> None:
@@ -67,7 +67,7 @@ def read_parts(data: Any, folder: Path) -> Reading:
             read, wrong = read_settings(raw.get(field), field, subject)
             settings |= read
             complaints.extend(wrong)
-    ramped = _ramped(raw, subject)
+    moved = _moved(raw, subject)
     written = dict(settings)
 
     def reason(name: str) -> str | None:
@@ -76,13 +76,13 @@ def read_parts(data: Any, folder: Path) -> Reading:
         if name in written:
             field = "params" if name in subject.parameters else "start"
             return f"varies, but {field}.{name} fixes it: take one of the two out."
-        if name == ramped:
+        if name == moved:
             return "varies, but run.parameter moves it: take one of the two out."
         return subject.unknown(name, "vary")
 
     vary = read_vary(raw.get("vary"), subject.quantities if subject else {}, reason)
     complaints.extend(vary.complaints)
-    reading = Reading(raw, config, subject, vary, settings, complaints, ramped)
+    reading = Reading(raw, config, subject, vary, settings, complaints, moved)
     if subject is not None and not vary.complaints:
         _lay_out(reading, subject)
     return reading
@@ -92,26 +92,27 @@ def _plain(value: Any) -> Any:
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
-def _ramped(raw: Mapping[str, Any], subject: Subject | None) -> str | None:
+def _moved(raw: Mapping[str, Any], subject: Subject | None) -> str | None:
+    """The parameter that the run moves, where there is one."""
     run = raw.get("run")
-    name = run.get("parameter") if isinstance(run, Mapping) and run.get("kind") == "ramp" else None
+    name = run.get("parameter") if isinstance(run, Mapping) and run.get("kind") in MOVING else None
     return name if subject is not None and isinstance(name, str) and name in subject.parameters else None
 
 
 def _lay_out(reading: Reading, subject: Subject) -> None:
-    """The plan, with the model's defaults; a ramp's parameter has the default or 1 until its path is read."""
+    """The plan, with the model's defaults; a parameter that moves has 1 until its path is read."""
     varied = {name for group in reading.vary.groups for name in group.points}
     settings: dict[str, float | str] = {}
     for name, quantity in subject.quantities.items():
         field = "params" if name in subject.parameters else "start"
         if name in varied:
             continue
-        if name == reading.ramped and name in reading.settings:
+        if name == reading.moved and name in reading.settings:
             text = "is fixed, but run.parameter moves it: take one of the two out."
             reading.complaints.append(Complaint((field, name), text))
         if name in reading.settings:
             settings[name] = reading.settings[name]
-        elif name == reading.ramped:
+        elif name == reading.moved:
             settings[name] = 1.0
         elif quantity.default is not None:
             settings[name] = (
@@ -137,8 +138,8 @@ def scope_of(reading: Reading) -> Scope:
         return Scope(known=False)
     fixed: dict[str, float] = dict(subject.sizes)
     moving = dict.fromkeys(plan.names, "varies in this job")
-    if reading.ramped is not None:
-        moving[reading.ramped] = "moves in this ramp"
+    if reading.moved is not None:
+        moving[reading.moved] = "moves in this run"
     for name in plan.order:
         if name in moving or name not in subject.parameters:
             continue
@@ -192,13 +193,12 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
     assert plan is not None
     assert subject is not None
     complaints: list[Complaint] = []
-    if isinstance(run, Ramp):
+    if isinstance(run, Ramp | Staircase):
         if run.parameter not in subject.parameters:
             reason = subject.unknown(run.parameter, "params") or ""
             reading.refuse([Complaint(("run", "parameter"), f"is {run.parameter}, which {reason}")])
         plan = dataclasses.replace(plan, settings={**plan.settings, run.parameter: run.path[0]})
-    if isinstance(run, Trace):
-        complaints.extend(_check_trace(run))
+    complaints.extend(check_run(run))
     if numerics.event_tolerance >= numerics.dt:
         text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
         complaints.append(Complaint(("numerics", "event_tolerance"), text))
@@ -215,17 +215,10 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
             if columns.count(name) > 1:
                 text = f"varies {name}, but the table has a column of that name: rename the model's quantity."
                 complaints.append(Complaint(path, text))
+    if isinstance(run, Ramp | Staircase) and columns.count(run.parameter) > 1:
+        text = f"is {run.parameter}, but the table has a column of that name: rename the model's quantity."
+        complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_ranges(plan, subject, run))
     complaints.extend(check_figures(figures, subject.model, plan.names, run))
     reading.refuse(complaints)
     return plan
-
-
-def _check_trace(run: Trace) -> list[Complaint]:
-    if run.every > run.duration:
-        text = f"is {run.every:g} s, but must not be longer than run.duration, {run.duration:g} s."
-        return [Complaint(("run", "every"), text)]
-    if run.duration / run.every > MOST_SAMPLES:
-        text = f"makes {run.duration / run.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
-        return [Complaint(("run", "every"), text)]
-    return []

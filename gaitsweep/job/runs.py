@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from gaitsweep.job.numbers import Count, CountOrZero, LaneCount, NotNegative, Positive, Real, Text, word
 
 MOST_SAMPLES = 10_000_000  # of a row's trace
+MOST_STAIRS = 10_000  # of a staircase
+MOVING = ("ramp", "staircase")  # kinds of runs that move a parameter, `parameter`, along a `path`
 
 
 class Part(BaseModel):
@@ -61,7 +63,31 @@ class ReturnMap(Part):
     after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
 
 
-Run = Annotated[Settle | Trace | Ramp | ReturnMap, Field(discriminator="kind")]
+class Staircase(Part):
+    """Move one parameter in stairs along a path, hold it on each, and record the end of each."""
+
+    kind: Literal["staircase"] = Field(
+        description="staircase: a parameter moved in stairs and held on each, the end of each recorded"
+    )
+    parameter: Text = Field(description="the model's parameter that moves")
+    path: list[Real] = Field(
+        min_length=2,
+        max_length=1000,
+        description="values between which it moves, in order; each is held once",
+    )
+    step: Positive = Field(
+        description="largest distance between stairs, in its unit; each pass has equal stairs"
+    )
+    hold: Positive = Field(description="time on each stair, in s")
+    first_hold: Positive | None = Field(
+        default=None, description="time on the first stair, in s; as on the others if not given"
+    )
+    tolerance: Positive = Field(
+        default=1e-3, description="change a cycle below which a stair has settled, in rad a cycle"
+    )
+
+
+Run = Annotated[Settle | Trace | Ramp | ReturnMap | Staircase, Field(discriminator="kind")]
 
 
 class Numerics(Part):
@@ -72,10 +98,14 @@ class Numerics(Part):
         description="largest step, in s; times the fastest rate of the model it has to stay below 2.7 with "
         "rk4, below 20 with stabilised and exact (multilegged: up to 4e-3 and 32e-3)",
     )
-    method: Annotated[Literal["rk4", "stabilised", "exact"], word("rk4", "stabilised", "exact")] = Field(
+    method: Annotated[
+        Literal["rk4", "stabilised", "exact", "semi_implicit"],
+        word("rk4", "stabilised", "exact", "semi_implicit"),
+    ] = Field(
         default="rk4",
         description="rk4: classic Runge-Kutta, 4th order; for flows that are linear between events, "
-        "stabilised: long steps over stiff contacts, 6th order; exact: the same to 1e-6 of any transient",
+        "stabilised: long steps over stiff contacts, 6th order; exact: the same to 1e-6 of any transient; "
+        "semi_implicit: steps of fixed length with events inside them, for models that have such steps",
     )
     precision: Annotated[Literal["float64", "float32"], word("float64", "float32")] = Field(
         default="float64", description="float64, or float32 where a model allows it"

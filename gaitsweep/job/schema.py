@@ -19,11 +19,11 @@ from pydantic import (
 )
 
 from gaitsweep.job.complaints import Owner
-from gaitsweep.job.figures import Basin, Cycles, Figure, Footprints, SolutionSet
+from gaitsweep.job.figure_kinds import FIGURES, Figure
 from gaitsweep.job.numbers import Stem, Text
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
-from gaitsweep.job.runs import EngineChoice, Numerics, Part, Ramp, ReturnMap, Run, Settle, Trace
+from gaitsweep.job.runs import EngineChoice, Numerics, Part, Ramp, ReturnMap, Run, Settle, Staircase, Trace
 from gaitsweep.job.vary import vary_schema
 
 _HASHED_FORM = 2  # raised when the meaning of a resolved job changes, so that no old directory is resumed
@@ -64,7 +64,9 @@ class Job(Part):
         default_factory=dict,
         description="axes by name, zip and sample groups; they multiply, the last varies fastest",
     )
-    run: Run = Field(description="what is done with each row (kind: settle, trace, ramp or return_map)")
+    run: Run = Field(
+        description="what is done with each row (kind: settle, trace, ramp, return_map or staircase)"
+    )
     numerics: Numerics = Field(default_factory=Numerics, description="how trajectories are integrated")
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
     figures: list[Figure] = Field(default_factory=list, description="figures made from the table")
@@ -92,10 +94,10 @@ class Job(Part):
         `engine` is the one that runs, where the job leaves the choice open.
 
         Loading it again gives the same job. Formulas stay formulas, since they may follow what varies; a
-        start that the model decides itself, and the parameter of a ramp, are left out.
+        start that the model decides itself, and the parameter of a ramp or staircase, are left out.
         """
         dumped = self.model_dump(mode="json", exclude={"config", "params", "start"})
-        moving = self.run.parameter if isinstance(self.run, Ramp) else None
+        moving = self.run.parameter if isinstance(self.run, Ramp | Staircase) else None
         settings = {
             name: setting
             for name, setting in self._plan.settings.items()
@@ -153,12 +155,11 @@ _OWNERS = {
     "trace": Owner("run (trace)", Trace, "run"),
     "ramp": Owner("run (ramp)", Ramp, "run"),
     "return_map": Owner("run (return_map)", ReturnMap, "run"),
+    "staircase": Owner("run (staircase)", Staircase, "run"),
     "numerics": Owner("numerics", Numerics),
     "engine": Owner("engine", EngineChoice),
-    "basin": Owner("a figure (basin)", Basin, "figures"),
-    "solution_set": Owner("a figure (solution_set)", SolutionSet, "figures"),
-    "cycles": Owner("a figure (cycles)", Cycles, "figures"),
-    "footprints": Owner("a figure (footprints)", Footprints, "figures"),
+    # a figure's kind may be a run's too (return_map), hence the prefix
+    **{f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()},
 }
 
 

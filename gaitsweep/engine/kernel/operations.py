@@ -32,8 +32,7 @@ def _call(name: str) -> Operation:
     return Operation("same", getattr(np, name), f"math.{_MATH.get(name, name)}({{0}})")
 
 
-_MATH = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "arcsinh": "asinh", "arccosh": "acosh",
-         "arctanh": "atanh"}  # fmt: skip
+_MATH = {"arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh"}
 
 
 def _of_math(name: str) -> Operation:
@@ -65,13 +64,9 @@ OPERATIONS: dict[str, Operation] = {
     "log": _call("log"),
     "log1p": _call("log1p"),
     "expm1": _call("expm1"),
-    "asin": _call("arcsin"),
-    "acos": _call("arccos"),
-    "atan": _call("arctan"),
     "asinh": _call("arcsinh"),
     "acosh": _call("arccosh"),
     "atanh": _call("arctanh"),
-    "atan2": Operation("same", np.arctan2, "math.atan2({0}, {1})"),
     "pow": Operation("same", np.power, "{0} ** {1}"),
     "erf": _of_math("erf"),
     "erfc": _of_math("erfc"),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine.kernel import arithmetic, elementary
+from gaitsweep.engine.kernel import arithmetic, elementary, inverse
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
 
 Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
@@ -145,7 +145,7 @@ def _op(name: str) -> Callable[..., int]:
 _ELEMENTWISE: dict[str, Rule] = {
     **{name: _elementwise(_op(name)) for name in (
         "add", "sub", "mul", "neg", "abs", "floor", "sqrt", "lt", "le", "eq", "ne",
-        "log", "log1p", "expm1", "asin", "acos", "atan", "asinh", "acosh", "atanh", "atan2", "erf", "erfc",
+        "log", "log1p", "expm1", "asinh", "acosh", "atanh", "erf", "erfc",
     )},
     "add_any": _elementwise(_op("add")),
     "gt": _elementwise(lambda program, a, b: program.apply("lt", b, a)),
@@ -174,6 +174,10 @@ _ELEMENTWISE: dict[str, Rule] = {
     "sin": _elementwise(elementary.sine),
     "cos": _elementwise(elementary.cosine),
     "tan": _elementwise(elementary.tangent),
+    "asin": _elementwise(inverse.arcsine),
+    "acos": _elementwise(inverse.arccosine),
+    "atan": _elementwise(inverse.arctangent),
+    "atan2": _elementwise(inverse.angle_of_point),
     "sinh": _elementwise(elementary.hyperbolic_sine),
     "cosh": _elementwise(elementary.hyperbolic_cosine),
     "tanh": _elementwise(elementary.hyperbolic_tangent),

@@ -1,0 +1,212 @@
+"""The kinds of figures that a job may ask for: their fields, and what of the model and the table they name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from gaitsweep.job.numbers import Flag, Positive, Real, Stem, Text, word
+from gaitsweep.job.runs import Part
+
+_TITLE = "text above the figure"
+_NAME = "file stem of the figure; its kind if not given"
+_HUE = "column that colours the points"
+_BANDWIDTH = "half the window of the smoothing, in the unit of y; 0.05 rad for an angle if not given"
+
+
+class _Figure(Part):
+    """What every figure says of itself: the columns and the observables that it names."""
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {}
+
+    def observed(self) -> dict[tuple[str | int, ...], str]:
+        """The observables that it names, by where in it they stand."""
+        return {}
+
+
+class Basin(_Figure):
+    """Which gait each start leads to, over two varied quantities."""
+
+    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    kind: Literal["basin"] = Field(description="basin: the gait that each start leads to")
+    x: Text = Field(description="column along the horizontal axis")
+    y: Text = Field(description="column along the vertical axis")
+    hue: Text = Field(default="gait", description=_HUE)
+    panels: Text | None = Field(default=None, description="column of which each value gets a panel")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        named = {"x": self.x, "y": self.y, "hue": self.hue, "panels": self.panels}
+        return {field: column for field, column in named.items() if column is not None}
+
+
+class SolutionSet(_Figure):
+    """The settled states in three dimensions, the analytic solutions over them."""
+
+    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    kind: Literal["solution_set"] = Field(description="solution_set: settled states in three dimensions")
+    axes: list[Text] = Field(min_length=3, max_length=3, description="three observables of the model")
+    hue: Text = Field(default="gait", description=_HUE)
+    theory: Flag = Field(default=True, description="whether the analytic solutions are drawn over it")
+    points: dict[Text, Annotated[list[Real], Field(min_length=3, max_length=3)]] = Field(
+        default_factory=dict, description="points to mark, by name, three numbers each"
+    )
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {"hue": self.hue}
+
+    def observed(self) -> dict[tuple[str | int, ...], str]:
+        """The observables that it names, by where in it they stand."""
+        return {("axes", number): name for number, name in enumerate(self.axes)}
+
+
+class Cycles(_Figure):
+    """Section observables against the number of the crossing."""
+
+    runs: ClassVar[tuple[str, ...]] = ("return_map", "ramp")
+    kind: Literal["cycles"] = Field(description="cycles: observables against crossings")
+    y: list[Text] = Field(min_length=1, description="observables of the model, a panel each")
+    x: Text = Field(default="crossing", description="column along the horizontal axis")
+    hue: Text = Field(default="row", description=_HUE)
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {"x": self.x, "hue": self.hue}
+
+    def observed(self) -> dict[tuple[str | int, ...], str]:
+        """The observables that it names, by where in it they stand."""
+        return {("y", number): name for number, name in enumerate(self.y)}
+
+
+class Footprints(_Figure):
+    """Which leg is on the ground when."""
+
+    runs: ClassVar[tuple[str, ...]] = ("trace",)
+    kind: Literal["footprints"] = Field(description="footprints: which leg is on the ground when")
+    panels: Text | None = Field(default="row", description="column of which each value gets a panel")
+    titles: list[Text] | None = Field(default=None, description="titles of the panels, in order")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {} if self.panels is None else {"panels": self.panels}
+
+
+class Hysteresis(_Figure):
+    """An observable while a parameter rises and falls, the jumps on both ways marked."""
+
+    runs: ClassVar[tuple[str, ...]] = ("ramp", "staircase")
+    kind: Literal["hysteresis"] = Field(
+        description="hysteresis: an observable as a parameter rises and falls"
+    )
+    y: Text = Field(description="observable of the model")
+    parameter: Text | None = Field(
+        default=None, description="the parameter that the run moves; it need not be said"
+    )
+    panels: Text | None = Field(default=None, description="column of which each value gets a panel")
+    with_table: Text | None = Field(
+        default=None, description="a second result directory to show beside, by its path or its job's name"
+    )
+    least: Positive = Field(default=0.15, description="change of y that counts as a jump, in its unit")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {} if self.panels is None else {"panels": self.panels}
+
+    def observed(self) -> dict[tuple[str | int, ...], str]:
+        """The observables that it names, by where in it they stand."""
+        return {("y",): self.y}
+
+
+class ReturnMaps(_Figure):
+    """How an observable changes from one crossing to the next, with the fixed points."""
+
+    runs: ClassVar[tuple[str, ...]] = ("return_map",)
+    kind: Literal["return_map"] = Field(
+        description="return_map: an observable's change from crossing to crossing"
+    )
+    y: Text = Field(description="observable of the model")
+    panels: Text | None = Field(default=None, description="column of which each value gets a panel")
+    form: Annotated[Literal["change", "next"], word("change", "next")] = Field(
+        default="change", description="change: y's change over y; next: the next y over y"
+    )
+    bandwidth: Positive | None = Field(default=None, description=_BANDWIDTH)
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {} if self.panels is None else {"panels": self.panels}
+
+    def observed(self) -> dict[tuple[str | int, ...], str]:
+        """The observables that it names, by where in it they stand."""
+        return {("y",): self.y}
+
+
+class Branches(_Figure):
+    """The fixed points of return maps over a parameter."""
+
+    runs: ClassVar[tuple[str, ...]] = ("return_map",)
+    kind: Literal["branches"] = Field(description="branches: fixed points of return maps over a parameter")
+    x: Text = Field(description="column of the parameter, which varies")
+    y: Text = Field(description="observable of the model")
+    bandwidth: Positive | None = Field(default=None, description=_BANDWIDTH)
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {"x": self.x}
+
+    def observed(self) -> dict[tuple[str | int, ...], str]:
+        """The observables that it names, by where in it they stand."""
+        return {("y",): self.y}
+
+
+class GaitMap(_Figure):
+    """Which gaits are stable over two varied quantities, each from several starts."""
+
+    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    kind: Literal["gait_map"] = Field(description="gait_map: the gaits that several starts settle in")
+    x: Text = Field(description="column along the horizontal axis")
+    y: Text = Field(description="column along the vertical axis")
+    hue: Text = Field(default="gait", description="column of the gait")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+    def columns(self) -> dict[str, str]:
+        """The columns that it names, by field."""
+        return {"x": self.x, "y": self.y, "hue": self.hue}
+
+
+Figure = Annotated[
+    Basin | SolutionSet | Cycles | Footprints | Hysteresis | ReturnMaps | Branches | GaitMap,
+    Field(discriminator="kind"),
+]
+FIGURES: Mapping[str, type[Part]] = MappingProxyType(
+    {
+        "basin": Basin,
+        "solution_set": SolutionSet,
+        "cycles": Cycles,
+        "footprints": Footprints,
+        "hysteresis": Hysteresis,
+        "return_map": ReturnMaps,
+        "branches": Branches,
+        "gait_map": GaitMap,
+    }
+)

@@ -1,0 +1,76 @@
+"""What a job's run asks of the engine: its recorder and what it moves; and the records that come of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import pandas as pd
+
+from gaitsweep.engine.block import BlockResult
+from gaitsweep.engine.crossings import Crossings
+from gaitsweep.engine.ramp import Path
+from gaitsweep.engine.record import Recorder
+from gaitsweep.engine.settle import Settle
+from gaitsweep.engine.staircase import Staircase
+from gaitsweep.engine.stairs import Stairs
+from gaitsweep.engine.trace import Trace
+from gaitsweep.expression import evaluate, functions_of
+from gaitsweep.frames import crossing_frame, settle_frame, stair_frame, trace_frame
+from gaitsweep.job import Job, Plan
+
+
+@dataclasses.dataclass(frozen=True)
+class Moving:
+    """The parameter that a run moves, and the path on which it does."""
+
+    parameter: str
+    path: Path | Stairs
+
+
+def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
+    """What a job keeps of each row, and what moves while it runs."""
+    run, model = job.run, rows.model
+    if run.kind == "settle":
+        return Settle(model, run.max_cycles, run.tolerance, run.max_time), None
+    if run.kind == "trace":
+        return Trace(model, run.duration, run.every, run.after_cycles), None
+    if run.kind == "return_map":
+        return Crossings(model, run.crossings, run.after_cycles), None
+    if run.kind == "staircase":
+        stairs = Stairs(tuple(run.path), run.step, run.hold, run.first_hold)
+        return Staircase(model, stairs, run.tolerance), Moving(run.parameter, stairs)
+    path = Path(tuple(run.path), run.rate, run.hold)
+    return Crossings(model, duration=path.duration), Moving(run.parameter, path)
+
+
+def drive_of(rows: Plan, moving: Moving) -> Callable[[Any, jax.Array], Any]:
+    """The parameters at a time; formulas that use the moving parameter follow it."""
+    moved_by = moving.parameter
+    following = [name for name in rows.order if name in rows.derived and moved_by in rows.closure([name])]
+    functions = functions_of(jnp)
+
+    def drive(values: Any, t: jax.Array) -> Any:
+        moved = {**values, moved_by: moving.path.at(t)}
+        for name in following:
+            moved[name] = evaluate(rows.derived[name], moved, functions)
+        return rows.model.params(moved)
+
+    return drive
+
+
+def frame_of(job: Job, rows: Plan, moving: Moving | None, block: BlockResult) -> pd.DataFrame:
+    """The records of a block of rows."""
+    axes = rows.columns(block.first, block.first + len(block.status))
+    if job.run.kind == "settle":
+        return settle_frame(rows.model, axes, block)
+    if job.run.kind == "trace":
+        return trace_frame(rows.model, axes, block)
+    if moving is None:
+        return crossing_frame(rows.model, axes, block)
+    if isinstance(moving.path, Stairs):
+        return stair_frame(rows.model, axes, block, moving.parameter, moving.path)
+    return crossing_frame(rows.model, axes, block, (moving.parameter, moving.path))
