@@ -8,12 +8,15 @@ from typing import Any
 import hypothesis
 import jax
 import jax.numpy as jnp
+import numba
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 from jax import lax
 
-from tests.scalar_programs import executable, on_many, traced_with
+from gaitsweep.engine.kernel import lower
+from gaitsweep.engine.kernel.operations import OPERATIONS
+from tests.scalar_programs import executable, on_many, source_of, traced_with
 
 pytestmark = pytest.mark.skipif(
     np.finfo(np.longdouble).nmant < 63, reason="long double is no more than double here"
@@ -148,7 +151,116 @@ def test_hyperbolic_functions(function: Any, reference: Any, high: float, units:
         np.testing.assert_allclose(mine, right.astype(float), rtol=1e-15)
 
 
-@pytest.mark.parametrize("function", [jnp.sin, jnp.tan, jnp.sinh, jnp.tanh, jnp.cbrt])
+INVERSES: list[tuple[Any, Any, float]] = [
+    (jnp.arctan, np.arctan, 4.0),
+    (jnp.arcsin, np.arcsin, 1.0),
+    (jnp.arccos, np.arccos, 1.0),
+]
+# Millions of random arguments gave at most 1.6 for angles and arctangents, 1.82 for arcsines.
+INVERSE_UNITS = 1.9
+
+
+@pytest.mark.parametrize(("function", "reference", "high"), INVERSES)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_inverse_functions(function: Any, reference: Any, high: float, dtype: Any) -> None:
+    scales = 2.0 ** RANDOM.uniform(-60, 0, 20_000)
+    parts = [_between(-high, high), *map(_signed, (_between(0.54, 0.58), scales, 1 - scales))]
+    x = np.concatenate(parts).astype(dtype)
+    assert _units(*_both(function, reference, x[x != 0])) < INVERSE_UNITS
+    np.testing.assert_array_equal(
+        on_many(function, np.array([0, -0.0], dtype)), reference(np.zeros(2, dtype))
+    )
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_inverse_functions_at_their_ends(dtype: Any) -> None:
+    x = np.array([1, -1, np.nextafter(dtype(1), dtype(2)), -1.5, np.inf, -np.inf, np.nan], dtype)
+    with np.errstate(invalid="ignore"):
+        for function, reference, _ in INVERSES:
+            np.testing.assert_array_max_ulp(on_many(function, x), reference(x), 1)
+    beyond = np.concatenate(
+        [2.0 ** RANDOM.uniform(0, np.finfo(dtype).maxexp - 1, 20_000), _between(1.77, 1.79)]
+    )
+    assert _units(*_both(jnp.arctan, np.arctan, _signed(beyond).astype(dtype))) < INVERSE_UNITS
+    least = _signed(np.geomspace(np.finfo(dtype).smallest_subnormal, 1e-10, 2000, dtype=dtype))
+    np.testing.assert_array_equal(on_many(jnp.arctan, least), least)
+    np.testing.assert_array_equal(on_many(jnp.arcsin, least), least)
+
+
+@pytest.fixture(scope="module", params=[np.float64, np.float32])
+def angle(request: pytest.FixtureRequest) -> Any:
+    """The kind of number, and the angle of y and x as the kernel computes it."""
+    one = request.param(1)
+    return request.param, lambda y, x: executable(traced_with(jnp.arctan2, one, one))(y, x)[0]
+
+
+def _angle_units(angle: Any, y: np.ndarray, x: np.ndarray) -> float:
+    dtype, mine = angle
+    y, x = y.astype(dtype), x.astype(dtype)
+    return _units(mine(y, x), np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble)))
+
+
+def test_angles_all_around(angle: Any) -> None:
+    turn = np.concatenate([_between(-np.pi, np.pi, 200_000), _between(0.35, 0.55, 100_000)])
+    size = RANDOM.uniform(1, 4, turn.size)
+    assert _angle_units(angle, size * np.sin(turn), size * np.cos(turn)) < INVERSE_UNITS
+
+
+def test_angles_of_the_least_and_largest_numbers(angle: Any) -> None:
+    limits = np.finfo(angle[0])
+    least = np.log2(float(limits.smallest_subnormal))
+    for low, high in [(least, least + 6), (least, limits.minexp + 4), (limits.maxexp - 3, limits.maxexp)]:
+        sizes = np.minimum(2.0 ** RANDOM.uniform(low, high, (2, 20_000)), limits.max)
+        y, x = sizes * RANDOM.choice([-1, 1], sizes.shape)
+        assert _angle_units(angle, y, x) < INVERSE_UNITS
+
+
+def _odd_points(dtype: Any) -> list[np.ndarray]:
+    """All pairs of numbers at which something happens, each with both signs."""
+    least, largest = np.finfo(dtype).smallest_subnormal, np.finfo(dtype).max
+    small, large = [0, least, 3 * least, np.finfo(dtype).tiny, 1e-30], [1e30, 0.6 * largest, largest, np.inf]
+    odd = np.append(_signed(np.array([*small, 0.3, 0.5, 9 / 16, 1, 2, *large])), np.nan).astype(dtype)
+    return [side.ravel() for side in np.meshgrid(odd, odd)]
+
+
+def _same_angles(mine: np.ndarray, y: np.ndarray, x: np.ndarray) -> None:
+    right = np.arctan2(y, x)
+    np.testing.assert_array_equal(np.isnan(mine), np.isnan(right))
+    known = ~np.isnan(right)
+    np.testing.assert_array_max_ulp(mine[known], right[known], 2)
+    np.testing.assert_array_equal(np.signbit(mine[known]), np.signbit(right[known]))
+
+
+def test_angles_of_zeros_infinities_and_no_numbers(angle: Any) -> None:
+    y, x = _odd_points(angle[0])
+    _same_angles(angle[1](y, x), y, x)
+
+
+def test_compiled_angles_know_the_sign_of_zero(angle: Any) -> None:
+    dtype = angle[0]
+    traced = traced_with(jnp.arctan2, dtype(1), dtype(1))
+    kind = lower.KINDS[traced.program.nodes[traced.outputs[0]].kind]
+    one = lower.straight_line(lower.CpuCalls, source_of(traced).replace("):", f') -> "{kind}":', 1))
+    compiled = numba.njit(error_model="numpy")(lambda y, x: one(y, x))
+    y, x = _odd_points(dtype)
+    _same_angles(np.array([compiled(*point)[0] for point in zip(y, x, strict=True)], dtype), y, x)
+
+
+@pytest.mark.parametrize(
+    ("function", "double", "single"),
+    [(jnp.arctan, 44, 30), (jnp.arcsin, 41, 27), (jnp.arccos, 44, 30), (jnp.arctan2, 64, 48)],
+)
+def test_inverse_functions_call_no_library(function: Any, double: int, single: int) -> None:
+    for dtype, most in ((np.float64, double), (np.float32, single)):
+        given = [dtype(0.3)] * (2 if function is jnp.arctan2 else 1)
+        program, wanted = (traced := traced_with(function, *given)).program, traced.outputs
+        names = [program.nodes[at].op for at in program.needed(wanted)]
+        sources = [OPERATIONS[name].source for name in names if name not in ("input", "constant")]
+        assert not [source for source in sources if "math." in source or "**" in source]
+        assert len(sources) <= most
+
+
+@pytest.mark.parametrize("function", [jnp.sin, jnp.tan, jnp.sinh, jnp.tanh, jnp.cbrt, jnp.arctan])
 def test_odd_functions_are_odd_to_the_last_place(function: Any) -> None:
     x = _between(0, 30)
     np.testing.assert_array_equal(on_many(function, -x), -on_many(function, x))

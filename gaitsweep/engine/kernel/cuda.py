@@ -130,7 +130,8 @@ class Steady:
         self.varying = varying
         return changed
 
-    def values(self, read: Callable[[int], float]) -> tuple[float, ...]:
-        """What is the same in all rows, in the order in which the kernel takes it."""
-        same = threads.same(self.chunk, self.varying)
-        return tuple(read(slot) for slot in same.values()) or (0.0,)
+    def values(self, read: Callable[[int], float]) -> tuple[Any, ...]:
+        """What is the same in all rows, in the order in which the kernel takes it and in the kinds of it."""
+        same, nodes = threads.same(self.chunk, self.varying), self.chunk.program.nodes
+        kinds: dict[str, Callable[[float], Any]] = {"bool": bool, "f32": np.float32}
+        return tuple(kinds.get(nodes[at].kind, float)(read(slot)) for at, slot in same.items()) or (0.0,)

@@ -13,16 +13,16 @@ from gaitsweep.engine.kernel.arithmetic import Writer
 if TYPE_CHECKING:
     from gaitsweep.engine.kernel.program import Program
 
-# Beyond this ratio an angle is counted from pi/4. The tangent of what is left has a numerator without rounding
-# error, as the ratio is above 1/2, and is at most 7/25.
+# Beyond this ratio an angle is counted from pi/4. The tangent of what is left has a numerator without
+# rounding error, as the ratio is above 1/2, and is at most 7/25.
 _FLAT = 9 / 16
-# Beyond this number an angle is counted from pi/2. Twice the arcsine of what is left is below 1, where numbers
-# lie twice as close as above.
+# Beyond this number an angle is counted from pi/2. Twice the arcsine of what is left is below 1, where
+# numbers lie twice as close as above.
 _INNER = 35 / 64
 
-# P in arctan(t) = t + t z P(z), z = t^2 up to _FLAT^2, and in arcsin(t) likewise, up to _INNER^2. From Remez's
-# exchange in 60-digit decimals, which makes the largest error relative to the function least; each coefficient
-# is rounded in turn and those after it are fitted again. Errors: 3.9e-18 and 1.8e-17; float32 1.2e-9 both.
+# P in arctan(t) = t + t z P(z), z = t^2 up to _FLAT^2, and in arcsin(t) likewise, up to _INNER^2. By Remez's
+# exchange in 60-digit decimals, which makes the largest error relative to the function least; coefficients
+# are rounded one by one and those after them fitted again. Errors: 3.9e-18, 1.8e-17; float32 1.2e-9 both.
 _ARCTANGENT = [
     -0.3333333333333302, 0.1999999999992086, -0.1428571427869901, 0.11111110797113893, -0.0909090077325586,
     0.07692165459915125, -0.06665013076329998, 0.058688693557069974, -0.051847244410340554,
@@ -59,14 +59,14 @@ def arctangent(program: Program, x: int) -> int:
 
 
 def _minus(program: Program, x: int) -> int:
-    """Whether x has a minus sign: that of zero shows in its reciprocal only, for which single precision does."""
+    """Whether x has a minus sign: that of zero shows in its reciprocal only, for which float32 does."""
     x = program.apply("to_f32", x)
     w = Writer(program, x)
     return w("lt", w("add", x, w("div", 1.0, x)), 0.0)
 
 
 def angle_of_point(program: Program, y: int, x: int) -> int:
-    """The angle from the first axis to the point (x, y), in (-pi, pi]; of -0.0 as of a small negative y or x."""
+    """The angle from the x axis to the point (x, y), in [-pi, pi]; -0.0 counts as a small negative number."""
     w = Writer(program, y)
     width, height = w("abs", x), w("abs", y)
     upright = w("lt", width, height)
