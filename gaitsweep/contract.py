@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
+import numpy as np
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: what changes along a trajectory, modes included
@@ -72,6 +73,33 @@ class Quantity:
     circular: bool = False
     symbol: str = ""
     source: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Limb:
+    """A limb as it is drawn: `points` (n, k, 3) m from its root to its foot, over n samples.
+
+    Limbs of one `pair` share a colour; `far`: on the left side, away from who looks, and so drawn lighter.
+    """
+
+    name: str
+    points: np.ndarray
+    pair: int = 0
+    far: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Skeleton:
+    """A body as it is drawn, over n samples; x forward, y to the left, z up from the ground, m.
+
+    `limbs`, the first that of the signal contact_1; `bodies` (n, k, 3), each filled to the hull of its
+    points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know besides.
+    """
+
+    limbs: tuple[Limb, ...]
+    bodies: tuple[np.ndarray, ...] = ()
+    springs: tuple[np.ndarray, ...] = ()
+    note: str = ""
 
 
 class Model(abc.ABC):
@@ -143,6 +171,14 @@ class Model(abc.ABC):
     @abc.abstractmethod
     def period(self, params: Params) -> jax.Array:
         """A cycle's nominal duration in s; the engine's limits on time are multiples of it."""
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
+        """How the body is drawn with these parameters and signals (n,) of a trace; None where it is not."""
+        return None
+
+    def mjcf(self, values: Mapping[str, float]) -> str | None:
+        """An MJCF of the body whose qpos are the signals q_0, q_1, ..., its feet the sites foot_1, ..."""
+        return None
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:

@@ -1,4 +1,4 @@
-"""The kinds of figures that a job may ask for: their fields, and what of the model and the table they name."""
+"""The kinds of figures that a job may ask for: their fields, and what they name of the model and the table."""
 
 from __future__ import annotations
 

@@ -14,13 +14,15 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gaitsweep.analysis.multilegged.gaits import GAITS, classify
 from gaitsweep.analysis.multilegged.obstacle import obstacle_problem
-from gaitsweep.contract import HybridModel, Quantity, Rates
+from gaitsweep.contract import HybridModel, Quantity, Rates, Skeleton
 from gaitsweep.dynamics.compliant_ground import ground_force
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import neighbour_force
+from gaitsweep.models.multilegged_drawing import skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 starts pressed in by a picometre (1e-7 N), so that rounding does not decide whether it touches.
@@ -302,3 +304,6 @@ class Multilegged(HybridModel):
 
     def period(self, params: Params) -> jax.Array:
         return TWO_PI / params.omega
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        return skeleton(self.N + 1, values, signals)

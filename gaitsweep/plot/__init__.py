@@ -11,15 +11,40 @@ from matplotlib.figure import Figure
 
 from gaitsweep import nearmiss
 from gaitsweep.plot.basin import basin
+from gaitsweep.plot.branches import branches
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.cycles import cycles
 from gaitsweep.plot.footprints import footprints
+from gaitsweep.plot.gait_map import gait_map
+from gaitsweep.plot.hysteresis import hysteresis
+from gaitsweep.plot.return_map import return_map
 from gaitsweep.plot.solution_set import solution_set
 
-__all__ = ["KINDS", "PlotError", "basin", "cycles", "draw", "footprints", "solution_set"]
+__all__ = [
+    "KINDS",
+    "PlotError",
+    "basin",
+    "branches",
+    "cycles",
+    "draw",
+    "footprints",
+    "gait_map",
+    "hysteresis",
+    "return_map",
+    "solution_set",
+]
 
 KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
-    {"basin": basin, "solution_set": solution_set, "cycles": cycles, "footprints": footprints}
+    {
+        "basin": basin,
+        "solution_set": solution_set,
+        "cycles": cycles,
+        "footprints": footprints,
+        "hysteresis": hysteresis,
+        "return_map": return_map,
+        "branches": branches,
+        "gait_map": gait_map,
+    }
 )
 
 

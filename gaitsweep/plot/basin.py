@@ -9,9 +9,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
 
 from gaitsweep.plot import style
+from gaitsweep.plot.cells import cell_edges, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
     FAILED,
     NOT_SETTLED,
@@ -111,7 +112,7 @@ def _cells(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.S
         style.message(axes, "no rows yet")
         return None
     across, up = np.unique(part[x]), np.unique(part[y])
-    regular = _even(across) and _even(up) and len(part) >= 0.02 * len(across) * len(up)
+    regular = on_grid(across) and on_grid(up) and len(part) >= 0.02 * len(across) * len(up)
     shown = shown.loc[part.index]
     if not regular:
         return _points(axes, part, x, y, hue, shown, limits)
@@ -121,8 +122,8 @@ def _cells(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.S
             "keep one of its values in the table."
         )
     at = np.searchsorted(up, part[y]), np.searchsorted(across, part[x])
-    edges = _edges(across), _edges(up)
-    _hatch(axes, edges, at, shown.isin([NOT_SETTLED, FAILED]).to_numpy())
+    edges = cell_edges(across), cell_edges(up)
+    hatch_cells(axes, edges, at, shown.isin([NOT_SETTLED, FAILED]).to_numpy())
     if limits is not None:
         cells = np.full((len(up), len(across)), np.nan)
         cells[at] = part[hue].where(~shown.isin([FAILED]))
@@ -149,28 +150,15 @@ def _points(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.
     return None
 
 
-def _hatch(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, marked: np.ndarray) -> None:
-    """Hatch the marked cells, runs of neighbours in a row as one rectangle."""
-    across, up = edges
-    cells = np.zeros((len(up) - 1, len(across) - 1), bool)
-    cells[at] = marked
-    for row in np.flatnonzero(cells.any(axis=1)):
-        turns = np.flatnonzero(np.diff(np.r_[False, cells[row], False]))
-        for start, stop in zip(turns[::2], turns[1::2], strict=True):
-            (left, right), (bottom, top) = across[[start, stop]], up[[row, row + 1]]
-            look = {"fill": False, "hatch": style.HATCH, "linewidth": 0, "edgecolor": "#333333", "zorder": 3}
-            axes.add_patch(
-                Rectangle((float(left), float(bottom)), float(right - left), float(top - bottom), **look)
-            )
-
-
 def _legend(figure: Figure, parts: list[pd.Series], names: list[str], panels: str) -> None:
     """Below the panels: each outcome with its share, panel by panel where they are few."""
     colour = style.colours(names)
     apart = parts if 1 < len(parts) <= _PANELS_A_ROW else [pd.concat(parts)]
     handles = []
     for name in names:
-        shares = " / ".join(_percent(float((part == name).mean()) if len(part) else 0.0) for part in apart)
+        shares = " / ".join(
+            style.percent(float((part == name).mean()) if len(part) else 0.0) for part in apart
+        )
         hatch = style.HATCH if name in (NOT_SETTLED, FAILED) else None
         face = {"facecolor": colour[name], "edgecolor": "#333333", "hatch": hatch, "linewidth": 0.4}
         handles.append(Patch(label=f"{name}  {shares} %", **face))
@@ -179,24 +167,3 @@ def _legend(figure: Figure, parts: list[pd.Series], names: list[str], panels: st
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, title=heading, title_fontsize=7.5
     )
-
-
-def _percent(share: float) -> str:
-    return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
-
-
-def _even(values: np.ndarray) -> bool:
-    """Whether sorted values lie on a grid: all steps whole multiples of the smallest, up to rounding."""
-    gaps = np.diff(values)
-    if not len(gaps):
-        return True
-    counts = gaps / gaps.min()
-    return len(values) <= 4 or bool((np.abs(counts - np.round(counts)) < 0.01).all() and counts.max() < 50)
-
-
-def _edges(centres: np.ndarray) -> np.ndarray:
-    """Edges of cells around their centres; a cell of a missing neighbour reaches half way to the next."""
-    if len(centres) == 1:
-        return np.array([centres[0] - 0.5, centres[0] + 0.5])
-    middle = 0.5 * (centres[1:] + centres[:-1])
-    return np.r_[centres[0] - (middle[0] - centres[0]), middle, centres[-1] + (centres[-1] - middle[-1])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -10,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import nearmiss
+from gaitsweep.analysis.circular import is_circular
 
 SETTLED = frozenset({"settled", "inferred", "complete"})
 UNSETTLED = frozenset({"cycle_limit", "time_limit", "running"})
@@ -50,14 +52,14 @@ def base_name(name: str) -> str:
 
 
 def is_angle(table: pd.DataFrame, name: str) -> bool:
-    """Whether a column is an angle of period 2 pi: as `table.attrs["quantities"]` says, else psi and phi."""
-    known = _quantity(table, name).get("circular")
-    return bool(known) if known is not None else re.match(r"(psi|phi)(_|$)", name) is not None
+    """Whether a column is an angle of period 2 pi: as `table.attrs["quantities"]` says, else by its name."""
+    return is_circular(table, name)
 
 
 def symbol(table: pd.DataFrame, name: str) -> str:
     """How a column is written: its symbol in TeX, from `table.attrs["quantities"]` or made of its name."""
-    base = base_name(name)
+    quantities = table.attrs.get("quantities", {})
+    base = _bare(name) if name not in quantities and _bare(name) in quantities else base_name(name)
     known = _quantity(table, name).get("symbol")
     if known:
         return f"${known}$"
@@ -72,17 +74,33 @@ def symbol(table: pd.DataFrame, name: str) -> str:
 
 def axis_label(table: pd.DataFrame, name: str) -> str:
     """A column's symbol and unit, for an axis."""
+    unit = unit_of(table, name)
+    return f"{symbol(table, name)} ({unit})" if unit else symbol(table, name)
+
+
+def unit_of(table: pd.DataFrame, name: str) -> str:
+    """A column's unit; empty where it has none."""
     unit = _quantity(table, name).get("unit", "rad" if is_angle(table, name) else _UNITS.get(name, ""))
-    return f"{symbol(table, name)} ({unit})" if unit not in ("", "1") else symbol(table, name)
+    return "" if unit == "1" else str(unit)
+
+
+def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
+    """What a column means, its symbol and unit, in lines of `width`, for an axis that explains itself."""
+    meaning = str(_quantity(table, name).get("meaning", ""))
+    label = axis_label(table, name)
+    if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
+        return label
+    lines = textwrap.wrap(meaning, width)
+    return "\n".join([*lines[:-1], f"{lines[-1]}, {label}"])
 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:
-    """What is fixed in a panel: `psi_3 = 0.4 pi`, angles in multiples of pi."""
+    """What is fixed in a panel: `f = 2.6 Hz`, angles in multiples of pi."""
     if not isinstance(value, int | float | np.number):
         return f"{symbol(table, name)} = {value}"
     number = float(value)
     if not is_angle(table, name):
-        return f"{symbol(table, name)} = {number:.4g}"
+        return f"{symbol(table, name)} = {number:.4g} {unit_of(table, name)}".rstrip().replace("= -", "= −")
     turns = f"{number / np.pi:.3g}"
     text = {"0": "0", "1": r"\pi", "-1": r"-\pi"}.get(turns, rf"{turns}\,\pi")
     return f"{symbol(table, name)} = ${text}$"
@@ -112,4 +130,9 @@ def categories(table: pd.DataFrame, hue: str, shown: pd.Series) -> list[str]:
 def _quantity(table: pd.DataFrame, name: str) -> dict:
     """What `table.attrs["quantities"]` says about a column: its unit, symbol and whether it is circular."""
     known = table.attrs.get("quantities", {})
-    return dict(known.get(name) or known.get(base_name(name)) or {})
+    return dict(known.get(name) or known.get(base_name(name)) or known.get(_bare(name)) or {})
+
+
+def _bare(name: str) -> str:
+    """A name without its suffix, where that may also be a part of it (m_end): speed for speed_n."""
+    return re.sub(r"_(end|n)$", "", name)

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from gaitsweep.plot.columns import FAILED, NOT_SETTLED
 
@@ -25,12 +26,26 @@ COLOURS = MappingProxyType(
         "source": "#009E73",
         "retrograde": "#0072B2",
         "locked": "#CC79A7",
+        "walk": "#E69F00",
+        "trot": "#0072B2",
+        "pace": "#D55E00",
         "none": "#BBBBBB",
         NOT_SETTLED: "#E4E4E4",
         FAILED: "#7A7A7A",
     }
 )
-MARKERS = MappingProxyType({"direct": "o", "source": "s", "retrograde": "^", "locked": "D", "none": "x"})
+MARKERS = MappingProxyType(
+    {
+        "direct": "o",
+        "source": "s",
+        "retrograde": "^",
+        "locked": "D",
+        "walk": "o",
+        "trot": "^",
+        "pace": "v",
+        "none": "x",
+    }
+)
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
 
@@ -89,6 +104,33 @@ def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
     names = {2: ["0", "π", "2π"], 4: ["0", "π/2", "π", "3π/2", "2π"]}[steps]
     getattr(axes, f"set_{which}lim")(0.0, 2 * np.pi)
     getattr(axes, f"set_{which}ticks")(np.linspace(0.0, 2 * np.pi, steps + 1), names)
+
+
+def percent(share: float) -> str:
+    """A share in whole per cent, for a legend."""
+    return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
+
+
+def angle_ticks(axes: Axes, which: str) -> None:
+    """Ticks at round multiples of pi on a part of the circle that axis x or y already shows."""
+    low, high = sorted(getattr(axes, f"get_{which}lim")())
+    steps = (0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)
+    step = next((step for step in steps if (high - low) / (step * np.pi) <= 6.0), steps[-1])
+    axis = getattr(axes, f"{which}axis")
+    axis.set_major_locator(MultipleLocator(step * np.pi))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: in_pi(value, fractions=step >= 0.25)))
+
+
+def in_pi(angle: float, *, fractions: bool = True) -> str:
+    """An angle (rad) as a multiple of pi: 3π/4, or 0.75π where it is no round fraction."""
+    turns = round(angle / np.pi, 4)
+    if turns == round(turns):
+        return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")
+    if fractions and 4 * turns == round(4 * turns):
+        bottom = 2 if 2 * turns == round(2 * turns) else 4
+        top = round(turns * bottom)
+        return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
+    return f"{turns:.4g}π".replace("-", "−")
 
 
 def message(axes: Axes, text: str) -> None:

@@ -25,6 +25,7 @@ from gaitsweep.contract import HybridModel, Quantity, Rates
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree_kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
+from gaitsweep.models.waist_quadruped.drawing import Drawn
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
 from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
@@ -37,13 +38,12 @@ LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 
 
 @dataclasses.dataclass(frozen=True)
-class WaistQuadruped(HybridModel):
+class WaistQuadruped(Drawn, HybridModel):
     """The quadruped of two bodies, a waist and four limbs."""
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
-    precisions: ClassVar[tuple[str, ...]] = ("float64", "float32")
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
