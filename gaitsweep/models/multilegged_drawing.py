@@ -1,0 +1,39 @@
+"""How the multi-legged chain is drawn: masses in a row from head to tail, springs between neighbours, legs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gaitsweep.contract import Limb, Skeleton
+
+# In leg lengths: how far apart neighbours are drawn (the model's masses only move up and down), and how large.
+_APART, _HALF = 0.6, 0.075
+_CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
+
+
+def skeleton(legs: int, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+    """The chain, its head to the right.
+
+    Args:
+        legs: how many there are.
+        values: the leg's length `L`, m, among other parameters.
+        signals: heights x_1, ... and legs' lengths l_1, ..., (n,) m each.
+    """
+    masses, feet = [], []
+    for i in range(legs):
+        height, length = signals[f"x_{i + 1}"], signals[f"l_{i + 1}"]
+        along = np.full_like(height, -_APART * values["L"] * i)
+        level = np.zeros_like(height)
+        masses.append(np.stack([along, level, height], axis=1))
+        feet.append(np.stack([along, level, height - length], axis=1))
+    size = _HALF * values["L"] * _CORNERS
+    return Skeleton(
+        limbs=tuple(
+            Limb(f"leg {i + 1}", np.stack([masses[i], feet[i]], axis=1), pair=1) for i in range(legs)
+        ),
+        bodies=tuple(mass[:, None, :] + size for mass in masses),
+        springs=tuple(np.stack(ends, axis=1) for ends in zip(masses[:-1], masses[1:], strict=True)),
+        note="Leg 1 is the head's; masses move up and down only, their distance along the ground is the drawing's.",
+    )

@@ -1,0 +1,88 @@
+"""How the quadruped is drawn: two boxes with the waist's spring between them, four limbs of two links."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from gaitsweep.contract import Limb, Skeleton
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
+
+NAMES = ("right fore", "left fore", "right hind", "left hind")
+# Corners of a box in halves of its size; a quarter is left out next to the waist, so that its spring shows.
+_GAP = 0.75
+_FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_REAR = _FRONT * [-1.0, 1.0, 1.0]
+
+
+class Drawn:
+    """What a model of this body says about its picture (`Model.skeleton` and `Model.mjcf`)."""
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        return skeleton(values, signals)
+
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        return scaled_mjcf(values)
+
+
+def scaled_mjcf(values: Mapping[str, float]) -> str:
+    """The MJCF with a row's lengths, scaled as `Mechanics.geometry` does; the masses are still Table I's.
+
+    Args:
+        values: `body_length`, `body_width` and `link_length`, m, among others.
+    """
+    root = ElementTree.fromstring(mjcf())
+    trunk = np.array([values["body_length"] / 0.1, values["body_width"] / 0.1, 1.0])
+    link = np.full(3, values["link_length"] / 0.08)
+    for geom in root.findall("default//geom[@fromto]"):
+        _scale(geom, "fromto", np.tile(link, 2))
+    for body in root.iter("body"):
+        factor = trunk if body.get("name") in ("front", "rear") else link
+        for part in body:
+            if part.get("pos"):
+                _scale(part, "pos", factor)
+            if part.get("type") == "box":
+                _scale(part, "size", factor)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
+    numbers = np.array(element.attrib[key].split(), float) * factor
+    element.set(key, " ".join(repr(float(number)) for number in numbers))
+
+
+def skeleton(values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+    """The parts where MuJoCo's kinematics puts them.
+
+    Args:
+        values: the parameters, as for `scaled_mjcf`.
+        signals: q_0 to q_15, (n,) each.
+    """
+    model = mujoco.MjModel.from_xml_string(scaled_mjcf(values))
+    data = mujoco.MjData(model)
+    qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
+    limbs = np.empty((len(LIMBS), len(qpos), 3, 3))
+    boxes = np.empty((2, len(qpos), 8, 3))
+    waist = np.empty((len(qpos), 2, 3))
+    # in each box's own frame, where the waist's spring is drawn to
+    ends = [[-_GAP, 0.0, 0.0], [_GAP, 0.0, 0.0]]
+    geoms = [int(model.body(name).geomadr[0]) for name in ("front", "rear")]
+    for k, q in enumerate(qpos):
+        data.qpos = q
+        mujoco.mj_kinematics(model, data)
+        for i in LIMBS:
+            limb = [data.body(f"{part}_{i + 1}").xpos for part in ("upper", "lower")]
+            limbs[i, k] = [*limb, data.site(f"foot_{i + 1}").xpos]
+        for side, (geom, corners) in enumerate(zip(geoms, (_FRONT, _REAR), strict=True)):
+            across = data.geom_xmat[geom].reshape(3, 3) * model.geom_size[geom]
+            boxes[side, k] = data.geom_xpos[geom] + corners @ across.T
+            waist[k, side] = data.geom_xpos[geom] + across @ ends[side]
+    return Skeleton(
+        limbs=tuple(Limb(NAMES[i], limbs[i], pair=i // 2, far=bool(i % 2)) for i in LIMBS),
+        bodies=(boxes[0], boxes[1]),
+        springs=(waist,),
+        note="The waist between its two bodies is a sprung roll joint.",
+    )

@@ -1,0 +1,151 @@
+"""A body rendered by MuJoCo without a display, where this machine has an OpenGL that can."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+
+from gaitsweep.contract import Skeleton
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.side_view import bounds, limb_colours
+
+BACKENDS = ("egl", "osmesa")  # ways to OpenGL without a display, the first that works is taken
+_PATIENCE = 90.0  # s for a picture; the first one waits for Python and MuJoCo to load
+_PAINTER = "gaitsweep.plot.mujoco_painter"
+
+
+class NoOpenGL(PlotError):
+    """MuJoCo cannot render here; the message says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """What MuJoCo renders: an MJCF and its qpos (n, nq), m and rad, heading so far (rad) from the x axis."""
+
+    mjcf: str
+    qpos: np.ndarray
+    heading: float = 0.0
+
+
+class Rendered:
+    """MuJoCo's pictures in axes, made one after the other by a process of their own."""
+
+    def __init__(self, axes: Axes, body: Body, skeleton: Skeleton, camera: np.ndarray) -> None:
+        """Start the process and show the first picture.
+
+        Args:
+            axes: where they are shown, at the size that the axes have.
+            body: what is rendered, at n samples.
+            skeleton: the same body as lines, for the limbs' colours and how large it is.
+            camera: what is in the middle of each picture, (n, 2) m, forward and to the left.
+
+        Raises:
+            NoOpenGL: no way to OpenGL works here.
+        """
+        box = axes.get_window_extent()
+        self._shape = (max(int(round(box.height)), 1), max(int(round(box.width)), 1), 3)
+        request = _request(body, skeleton, camera, self._shape)
+        refusals = []
+        for backend in BACKENDS:
+            try:
+                self._process, self._log = _start(request, backend)
+                picture = self._read()
+                break
+            except NoOpenGL as error:
+                refusals.append(f"{backend}: {error}")
+        else:
+            raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
+        axes.set_axis_off()
+        self._image = axes.imshow(picture, aspect="auto", interpolation="nearest")
+        self._at = 0
+
+    def show(self, k: int) -> None:
+        """Show sample k, which is the one shown or the one after it."""
+        while self._at < k:
+            try:
+                self._image.set_data(self._read())
+            except NoOpenGL as error:
+                raise PlotError(
+                    f"MuJoCo's renderer stopped at picture {self._at + 1} ({error}): "
+                    "try again, or use --renderer matplotlib."
+                ) from error
+            self._at += 1
+
+    def close(self) -> None:
+        """End the process."""
+        _end(self._process)
+        self._log.close()
+
+    def _read(self) -> np.ndarray:
+        """The next picture; NoOpenGL with the process's last words where there is none."""
+        assert self._process.stdout is not None
+        wanted, got = int(np.prod(self._shape)), bytearray()
+        deadline = time.monotonic() + _PATIENCE
+        while len(got) < wanted:
+            ready, _, _ = select.select([self._process.stdout], [], [], max(deadline - time.monotonic(), 0.0))
+            piece = os.read(self._process.stdout.fileno(), wanted - len(got)) if ready else b""
+            if not piece:
+                silent = f"nothing came within {_PATIENCE:.0f} s"
+                words = _last_words(self._process, self._log) if ready else silent
+                self.close()
+                raise NoOpenGL(words)
+            got += piece
+        return np.frombuffer(bytes(got), np.uint8).reshape(self._shape)
+
+
+def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, shape: tuple[int, int, int]) -> bytes:
+    half, tall, _ = bounds(skeleton, camera)
+    cosine, sine = np.cos(body.heading), np.sin(body.heading)
+    packed = io.BytesIO()
+    np.savez(
+        packed,
+        mjcf=np.array(body.mjcf),
+        qpos=body.qpos,
+        middle=camera @ np.array([[cosine, sine], [-sine, cosine]]),  # back to where it walked
+        heading=body.heading,
+        size=np.array(shape[1::-1]),
+        extent=np.array([half, tall]),
+        colours=np.array([to_rgb(colour) for colour in limb_colours(skeleton.limbs)]),
+    )
+    return packed.getvalue()
+
+
+def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.BufferedRandom]:
+    """The painter at work; what it says goes to a file without a name."""
+    environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
+    log = tempfile.TemporaryFile()
+    command = [sys.executable, "-m", _PAINTER]
+    process = subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, bufsize=0
+    )
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):  # it is gone, and its last words say why
+        process.stdin.write(request)
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.close()
+    return process, log
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+
+
+def _last_words(process: subprocess.Popen[bytes], log: io.BufferedRandom) -> str:
+    code = process.wait()
+    log.seek(0)
+    lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
+    return lines[-1].rstrip(".") if lines else f"it ended with code {code}"

@@ -1,0 +1,47 @@
+"""Angles: differences, means and cuts of the circle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitsweep.analysis.circular import TURN, cut, is_circular, mean_direction, on_line, unwrapped, wrapped
+
+
+def test_differences_go_the_shorter_way() -> None:
+    np.testing.assert_allclose(
+        wrapped(np.array([0.1 - 6.2, 6.2 - 0.1, np.pi, -np.pi])), [TURN - 6.1, 6.1 - TURN, np.pi, np.pi]
+    )
+
+
+def test_unwrapping_follows_an_angle_around_the_circle() -> None:
+    way = np.linspace(1.0, 20.0, 50)
+    np.testing.assert_allclose(unwrapped(np.mod(way, TURN)), way, atol=1e-12)
+    assert not len(unwrapped(np.array([])))
+
+
+def test_the_mean_of_angles_is_no_plain_mean() -> None:
+    assert mean_direction(np.array([0.1, TURN - 0.1])) == pytest.approx(0.0, abs=1e-12)
+    assert mean_direction(np.array([0.3, TURN - 0.1])) == pytest.approx(0.1, abs=1e-12)
+    assert np.isnan(mean_direction(np.array([])))
+
+
+def test_the_circle_is_cut_where_no_angles_are() -> None:
+    assert cut(np.array([2.2, 2.5, 3.0])) == 0.0
+    assert cut(np.array([np.nan])) == 0.0
+    across = np.array([6.0, 6.2, 0.1, 0.4])
+    line = on_line(across, cut(across))
+    assert (np.diff(line) > 0).all()
+    assert np.ptp(line) == pytest.approx(0.4 + TURN - 6.0)
+    assert np.abs(line).max() < 1.0  # around zero, not around 2 pi
+
+
+def test_columns_are_angles_by_what_the_table_says_or_by_their_name() -> None:
+    table = pd.DataFrame()
+    assert is_circular(table, "delta_13_n")
+    assert is_circular(table, "psi_1")
+    assert not is_circular(table, "speed_n")
+    table.attrs["quantities"] = {"delta": {"circular": False}, "heading": {"circular": True}}
+    assert not is_circular(table, "delta")
+    assert is_circular(table, "heading_n")
