@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
@@ -23,7 +24,7 @@ _NAMED = 4  # quantities in a title
 class Motion:
     """What a row recorded: signals (n,) by name at the times `t` (n,) s.
 
-    `values` are the row's parameters by name, `period` s its model's nominal cycle, `title` says which row it is.
+    `values` are the row's parameters by name; `period` s is its model's nominal cycle; `title` names the row.
     """
 
     model: Model
@@ -34,7 +35,7 @@ class Motion:
     title: str
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """The signals between samples: straight on, but the nearest sample's for angles of a turn and contacts."""
+        """The signals at times (k,) s: linear between samples; angles and contacts of the nearest sample."""
         edges = 0.5 * (self.t[1:] + self.t[:-1])
         nearest = np.searchsorted(edges, times)
         circular = {quantity.name for quantity in self.model.signals if quantity.circular}
@@ -75,7 +76,9 @@ def read_motion(directory: str | Path, row: int) -> Motion:
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
-        raise PlotError(f"The table of {directory} lacks the signals {names}: run its job again, into another directory.")
+        raise PlotError(
+            f"The table of {directory} lacks the signals {names}: run its job again, into another directory."
+        )
     names = [quantity.name for quantity in rows.model.signals]
     finite = np.isfinite(part[["t", *names]].to_numpy(float)).all(axis=1)
     part = rows_where(part, finite).sort_values("t")
@@ -84,13 +87,14 @@ def read_motion(directory: str | Path, row: int) -> Motion:
         raise PlotError(f"Row {row} of {directory} recorded no motion: it ended as {status}.")
     parameters, _ = rows.values(row, row + 1)
     values = {name: float(value[0]) for name, value in parameters.items()}
+    params = {name: jnp.asarray(value[0]) for name, value in rows.model.on_host(parameters).items()}
     set_to = [written(table, name, part[name].iloc[0]) for name in rows.names if name in part.columns]
     return Motion(
         model=rows.model,
         values=values,
         t=part["t"].to_numpy(float),
         signals={name: part[name].to_numpy(float) for name in names},
-        period=float(rows.model.period(rows.model.params(values))),
+        period=float(rows.model.period(rows.model.params(params))),
         title=f"{rows.model.name}, row {row}{': ' if set_to else ''}{', '.join(set_to[:_NAMED])}",
     )
 

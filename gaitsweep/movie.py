@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,11 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from gaitsweep import nearmiss
-from gaitsweep.contract import Skeleton
 from gaitsweep.motion import Motion, read_motion
-from gaitsweep.plot import PlotError, animation, movie_file
-from gaitsweep.plot.animation import Clip, Scene
-from gaitsweep.plot.mujoco_movie import Body, NoOpenGL, Rendered
+from gaitsweep.plot import PlotError, animation, movie_file, side_view
+from gaitsweep.plot.animation import Clip, Drawn, Scene
+from gaitsweep.plot.mujoco_movie import Body, NoOpenGL, Painter, Rendered, pixels
 from gaitsweep.table import WriteError, reason, replace_file
 from gaitsweep.table.manifest import FIGURES
 
@@ -27,7 +25,6 @@ _CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
 _MOST_FRAMES = 3000
 
 Told = Callable[[str], None]
-Drawn = Callable[[Axes, Clip], Scene]
 
 
 def write_movie(
@@ -67,7 +64,7 @@ def write_movie(
     """
     motion = read_motion(directory, row)
     _check(size, renderer)
-    speed = _usual_speed(motion.period) if speed is None else speed
+    speed = usual_speed(motion.period) if speed is None else speed
     for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
         if value is not None and not 0.0 < value < np.inf:
             raise PlotError(f"--{name} is {value:g}, but has to be above 0.")
@@ -80,17 +77,20 @@ def write_movie(
         )
     target = _target(directory, out, f"animation_row{row}.gif")
     movie_file.require(target, fps)
-    clip, scene = _prepared(motion, start + np.arange(count) * (speed / fps), _pace(speed), renderer, tell)
+    times = start + np.arange(count) * (speed / fps)
 
-    def counted() -> Iterator[np.ndarray]:
-        with contextlib.closing(animation.frames(clip, size, scene)) as frames:
-            for number, frame in enumerate(frames):
-                yield frame
-                if progress is not None:
-                    progress(number + 1, count)
+    def counted(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+        for number, frame in enumerate(frames):
+            yield frame
+            if progress is not None:
+                progress(number + 1, count)
 
-    with contextlib.closing(counted()) as frames:
-        _write(target, lambda: movie_file.save(target, frames, fps))
+    with (
+        _prepared(motion, times, _pace(speed), renderer, tell) as (clip, scene),
+        contextlib.closing(animation.frames(clip, size, scene)) as frames,
+    ):
+        colours = side_view.limb_colours(clip.skeleton.limbs)
+        _write(target, lambda: movie_file.save(target, counted(frames), fps, colours))
     return target
 
 
@@ -124,9 +124,12 @@ def write_still(
     target = _target(directory, out, f"poses_row{row}.png")
     if target.suffix.lower() != ".png":
         raise PlotError(f"{target} is no picture's name: end it with .png.")
-    clip, scene = _prepared(motion, np.linspace(at, end, _POSES, endpoint=False), "", renderer, tell)
-    figure = animation.still(clip, size, scene)
-    _write(target, lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi)))
+    times = np.linspace(at, end, _POSES, endpoint=False)
+    with _prepared(motion, times, "", renderer, tell) as (clip, scene):
+        figure = animation.still(clip, size, scene)
+    _write(
+        target, lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
+    )
     return target
 
 
@@ -165,7 +168,7 @@ def _end(motion: Motion, start: float, seconds: float | None, tell: Told | None)
     return min(start + seconds, last)
 
 
-def _usual_speed(period: float) -> float:
+def usual_speed(period: float) -> float:
     """A round speed at which a cycle (s) takes about as long as can be followed."""
     wanted = np.log(period / _CYCLE_TIME)
     heads = np.array([1.0, 2.0, 2.5, 5.0])
@@ -179,9 +182,10 @@ def _pace(speed: float) -> str:
     return f"{speed:.3g} times faster" if speed > 1.0 else f"{1.0 / speed:.3g} times slower"
 
 
+@contextlib.contextmanager
 def _prepared(
     motion: Motion, times: np.ndarray, pace: str, renderer: str, tell: Told | None
-) -> tuple[Clip, Drawn]:
+) -> Iterator[tuple[Clip, Drawn]]:
     """What is shown at some times, and what draws the body."""
     signals, name = motion.at(times), motion.model.name
     skeleton = motion.model.skeleton(motion.values, signals)
@@ -189,45 +193,37 @@ def _prepared(
         raise PlotError(
             f"{name} does not say how it is drawn: give it a `skeleton`, as gaitsweep/contract.py describes."
         )
-    heading = _heading(skeleton)
+    heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
-    clip = Clip(times, _turned(skeleton, heading), motion.t, contact, motion.period, motion.title, pace)
+    clip = Clip(
+        times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, motion.title, pace
+    )
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
         if renderer == "mujoco":
             raise PlotError(f"{name} gives no MJCF, which MuJoCo would need: use --renderer matplotlib.")
-        return clip, animation.side_view
+        yield clip, animation.side_view
+        return
     nq = sum(key.startswith("q_") for key in signals)
     body = Body(mjcf, np.stack([signals[f"q_{i}"] for i in range(nq)], axis=1), heading)
+    painters: list[Painter] = []
+    refused = False
 
-    def rendered(axes: Axes, clip: Clip) -> Scene:
+    def rendered(axes: Axes, clip: Clip, named: bool) -> Scene:
+        nonlocal refused
         try:
-            return Rendered(axes, body, clip.skeleton, clip.camera)
+            if not painters and not refused:
+                painters.append(Painter(body, clip.skeleton, clip.camera, pixels(axes)))
         except NoOpenGL as error:
             if renderer == "mujoco":
-                raise
+                raise PlotError(f"{error}: use --renderer matplotlib.") from error
+            refused = True
             if tell is not None:
                 tell(f"{error}: drawn by Matplotlib.")
-            return animation.side_view(axes, clip)
+        return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named)
 
-    return clip, rendered
-
-
-def _heading(skeleton: Skeleton) -> float:
-    """Where the body looks on average, from its tail to its head, rad from the x axis."""
-    if len(skeleton.bodies) < 2:
-        return 0.0
-    head, tail = (skeleton.bodies[place].mean(axis=(0, 1)) for place in (0, -1))
-    return float(np.arctan2(head[1] - tail[1], head[0] - tail[0]))
-
-
-def _turned(skeleton: Skeleton, heading: float) -> Skeleton:
-    """The body turned about the z axis until it looks to the right."""
-    cosine, sine = np.cos(heading), np.sin(heading)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return dataclasses.replace(
-        skeleton,
-        limbs=tuple(dataclasses.replace(limb, points=limb.points @ turn) for limb in skeleton.limbs),
-        bodies=tuple(body @ turn for body in skeleton.bodies),
-        springs=tuple(spring @ turn for spring in skeleton.springs),
-    )
+    try:
+        yield clip, rendered
+    finally:
+        for painter in painters:
+            painter.close()

@@ -59,13 +59,24 @@ def test_noise_makes_no_jumps_of_its_own() -> None:
     assert found.groupby("row").size().tolist() == [2, 2]
 
 
+@pytest.mark.parametrize("steps", [60, 1000])
+def test_a_steep_branch_is_no_jump(steps: int) -> None:
+    table = ramp_table(steps=steps)
+    table["delta_13_n"] = np.mod(1.3 + 1.5 * table["f"], 2 * np.pi)  # 2.4 rad on each way
+    assert not len(jumps(table, "delta_13", "f"))
+    stairs = staircase_table(stairs=5)
+    stairs["delta_13_n"] = np.mod(1.3 + 1.5 * stairs["f"], 2 * np.pi)  # 0.6 rad a stair
+    assert not len(jumps(stairs, "delta_13", "f"))
+    assert len(jumps(staircase_table(stairs=4), "delta_13", "f")) == 2
+
+
 def test_edges_are_medians_over_rows_with_their_range() -> None:
     table = staircase_table(
         4
     )  # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
     found = edges(table, "delta_13", "f")
     assert found["direction"].tolist() == ["rising", "falling"]
-    assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.45, -0.35])
+    assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
     assert found[["lowest", "highest"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
     assert found[["rows", "of"]].to_numpy().tolist() == [[4, 4], [4, 4]]
     table.insert(1, "mass", np.where(table["row"] < 2, 1.0, 1.2))

@@ -18,7 +18,7 @@ _OUTSIDE = 0.1  # bandwidths that a fixed point may lie outside the data: rows e
 
 
 class Drift(NamedTuple):
-    """Pairs of a map as points (value, change, and the row of each), and the smooth curve through them.
+    """Pairs of a map as points (value, change, row and share of each), and the smooth curve through them.
 
     `begin` is where the turn begins if the curve closes around the circle; then the points near it stand on
     both sides.
@@ -27,6 +27,7 @@ class Drift(NamedTuple):
     value: np.ndarray
     change: np.ndarray
     row: np.ndarray
+    share: np.ndarray
     bandwidth: float
     begin: float | None
     smooth: Smooth
@@ -42,28 +43,31 @@ class Drift(NamedTuple):
 
         Args:
             value, change: (n,); angles on one turn, in rad.
-            row: which pairs belong together, (n,).
+            row: which row each pair is of, (n,).
             bandwidth: half the width of the window, in the unit of the value.
             circular: whether the value is an angle.
         """
-        low, high, step = float(value.min()), float(value.max()), bandwidth / _A_BANDWIDTH
+        step = bandwidth / _A_BANDWIDTH
+        share = once_a_place(value, row, step)
+        low, high = float(value.min()), float(value.max())
         gaps = np.diff(np.unique(value), append=low + TURN)
         if not circular or gaps.max() >= 2.0 * bandwidth:
             at = np.arange(low - 0.5 * bandwidth, high + 0.5 * bandwidth + step, step)
-            smooth = local_polynomial(value, change, row, at, bandwidth)
-            return cls(value, change, row, bandwidth, None, smooth)
+            smooth = local_polynomial(value, change, row, share, at, bandwidth)
+            return cls(value, change, row, share, bandwidth, None, smooth)
         around = np.concatenate([value - TURN, value, value + TURN])
         near = (around > low - 2.0 * bandwidth) & (around < low + TURN + 2.0 * bandwidth)
-        value, change, row = around[near], np.tile(change, 3)[near], np.tile(row, 3)[near]
+        value = around[near]
+        change, row, share = (np.tile(each, 3)[near] for each in (change, row, share))
         count = int(np.ceil(TURN / step))
         at = low + TURN * np.arange(count) / count
-        smooth = local_polynomial(value, change, row, at, bandwidth)
+        smooth = local_polynomial(value, change, row, share, at, bandwidth)
         # begin where the sign is surest, so that no zero lies across the ends
         sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
         way = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
         smooth = Smooth(*(each[way % count] for each in smooth))
         smooth = smooth._replace(at=smooth.at + TURN * (way // count))
-        return cls(value, change, row, bandwidth, low, smooth)
+        return cls(value, change, row, share, bandwidth, low, smooth)
 
     def inside(self, place: float) -> bool:
         """Whether a place lies among the data, or hardly outside."""
@@ -75,10 +79,28 @@ class Drift(NamedTuple):
         where = np.array([place])
         where = where if self.begin is None else on_line(where, self.begin)
         for degree in (2, 1):
-            smooth = local_polynomial(self.value, self.change, self.row, where, self.bandwidth, degree)
+            points = (self.value, self.change, self.row, self.share)
+            smooth = local_polynomial(*points, where, self.bandwidth, degree)
             if np.isfinite(smooth.value[0]):
                 break
         return smooth
+
+
+def once_a_place(value: np.ndarray, row: np.ndarray, step: float) -> np.ndarray:
+    """How much each pair adds to what is known of the map: each row once for each place, (n,).
+
+    Where a row lingers, its values only jitter or alternate, and change by -1 or -2 times what they are off
+    by: its many pairs tell where it lingers, but must not be taken for a curve of that slope.
+    """
+    share = np.empty(len(value))
+    order = np.lexsort((value, row))
+    ends = np.flatnonzero(np.diff(row[order], prepend=np.nan, append=np.nan))
+    for begin, end in itertools.pairwise(ends):
+        mine = order[begin:end]
+        here = value[mine]
+        near = np.searchsorted(here, here + step, "right") - np.searchsorted(here, here - step, "left")
+        share[mine] = 1.0 / near
+    return share
 
 
 class Zero(NamedTuple):

@@ -28,7 +28,7 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
         observable: a section observable (delta_13); an angle is followed around the circle.
         parameter: the column of the parameter that moves.
         least: the least change that counts, in the observable's unit: from one hold to the next, or within
-            40 crossings of a ramp.
+            40 crossings of a ramp; besides, four times the lower quartile of such changes along the row.
 
     Returns:
         One record a jump: row, what varies, pass, direction (rising or falling, the parameter's), `low` and
@@ -77,7 +77,8 @@ def edges(
 
     Returns:
         One record a pass in which any row jumps: by, pass, direction, `low` and `high` (medians over the
-        rows), `lowest` and `highest` (over all of them), size (median), rows (that jump), of (all rows).
+        rows; of an even number the outer one), `lowest` and `highest` (over all of them), size (median), rows
+        (that jump), of (all rows).
     """
     by = list(by)
     found = jumps(table, observable, parameter, least)
@@ -88,8 +89,8 @@ def edges(
     edge = (
         largest.groupby(keys, sort=True, observed=True)
         .agg(
-            low=("low", "median"),
-            high=("high", "median"),
+            low=("low", lambda low: low.quantile(0.5, interpolation="lower")),
+            high=("high", lambda high: high.quantile(0.5, interpolation="higher")),
             lowest=("low", "min"),
             highest=("high", "max"),
             size=("size", "median"),

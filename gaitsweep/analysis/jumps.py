@@ -22,6 +22,7 @@ SPAN = 40  # crossings of a ramp within which it has to move by `least` to jump
 # Shares of a jump that its slow ends may take: what a branch bends before its edge, where crossings are many;
 # between holds next to nothing, as a hold just beyond the edge may have moved so little.
 CROSSING_FOOT, HOLD_FOOT = 0.1, 0.02
+STEEPER = 4.0  # times as much as a row's slower changes: else it is a branch that is steep, or noise
 
 
 class Course(NamedTuple):
@@ -69,7 +70,10 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
 
 
 def stretches(course: Course, least: float) -> list[Stretch]:
-    """The jumps of a course by `least` or more (in the observable's unit), in their order."""
+    """The jumps of a course by `least` or more (in the observable's unit), in their order.
+
+    They also have to be larger than four times the lower quartile of the course's changes.
+    """
     if course.settled is not None:
         return _between_holds(course.value, course.settled, least)
     return _along_crossings(course.value, least)
@@ -96,6 +100,7 @@ def rising(course: Course, number: int) -> bool:
 def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list[Stretch]:
     """Changes between holds; those that an unsettled hold parts, while still moving on, are one jump."""
     change = np.diff(value)
+    least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
     found = []
     begin = 0
     while begin < len(change):
@@ -120,6 +125,7 @@ def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> Stre
 def _along_crossings(value: np.ndarray, least: float) -> list[Stretch]:
     span = min(SPAN, len(value) - 1)
     change = value[span:] - value[:-span]
+    least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
     sign = np.sign(change) * (np.abs(change) >= least)
     turns = np.flatnonzero(np.diff(np.concatenate([[0.0], sign, [0.0]])))
     return [

@@ -162,8 +162,7 @@ def branches(
 
     Returns:
         As `fixed_points`, and `branch`: a number for the fixed points of one stability that are each other's
-        nearest from one value of the parameter to the next, and no farther apart than 0.25 rad (a quarter of
-        the range of what is no angle).
+        nearest from one value of the parameter to the next, and, if angles, no farther apart than 0.25 rad.
     """
     if isinstance(tables_by_parameter, Mapping):
         found = [
@@ -208,7 +207,7 @@ def _joined(points: pd.DataFrame, parameter: str, circular: bool) -> np.ndarray:
     if not len(points):
         return branch
     value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
-    reach = _NEIGHBOURS if circular else 0.25 * float(np.ptp(value))
+    reach = _NEIGHBOURS if circular else np.inf
     at = [np.flatnonzero(points[parameter] == each) for each in sorted(points[parameter].unique())]
     count = 0
     before = np.zeros(0, int)

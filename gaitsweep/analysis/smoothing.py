@@ -6,10 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-LEAST_POINTS = 4  # for each coefficient, within a bandwidth on either side, else there is no curve there
-_BENT = 3.0  # standard errors of its bending that a parabola has to show
+LEAST = (3.0, 6.0)  # points, by their shares, in the window of a line and of a parabola
+SPREAD = 0.02  # mean square distance of these points from their middle, in bandwidths; evenly spread: 0.2
+WIDER = (1.0, 1.5, 2.25)  # bandwidths tried for a line where points are few
 _WORST = 1e9  # condition of a fit that still tells something
-LEAST_GROUPS = 5  # groups of points that belong together, for errors that know of them
+_BENT = 3.0  # standard errors of its bending that a parabola has to show
+_NOTHING = (float("nan"),) * 4
+LEAST_GROUPS = (
+    12  # of points that may err together, for errors that know of them: of fewer they are too small
+)
 
 
 class Smooth(NamedTuple):
@@ -27,47 +32,70 @@ class Smooth(NamedTuple):
 
 
 def local_polynomial(
-    x: np.ndarray, y: np.ndarray, group: np.ndarray, at: np.ndarray, bandwidth: float, degree: int = 1
+    x: np.ndarray,
+    y: np.ndarray,
+    group: np.ndarray,
+    share: np.ndarray,
+    at: np.ndarray,
+    bandwidth: float,
+    degree: int = 1,
 ) -> Smooth:
     """Fit a line or a parabola around each place, by weights that fall to zero at `bandwidth` from it.
 
-    The weights are Epanechnikov's, 1 - (distance/bandwidth)^2. The errors come from the scatter around the
-    fit, whatever its size along x (jackknifed residuals in a sandwich); points of a group may err together.
-    What a line loses to the curve's bending is not in them: value by bandwidth^2/10 times the second
-    derivative amid the data, and slope by about half a bandwidth times it at their end; a parabola does not.
+    The weights are Epanechnikov's, 1 - (distance/bandwidth)^2. Where there are too few points within a
+    bandwidth, or all in one place, a line is fitted to those within 1.5 or 2.25 of it, if that helps. The
+    errors come from the scatter around the fit, whatever its size along x (jackknifed residuals in a
+    sandwich); points of a group may err together. What a line loses to the curve's bending is not in them:
+    value by bandwidth^2/10 times the second derivative amid the data, and slope by about half a bandwidth
+    times it at their end; a parabola does not.
 
     Args:
         x, y: the points, (n,).
         group: which points belong together, such as those of one row, (n,).
+        share: how much each point counts when it is asked whether there are points enough, (n,).
         at: the places, (k,).
         bandwidth: half the width of the window, in the unit of x.
         degree: 1 or 2; a parabola is fitted only where its bending is three standard errors from none.
     """
     order = np.argsort(x, kind="stable")
-    x, y, group = x[order], y[order], group[order]
-    lows, highs = np.searchsorted(x, at - bandwidth, "left"), np.searchsorted(x, at + bandwidth, "right")
-    fits = [
-        _fit((x[low:high] - place) / bandwidth, y[low:high], group[low:high], degree)
-        for place, low, high in zip(at, lows, highs, strict=True)
-    ]
-    value, slope, value_error, slope_error = np.array(fits, float).reshape(-1, 4).T
-    return Smooth(
-        np.asarray(at, float), value, slope / bandwidth, value_error, slope_error / bandwidth, highs - lows
-    )
+    x, y, group, share = x[order], y[order], group[order], share[order]
+    widths = bandwidth * np.array(WIDER if degree == 1 else WIDER[:1])
+    found = []
+    for place in at:
+        line = (*_NOTHING, 0)
+        for width in widths:
+            low, high = np.searchsorted(x, place - width, "left"), np.searchsorted(x, place + width, "right")
+            near = slice(low, high)
+            value, slope, *errors = _fit((x[near] - place) / width, y[near], group[near], share[near], degree)
+            line = (value, slope / width, errors[0], errors[1] / width, high - low)
+            if np.isfinite(value):
+                break
+        found.append(line)
+    value, slope, value_error, slope_error, points = np.array(found, float).reshape(-1, 5).T
+    return Smooth(np.asarray(at, float), value, slope, value_error, slope_error, points.astype(int))
 
 
-def _fit(distance: np.ndarray, y: np.ndarray, group: np.ndarray, degree: int) -> tuple[float, ...]:
+def _enough(distance: np.ndarray, weight: np.ndarray, least: float) -> bool:
+    """Whether there are `least` points by their weights, and not all in one place."""
+    if len(distance) < 4 or weight.sum() < least:
+        return False
+    middle = np.average(distance, weights=weight)
+    return float(np.average((distance - middle) ** 2, weights=weight)) >= SPREAD
+
+
+def _fit(
+    distance: np.ndarray, y: np.ndarray, group: np.ndarray, share: np.ndarray, degree: int
+) -> tuple[float, ...]:
     """Value, slope and their standard errors at distance 0, the bandwidth being 1."""
-    nothing = (float("nan"),) * 4
     weight = 1.0 - distance**2
-    if len(distance) < LEAST_POINTS * (degree + 1) or weight.sum() <= 0.0:
-        return nothing
+    if not _enough(distance, weight * share, LEAST[degree - 1]):
+        return _NOTHING
     design = distance[:, None] ** np.arange(degree + 1)
     normal = design.T @ (weight[:, None] * design)
     # columns to one length: then the condition tells points in one place from points far from it
     scale = np.sqrt(np.diag(normal))
     if np.linalg.cond(normal / np.outer(scale, scale)) > _WORST:
-        return nothing  # all in one place: they have settled, and tell no slope
+        return _NOTHING  # all in one place: they have settled, and tell no slope
     inverse = np.linalg.inv(normal)
     fit = inverse @ (design.T @ (weight * y))
     leverage = weight * np.einsum("ij,jk,ik->i", design, inverse, design)
@@ -80,6 +108,6 @@ def _fit(distance: np.ndarray, y: np.ndarray, group: np.ndarray, degree: int) ->
     spread = inverse @ (scores.T @ scores) @ inverse
     errors = np.sqrt(np.maximum(np.diag(spread), 0.0))
     if degree == 2 and abs(fit[2]) < _BENT * errors[2]:
-        return nothing
+        return _NOTHING
     value_error, slope_error = errors[:2]
     return float(fit[0]), float(fit[1]), float(value_error), float(slope_error)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitsweep.cli.animate import animate
 from gaitsweep.version import version
 
 if TYPE_CHECKING:
@@ -128,6 +129,9 @@ def plot(directory: Directory) -> None:
             f"The job of {directory} asks for no figure: add `figures:` to it and run it again.",
             file=sys.stderr,
         )
+
+
+app.command()(animate)
 
 
 @app.command()

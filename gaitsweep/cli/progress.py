@@ -16,9 +16,10 @@ class ProgressBar:
     A continued run starts its bar where the last one stopped, and measures its time left from there.
     """
 
-    def __init__(self, console: Console | None = None) -> None:
+    def __init__(self, console: Console | None = None, unit: str = "rows") -> None:
+        self._unit = unit
         self._progress = Progress(
-            TextColumn("{task.fields[rows]} rows"),
+            TextColumn(f"{{task.fields[rows]}} {unit}"),
             BarColumn(),
             TaskProgressColumn(),
             TextColumn("{task.fields[rate]}"),
@@ -40,7 +41,7 @@ class ProgressBar:
             note: what is going on besides, such as a compilation.
         """
         rows = f"{done}/{total}"
-        speed = f"{rate:.3g} rows/s" if rate > 0 else ""
+        speed = f"{rate:.3g} {self._unit}/s" if rate > 0 else ""
         steps = round(fraction * _WHOLE)
         if self._task is None:
             # told where it starts, the bar does not take what an earlier run did for this one's speed

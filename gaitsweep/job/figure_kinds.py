@@ -1,4 +1,4 @@
-"""The kinds of figures that a job may ask for: their fields, and what they name of the model and the table."""
+"""The kinds of figures that a job may ask for: their fields, and the columns and observables they name."""
 
 from __future__ import annotations
 
@@ -97,6 +97,9 @@ class Footprints(_Figure):
     kind: Literal["footprints"] = Field(description="footprints: which leg is on the ground when")
     panels: Text | None = Field(default="row", description="column of which each value gets a panel")
     titles: list[Text] | None = Field(default=None, description="titles of the panels, in order")
+    guides: Flag = Field(
+        default=True, description="whether swings of neighbouring legs that follow each other are joined"
+    )
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 

@@ -105,11 +105,18 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
     if hint is bool:
         return read_flag(value)
     if hint is str:
-        return read_text(value)
+        return _read_word(value, field.metadata.get("allowed"))
     low, high = field.metadata.get("low"), field.metadata.get("high")
     if hint is float:
         return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
     return read_whole(value, 1 if low is None else low, 10**6 if high is None else high)
+
+
+def _read_word(value: Any, allowed: Sequence[str] | None) -> str:
+    word = read_text(value)
+    if allowed is not None and word not in allowed:
+        raise Refused(f"is {found(value)}{nearmiss.suggestion(word, allowed)}")
+    return word
 
 
 def _instance(

@@ -1,14 +1,15 @@
-"""How the multi-legged chain is drawn: masses in a row from head to tail, springs between neighbours, legs."""
+"""How the multi-legged chain is drawn: masses on legs, from head to tail, with springs between neighbours."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
 
 from gaitsweep.contract import Limb, Skeleton
 
-# In leg lengths: how far apart neighbours are drawn (the model's masses only move up and down), and how large.
+# In leg lengths: how far apart neighbours are drawn (the model's masses only move up and down), their size.
 _APART, _HALF = 0.6, 0.075
 _CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -34,6 +35,6 @@ def skeleton(legs: int, values: Mapping[str, float], signals: Mapping[str, np.nd
             Limb(f"leg {i + 1}", np.stack([masses[i], feet[i]], axis=1), pair=1) for i in range(legs)
         ),
         bodies=tuple(mass[:, None, :] + size for mass in masses),
-        springs=tuple(np.stack(ends, axis=1) for ends in zip(masses[:-1], masses[1:], strict=True)),
-        note="Leg 1 is the head's; masses move up and down only, their distance along the ground is the drawing's.",
+        springs=tuple(np.stack(ends, axis=1) for ends in itertools.pairwise(masses)),
+        note="Leg 1 is the head's. Masses only move up and down; how far apart they are is not in the model.",
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator
-from typing import Protocol
+from collections.abc import Callable, Generator, Iterator
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,11 +17,13 @@ from matplotlib.text import Text
 from gaitsweep.contract import Skeleton
 from gaitsweep.plot import style
 from gaitsweep.plot.footfalls import Footfalls
-from gaitsweep.plot.side_view import SideView
+from gaitsweep.plot.side_view import SideView, bounds
 
 _WIDE = 8.0  # inches that any picture is wide, so that its text keeps its share of it
 _CYCLES_SHOWN = 2.0
-_LEFT, _RIGHT = 0.115, 0.985  # of the width: the charts
+_LONG = 1.6  # a body longer than twice this times its height has its poses in two lines
+_EDGE = 0.012
+_LEFT, _RIGHT = 0.115, 0.975  # of the width: the charts
 _INK = "#55595F"
 _FORWARD = "forward \N{LONG RIGHTWARDS ARROW}"
 
@@ -68,14 +70,15 @@ class Scene(Protocol):
         """Show sample k."""
 
 
-def side_view(axes: Axes, clip: Clip, named: bool = True) -> Scene:
+Drawn: TypeAlias = Callable[[Axes, Clip, bool], Scene]  # the picture in axes, with names in it or without
+
+
+def side_view(axes: Axes, clip: Clip, named: bool) -> Scene:
     """The body's lines, drawn by Matplotlib."""
     return SideView(axes, clip.skeleton, clip.down, clip.camera, named=named)
 
 
-def frames(
-    clip: Clip, size: tuple[int, int], scene: Callable[[Axes, Clip], Scene] = side_view
-) -> Iterator[np.ndarray]:
+def frames(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Generator[np.ndarray]:
     """The pictures of a movie, one for each of the clip's times.
 
     Args:
@@ -90,7 +93,7 @@ def frames(
         view, chart, bar = _places(figure, clip)
         falls = Footfalls(chart, clip.skeleton.limbs, clip.contact_t, clip.contact)
         clock, progress = _clock(figure), _time_bar(bar, clip)
-        drawn = scene(view, clip)
+        drawn = scene(view, clip, True)
         shown, first = _CYCLES_SHOWN * clip.period, float(clip.t[0])
         for k, t in enumerate(clip.t):
             drawn.show(k)
@@ -106,14 +109,25 @@ def frames(
 def _places(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     """The axes of the body, of the footfalls and of the time bar, from top to bottom."""
     tall = figure.get_figheight()
-    chart = min(0.25 + 0.17 * len(clip.skeleton.limbs), 0.4 * tall) / tall
+    chart = _chart_height(clip, tall)
     head, foot = 0.34 / tall, 0.62 / tall
-    view = figure.add_axes((0.0, foot + chart + 0.06 / tall, 1.0, 1.0 - head - chart - foot - 0.06 / tall))
+    between = 0.2 / tall
+    view = figure.add_axes((0.0, foot + chart + between, 1.0, 1.0 - head - between - chart - foot))
     falls = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
     bar = figure.add_axes((_LEFT, 0.13 / tall, _RIGHT - _LEFT, 0.06 / tall))
-    figure.text(0.012, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
-    figure.text(0.012, foot + chart + 0.02 / tall, "feet on the ground", va="bottom", fontsize=7.5, color=_INK)
-    figure.text(_RIGHT, foot + chart + 0.02 / tall, clip.skeleton.note, ha="right", va="bottom", fontsize=7.5, color=_INK)
+    figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+    figure.text(
+        _EDGE, foot + chart + 0.03 / tall, "feet on the ground", va="bottom", fontsize=7.5, color=_INK
+    )
+    figure.text(
+        _RIGHT,
+        foot + chart + 0.03 / tall,
+        clip.skeleton.note,
+        ha="right",
+        va="bottom",
+        fontsize=7.5,
+        color=_INK,
+    )
     figure.text(_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK)
     return view, falls, bar
 
@@ -128,7 +142,9 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
     axes.set_ylim(0.0, 1.0)
     axes.set_axis_off()
     axes.add_patch(Rectangle((clip.t[0], 0.0), clip.t[-1] - clip.t[0], 1.0, facecolor="#E4E6E9"))
-    return axes.add_patch(Rectangle((clip.t[0], 0.0), 0.0, 1.0, facecolor=_INK))
+    passed = Rectangle((clip.t[0], 0.0), 0.0, 1.0, facecolor=_INK)
+    axes.add_patch(passed)
+    return passed
 
 
 @contextlib.contextmanager
@@ -141,30 +157,37 @@ def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
         yield figure, FigureCanvasAgg(figure)
 
 
-def still(
-    clip: Clip, size: tuple[int, int], scene: Callable[[Axes, Clip], Scene] = side_view
-) -> Figure:
+def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure:
     """A strip of poses, side by side and numbered, above the footfalls in which they are marked.
 
     Args:
-        clip: the poses, a period of them or less.
+        clip: the poses, over a period or less.
         size: width and height, pixels.
         scene: makes a pose's picture in its axes.
     """
+    half, height, _ = bounds(clip.skeleton, clip.camera)
+    lines = 2 if half > _LONG * height else 1
+    columns = -(-len(clip.t) // lines)
     with _sheet(size) as (figure, _):
-        tall, poses = figure.get_figheight(), len(clip.t)
-        chart = min(0.25 + 0.17 * len(clip.skeleton.limbs), 0.4 * tall) / tall
+        tall = figure.get_figheight()
         head, foot, between = 0.3 / tall, 0.38 / tall, 0.2 / tall
-        figure.text(0.012, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+        chart = _chart_height(clip, tall)
+        figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+        figure.text(_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
         low = foot + chart + between
-        wide = 1.0 / poses
-        for k in range(poses):
-            axes = figure.add_axes((k * wide, low, wide, 1.0 - head - low))
-            scene(axes, clip).show(k)
+        wide, high = 1.0 / columns, (1.0 - head - low) / lines
+        for k in range(len(clip.t)):
+            line, column = divmod(k, columns)
+            axes = figure.add_axes((column * wide, 1.0 - head - (line + 1) * high, wide, high))
+            scene(axes, clip, False).show(k)
             axes.text(0.04, 0.98, str(k + 1), transform=axes.transAxes, va="top", fontsize=9, weight="bold")
-        falls = Footfalls(
-            figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart)), clip.skeleton.limbs, clip.contact_t, clip.contact
-        )
+        axes = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
+        falls = Footfalls(axes, clip.skeleton.limbs, clip.contact_t, clip.contact)
         falls.window(float(clip.t[0]), float(clip.t[0]) + clip.period)
         falls.moments([float(t) for t in clip.t])
     return figure
+
+
+def _chart_height(clip: Clip, tall: float) -> float:
+    """The share of a figure `tall` inches high that the footfalls get."""
+    return min(0.25 + 0.17 * len(clip.skeleton.limbs), 0.4 * tall) / tall

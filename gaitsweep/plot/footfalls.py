@@ -38,7 +38,7 @@ class Footfalls:
         axes.set_yticks(list(named), [limbs[row].name for row in named])
         for tick, row in zip(axes.get_yticklabels(), named, strict=True):
             tick.set_color(colours[row])
-            tick.set_weight("bold")
+            tick.set_fontweight("bold")
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
         axes.set_ylim(len(limbs) - 0.4, -0.6)

@@ -9,13 +9,16 @@ from matplotlib.patches import Rectangle
 
 _STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"
 _MARKS = 7  # about so many across the picture
-_HEAD, _FOOT = 1.22, 0.24  # room above the body and below the ground, in its height
+# Room above the body and below the ground, in its height; where names stand there, and where none do.
+_NAMED, _PLAIN = (1.22, 0.24), (1.12, 0.1)
 
 
 class Ground:
     """A strip of ground in axes, of which it also sets the limits."""
 
-    def __init__(self, axes: Axes, half: float, height: float, depth: float, aside: np.ndarray, *, named: bool) -> None:
+    def __init__(
+        self, axes: Axes, half: float, height: float, depth: float, aside: np.ndarray, *, named: bool
+    ) -> None:
         """Draw the strip.
 
         Args:
@@ -28,10 +31,11 @@ class Ground:
         """
         self._aside = aside * depth
         self.near = -float(self._aside[1])
-        low, high = self.near - _FOOT * height, _HEAD * height
+        above, below = _NAMED if named else _PLAIN
+        low, high = self.near - below * height, above * height
         box = axes.get_window_extent()
         ratio = box.width / max(box.height, 1.0)
-        width = max(2.15 * half, (high - low) * ratio)
+        width = max(2.3 * half, (high - low) * ratio)
         spare = max(0.0, width / ratio - (high - low))
         self._half = 0.5 * width
         axes.set_xlim(-self._half, self._half)
@@ -42,12 +46,14 @@ class Ground:
         self._marks = LineCollection([], colors=_MARK, linewidths=0.9, zorder=1)
         axes.add_collection(self._marks, autolim=False)
         self._labels = [
-            axes.text(0.0, self.near, "", color=_INK, fontsize=6.5, ha="left", va="bottom", zorder=1.2, clip_on=True)
+            axes.text(
+                0.0, self.near, "", color=_INK, fontsize=6.5, ha="left", va="bottom", zorder=1.2, clip_on=True
+            )
             for _ in range(2 * _MARKS + 4 if named else 0)
         ]
 
     def show(self, place: float) -> None:
-        """Move the marks to where the picture's middle is `place` (m) along the ground."""
+        """Put the marks where they are when the picture's middle is `place` (m) along the ground."""
         reach = self._half + abs(float(self._aside[0]))
         first, last = np.ceil((place - reach) / self._step), np.floor((place + reach) / self._step)
         marks = np.arange(first, last + 1.0) * self._step
@@ -64,4 +70,6 @@ class Ground:
 def _round_step(length: float) -> float:
     """The next number from 1, 2, 5, 10, ... times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
-    return float(power * next(head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9)))
+    return float(
+        power * next(head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9))
+    )

@@ -71,7 +71,7 @@ def hysteresis(
         PlotError: a column is not there, or no parameter moves.
     """
     parameter = parameter or _moving(table)
-    shown = [*_split(table, panels), *_second(table, with_table, panels)]
+    shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
     if len(shown) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(shown)} panels)".strip()
         shown = shown[:_MOST_PANELS]
@@ -118,12 +118,16 @@ def _run_of(table: pd.DataFrame) -> Mapping[str, Any]:
     return run if isinstance(run, Mapping) else {}
 
 
-def _split(table: pd.DataFrame, panels: str | None) -> list[_Panel]:
+def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
+    """A table's panels; their headings say how its parameter moves where another table stands beside it."""
     if panels is None:
         return [_Panel(_pace(table), table)]
+    pace = f", {_pace(table)}" if beside else ""
     column(table, panels)
     values = sorted(table[panels].dropna().unique())
-    parts = [(written(table, panels, value), rows_where(table, table[panels] == value)) for value in values]
+    parts = [
+        (written(table, panels, value) + pace, rows_where(table, table[panels] == value)) for value in values
+    ]
     return [_Panel(heading, part) for heading, part in parts] or [_Panel("", table)]
 
 
@@ -131,11 +135,11 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
     if other is None:
         return []
     if isinstance(other, pd.DataFrame):
-        return _split(other, panels)
+        return _split(other, panels, True)
     beside = Path(str(table.attrs.get("path", "."))).parent / other
     path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
     try:
-        return _split(load(path), panels)
+        return _split(load(path), panels, True)
     except TableError:
         return [_Panel(path.name, None, f"{path.name}\nhas no table yet:\nrun its job, then\ngaitsweep plot")]
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.table import replace_file
 
-_EXACT = 64  # colours of a GIF that are kept as they are
+_EXACT = 48  # colours of a GIF that are kept as they are
+_NEAR = 8  # of 255: Pillow looks colours up in steps of 4, and so may take any that lies this near
+_PLACES = np.array([65536, 256, 1], np.uint32)
 FORMATS = (".gif", ".mp4")
 
 
@@ -33,13 +36,14 @@ def require(path: Path, fps: float) -> None:
         _ffmpeg()
 
 
-def save(path: Path, frames: Iterator[np.ndarray], fps: float) -> None:
+def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str] = ()) -> None:
     """Write a movie, whole or not at all.
 
     Args:
         path: where it shall stand, .gif or .mp4; its folder exists.
         frames: RGB bytes (height, width, 3), as many as there are.
         fps: pictures a second.
+        colours: which a GIF, that has 256, has to have.
 
     Raises:
         PlotError: as `require`, or ffmpeg refuses.
@@ -47,32 +51,51 @@ def save(path: Path, frames: Iterator[np.ndarray], fps: float) -> None:
     """
     require(path, fps)
     if path.suffix.lower() == ".gif":
-        replace_file(path, lambda file: _gif(file, frames, fps))
+        replace_file(path, lambda file: _gif(file, frames, fps, colours))
     else:
         replace_file(path, lambda file: _mp4(file.name, frames, fps))
 
 
-def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float) -> None:
+def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str]) -> None:
     """All pictures in the same colours, so that what does not move stays the same to the bit."""
     first = next(frames)
-    palette = _palette(first)
+    palette = _palette(first, colours)
 
     def painted(frame: np.ndarray) -> Image.Image:
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
     images = map(painted, frames)
-    options = {"save_all": True, "append_images": images, "duration": 1000.0 / fps, "loop": 0, "optimize": False}
+    options = {
+        "save_all": True,
+        "append_images": images,
+        "duration": 1000.0 / fps,
+        "loop": 0,
+        "optimize": False,
+    }
     painted(first).save(file, format="GIF", **options)
 
 
-def _palette(picture: np.ndarray) -> Image.Image:
-    """256 colours for pictures like this one: its most frequent ones as they are, means of the others."""
-    colours, counts = np.unique(picture.reshape(-1, 3), axis=0, return_counts=True)
-    exact = colours[np.argsort(-counts, kind="stable")[:_EXACT]]
-    means = Image.fromarray(picture).quantize(256 - _EXACT, dither=Image.Dither.NONE).getpalette() or []
+def _palette(picture: np.ndarray, wanted: Sequence[str]) -> Image.Image:
+    """256 colours: those wanted, the most frequent of this picture as they are, means of its others."""
+    packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
+    frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
+    means = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).getpalette() or []
+    named = np.round(255 * np.array([to_rgb(colour) for colour in wanted])).reshape(-1, 3)
+    exact = _apart([*named, *frequent])[:_EXACT]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*exact.ravel().tolist(), *means])
+    palette.putpalette(
+        np.array(_apart([*exact, *np.reshape(means, (-1, 3))])[:256], np.uint8).ravel().tolist()
+    )
     return palette
+
+
+def _apart(colours: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The colours without those near an earlier one."""
+    kept: list[np.ndarray] = []
+    for colour in colours:
+        if all(np.abs(colour.astype(int) - other).max() > _NEAR for other in kept):
+            kept.append(colour.astype(int))
+    return kept
 
 
 def _ffmpeg() -> str:
@@ -93,8 +116,9 @@ def _mp4(target: str, frames: Iterator[np.ndarray], fps: float) -> None:
     # yuv420p, which every player reads, has one colour for 2 x 2 pixels
     even = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"
     command = [
-        _ffmpeg(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
-        "-r", f"{fps:g}", "-i", "-", "-vf", even, "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20",
+        _ffmpeg(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
+        "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-",
+        "-vf", even, "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20",
         "-movflags", "+faststart", "-f", "mp4", target,
     ]  # fmt: skip
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)

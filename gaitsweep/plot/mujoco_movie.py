@@ -11,10 +11,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.image import AxesImage
 
 from gaitsweep.contract import Skeleton
 from gaitsweep.plot.columns import PlotError
@@ -22,7 +24,7 @@ from gaitsweep.plot.side_view import bounds, limb_colours
 
 BACKENDS = ("egl", "osmesa")  # ways to OpenGL without a display, the first that works is taken
 _PATIENCE = 90.0  # s for a picture; the first one waits for Python and MuJoCo to load
-_PAINTER = "gaitsweep.plot.mujoco_painter"
+_PAINTER = Path(__file__).with_name("mujoco_painter.py")
 
 
 class NoOpenGL(PlotError):
@@ -38,54 +40,54 @@ class Body:
     heading: float = 0.0
 
 
-class Rendered:
-    """MuJoCo's pictures in axes, made one after the other by a process of their own."""
+class Painter:
+    """A process that renders the pictures of a body one after the other."""
 
-    def __init__(self, axes: Axes, body: Body, skeleton: Skeleton, camera: np.ndarray) -> None:
-        """Start the process and show the first picture.
+    def __init__(self, body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> None:
+        """Start the process and have its first picture.
 
         Args:
-            axes: where they are shown, at the size that the axes have.
             body: what is rendered, at n samples.
             skeleton: the same body as lines, for the limbs' colours and how large it is.
             camera: what is in the middle of each picture, (n, 2) m, forward and to the left.
+            size: width and height of a picture, pixels.
 
         Raises:
             NoOpenGL: no way to OpenGL works here.
         """
-        box = axes.get_window_extent()
-        self._shape = (max(int(round(box.height)), 1), max(int(round(box.width)), 1), 3)
-        request = _request(body, skeleton, camera, self._shape)
+        self._shape = (size[1], size[0], 3)
+        self._at = 0
+        request = _request(body, skeleton, camera, size)
         refusals = []
         for backend in BACKENDS:
+            self._process, self._log = _start(request, backend)
             try:
-                self._process, self._log = _start(request, backend)
-                picture = self._read()
-                break
+                self._picture = self._read()
+                return
             except NoOpenGL as error:
                 refusals.append(f"{backend}: {error}")
-        else:
-            raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
-        axes.set_axis_off()
-        self._image = axes.imshow(picture, aspect="auto", interpolation="nearest")
-        self._at = 0
+        raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
 
-    def show(self, k: int) -> None:
-        """Show sample k, which is the one shown or the one after it."""
+    def picture(self, k: int) -> np.ndarray:
+        """The picture of sample k, RGB bytes (height, width, 3); samples are asked for in their order."""
         while self._at < k:
             try:
-                self._image.set_data(self._read())
+                self._picture = self._read()
             except NoOpenGL as error:
                 raise PlotError(
-                    f"MuJoCo's renderer stopped at picture {self._at + 1} ({error}): "
+                    f"MuJoCo's renderer stopped after picture {self._at + 1} ({error}): "
                     "try again, or use --renderer matplotlib."
                 ) from error
             self._at += 1
+        return self._picture
 
     def close(self) -> None:
-        """End the process."""
-        _end(self._process)
-        self._log.close()
+        """End the process; a second call does nothing."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._log):
+            if stream is not None:
+                stream.close()
 
     def _read(self) -> np.ndarray:
         """The next picture; NoOpenGL with the process's last words where there is none."""
@@ -104,7 +106,29 @@ class Rendered:
         return np.frombuffer(bytes(got), np.uint8).reshape(self._shape)
 
 
-def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, shape: tuple[int, int, int]) -> bytes:
+class Rendered:
+    """A painter's pictures in axes."""
+
+    def __init__(self, axes: Axes, painter: Painter) -> None:
+        axes.set_axis_off()
+        self._axes, self._painter = axes, painter
+        self._image: AxesImage | None = None
+
+    def show(self, k: int) -> None:
+        """Show sample k, or the next in order."""
+        picture = self._painter.picture(k)
+        if self._image is None:
+            self._image = self._axes.imshow(picture, aspect="auto", interpolation="nearest")
+        self._image.set_data(picture)
+
+
+def pixels(axes: Axes) -> tuple[int, int]:
+    """Width and height of axes in their figure, pixels."""
+    box = axes.get_window_extent()
+    return max(round(box.width), 1), max(round(box.height), 1)
+
+
+def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> bytes:
     half, tall, _ = bounds(skeleton, camera)
     cosine, sine = np.cos(body.heading), np.sin(body.heading)
     packed = io.BytesIO()
@@ -114,7 +138,7 @@ def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, shape: tuple[in
         qpos=body.qpos,
         middle=camera @ np.array([[cosine, sine], [-sine, cosine]]),  # back to where it walked
         heading=body.heading,
-        size=np.array(shape[1::-1]),
+        size=np.array(size),
         extent=np.array([half, tall]),
         colours=np.array([to_rgb(colour) for colour in limb_colours(skeleton.limbs)]),
     )
@@ -124,8 +148,9 @@ def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, shape: tuple[in
 def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.BufferedRandom]:
     """The painter at work; what it says goes to a file without a name."""
     environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
-    log = tempfile.TemporaryFile()
-    command = [sys.executable, "-m", _PAINTER]
+    log = tempfile.TemporaryFile()  # noqa: SIM115 (the painter closes it)
+    # run as a file it need not wait for all that this package imports; -P hides the files beside it
+    command = [sys.executable, "-P", str(_PAINTER)]
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, bufsize=0
     )
@@ -135,13 +160,6 @@ def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.Bu
     with contextlib.suppress(BrokenPipeError):
         process.stdin.close()
     return process, log
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.kill()
-    process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
 
 
 def _last_words(process: subprocess.Popen[bytes], log: io.BufferedRandom) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +18,7 @@ from gaitsweep.plot.ground import Ground
 # A metre to the left is drawn so far (m) to the right and up.
 _ASIDE = np.array([0.28, 0.22])
 _PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_FAR = 0.55  # how much white is in the colour of the far limb of a pair
+_FAR = 0.45  # how much white is in the colour of the far limb of a pair
 _BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
 _TURNS = 5  # of a spring
 _MOST_NAMES = 16
@@ -25,11 +26,32 @@ _MOST_NAMES = 16
 
 def limb_colours(limbs: Sequence[Limb]) -> list[str]:
     """A colour for each limb: that of its pair, lighter on the far side."""
-    pure = [np.array(to_rgb(_PAIRS[limb.pair % len(_PAIRS)])) for limb in limbs]
-    return [
-        to_hex(colour + _FAR * (1.0 - colour) if limb.far else colour)
-        for limb, colour in zip(limbs, pure, strict=True)
-    ]
+    found: list[str] = []
+    for limb in limbs:
+        white = _FAR if limb.far else 0.0
+        red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[limb.pair % len(_PAIRS)]))
+        found.append(to_hex((red, green, blue)))
+    return found
+
+
+def heading(skeleton: Skeleton) -> float:
+    """Where a body looks on average, from its tail to its head, rad from the x axis."""
+    if len(skeleton.bodies) < 2:
+        return 0.0
+    ahead = skeleton.bodies[0].mean(axis=(0, 1)) - skeleton.bodies[-1].mean(axis=(0, 1))
+    return float(np.arctan2(ahead[1], ahead[0]))
+
+
+def turned(skeleton: Skeleton, angle: float) -> Skeleton:
+    """A body turned back about the z axis by an angle (rad): by its heading, until it looks to the right."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return dataclasses.replace(
+        skeleton,
+        limbs=tuple(dataclasses.replace(limb, points=limb.points @ turn) for limb in skeleton.limbs),
+        bodies=tuple(body @ turn for body in skeleton.bodies),
+        springs=tuple(spring @ turn for spring in skeleton.springs),
+    )
 
 
 def projected(points: np.ndarray) -> np.ndarray:
@@ -66,16 +88,18 @@ class SideView:
         self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
         self._colours = limb_colours(skeleton.limbs)
         half, self._height, depth = bounds(skeleton, camera)
+        self._moves = float(np.ptp(camera[:, 0])) > 1e-6 * half
         self._sole = 0.05 * self._height
         axes.set_axis_off()
-        moves = float(np.ptp(camera[:, 0])) > 0.0 if len(camera) > 1 else True
-        self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named and moves)
+        self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named)
         # lines are as thick as suits a body drawn a hundred points tall
         points = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
         self._thick = float(np.clip(72.0 * points / axes.figure.dpi / 110.0, 0.4, 1.5))
         self._limbs = [self._limb(i) for i in range(len(skeleton.limbs))]
         self._bodies = [(self._patch(_BODY), self._patch(_NEAR_SIDE)) for _ in skeleton.bodies]
-        self._springs = [axes.plot([], [], color=_EDGE, lw=0.9 * self._thick, zorder=5)[0] for _ in skeleton.springs]
+        self._springs = [
+            axes.plot([], [], color=_EDGE, lw=0.9 * self._thick, zorder=5)[0] for _ in skeleton.springs
+        ]
         if named and len(skeleton.limbs) <= _MOST_NAMES:
             self._name_limbs()
         self.show(0)
@@ -98,7 +122,8 @@ class SideView:
             side.set_xy(_hull(projected(now[nearest])))
         for ends, line in zip(self._skeleton.springs, self._springs, strict=True):
             line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
-        self._ground.show(float(self._camera[k, 0]))
+        if self._moves:
+            self._ground.show(float(self._camera[k, 0]))
 
     def _limb(self, i: int) -> tuple[Line2D, Line2D, Line2D]:
         """Links with their joints, the foot, and the mark below it while it stands."""
@@ -108,13 +133,16 @@ class SideView:
             [], [], color=colour, lw=3.4 * w, marker="o", ms=4.6 * w, mfc="white", mec=colour, mew=1.2 * w,
             solid_capstyle="round", solid_joinstyle="round", zorder=order,
         )  # fmt: skip
-        (foot,) = self._axes.plot([], [], ls="", marker="o", ms=6.0 * w, mec=colour, mew=1.4 * w, zorder=order + 0.1)
+        (foot,) = self._axes.plot(
+            [], [], ls="", marker="o", ms=6.0 * w, mec=colour, mew=1.4 * w, zorder=order + 0.1
+        )
         (sole,) = self._axes.plot([], [], color=_EDGE, lw=2.2 * w, solid_capstyle="butt", zorder=1.5)
         return line, foot, sole
 
     def _patch(self, face: str) -> Polygon:
         patch = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=_EDGE, lw=0.8 * self._thick, zorder=4)
-        return self._axes.add_patch(patch)
+        self._axes.add_patch(patch)
+        return patch
 
     def _name_limbs(self) -> None:
         """Near limbs are named below the ground, far ones above the body, each at its own mean place."""
@@ -124,7 +152,9 @@ class SideView:
             roots[:, :2] -= self._camera
             place = float(projected(roots)[:, 0].mean())
             y, alignment = (high, "bottom") if limb.far else (low, "top")
-            self._axes.text(place, y, limb.name, color=colour, ha="center", va=alignment, weight="bold", fontsize=8)
+            self._axes.text(
+                place, y, limb.name, color=colour, ha="center", va=alignment, weight="bold", fontsize=8
+            )
 
 
 def _hull(points: np.ndarray) -> np.ndarray:

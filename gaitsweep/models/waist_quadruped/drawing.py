@@ -1,5 +1,8 @@
 """How the quadruped is drawn: two boxes with the waist's spring between them, four limbs of two links."""
 
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
