@@ -44,6 +44,7 @@ def run_rows(
     block: int | None = None,
     drive: Any = None,
     engine: str = "xla",
+    on: str | None = None,
 ) -> BlockResult:
     """Run one row for each element of the starts; the results of all blocks as one."""
     n = max(np.size(v) for v in starts.values())
@@ -60,7 +61,7 @@ def run_rows(
         n_rows=n,
         block=block or n,
         lanes=lanes,
-        devices=jax.local_devices()[:devices],
+        devices=jax.local_devices(backend=on)[:devices],
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
         drive=drive,
         engine=engine,

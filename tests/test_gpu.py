@@ -11,6 +11,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.settle import Settle
 from gaitsweep.models.multilegged import Multilegged
+from gaitsweep.models.waist_quadruped import WaistQuadruped
 
 pytestmark = pytest.mark.gpu
 
@@ -51,3 +52,42 @@ def test_settling_on_a_card() -> None:
     )
     np.testing.assert_array_equal(kernel.status, xla.status)
     assert np.mean(kernel.labels["gait"] == xla.labels["gait"]) >= 0.95
+
+
+def test_a_rows_bits_do_not_depend_on_what_other_rows_share() -> None:
+    """What all rows share reaches the threads in another way than what differs; the numbers are the same."""
+    pytest.importorskip("numba_cuda")
+    starts = {f"psi_{i}": np.full(40, 0.7 * i) for i in (1, 2, 3)}
+    recorder = Crossings(Multilegged(), crossings=12)
+    alike, mixed = (
+        run_rows(
+            Multilegged(),
+            recorder,
+            starts,
+            params={"beta": np.where(np.arange(40) < 39, 0.8, other), "kappa": 100.0},
+            numerics=Numerics(dt=4e-3),
+            lanes=16,
+            engine="kernel",
+        )
+        for other in (0.8, 0.75)
+    )
+    width = alike.samples.shape[1]
+    same = [result.samples.reshape(40, -1, width)[:39] for result in (alike, mixed)]
+    np.testing.assert_array_equal(*same)
+    assert np.any(alike.last[39] != mixed.last[39])
+
+
+def test_the_quadruped_on_a_card_as_on_a_cpu() -> None:
+    """Fixed steps, products of small matrices, inverse trigonometry: the first landings to 1e-9."""
+    pytest.importorskip("numba_cuda")
+    model = WaistQuadruped()
+    starts, params = {"delta_13": np.array([2.2, 3.0])}, {"T_grow": 0.4, "T_hold": 0.7}
+    numerics = Numerics(dt=2e-4, method="semi_implicit")
+    recorder = Crossings(model, crossings=5)
+    on = {
+        platform: run_rows(
+            model, recorder, starts, params=params, numerics=numerics, engine="kernel", on=platform
+        )
+        for platform in ("gpu", "cpu")
+    }
+    np.testing.assert_allclose(on["gpu"].samples, on["cpu"].samples, atol=1e-9)
