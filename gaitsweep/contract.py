@@ -140,9 +140,22 @@ class Model(abc.ABC):
         """Columns that `label` gives beside `gait`."""
         return ()
 
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        """The parameters that `on_host` reads: they differ between rows, but cannot move while a row runs."""
+        return ()
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The parameters (n,) of n rows by name, and arrays (n, ...) of floats made of them, for `params`.
+
+        Called once for each block of rows, before they go to a device. For what cannot be worked out there:
+        constants that a simulator's compiler makes of masses and lengths. All blocks get the same names.
+        """
+        return dict(values)
+
     @abc.abstractmethod
     def params(self, values: Mapping[str, jax.Array]) -> Params:
-        """The frozen pytree of parameters from one scalar for each name in `parameters`."""
+        """The frozen pytree of parameters from one scalar for each name in `parameters` (see `on_host`)."""
 
     @abc.abstractmethod
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
@@ -194,8 +207,16 @@ class HybridModel(Model):
 
     linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields, modes held
 
+    @property
+    def located(self) -> bool:
+        """Whether `flow` is this body's, for methods that locate events; else it only names what moves.
+
+        The model is then advanced by `in_steps` alone.
+        """
+        return True
+
     def in_steps(self) -> Steps | None:
-        """The same model in steps of fixed length, which `numerics.method: semi_implicit` takes, if it has."""
+        """The same model in steps of fixed length, for `numerics.method: semi_implicit`, if it has them."""
         return None
 
     @abc.abstractmethod

@@ -133,7 +133,7 @@ def test_version_and_help(capsys: Capture) -> None:
     assert capsys.readouterr().out.startswith("gaitsweep ")
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for command in ("run", "plot", "info", "models", "check", "report", "schema"):
+    for command in ("run", "plot", "animate", "info", "models", "check", "report", "schema"):
         assert f"\n  {command} " in text
 
 

@@ -39,7 +39,7 @@ def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
         ValueError: the model has what the tree cannot do; the sentence names it.
         FileNotFoundError: there is no file at the path.
     """
-    m = _compiled(source)
+    m = compiled(source)
     for complaint in _complaints(m):
         raise ValueError(complaint)
     links: list[Link] = []
@@ -137,7 +137,8 @@ def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
         yield f"Joint '{name}' is free and has a spring, which a tree cannot do: apply its force instead."
 
 
-def _compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
+def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
+    """MuJoCo's model of a path or of the XML itself; raises FileNotFoundError where there is no such file."""
     if isinstance(source, mujoco.MjModel):
         return source
     if isinstance(source, str) and source.lstrip().startswith("<"):

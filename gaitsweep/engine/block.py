@@ -38,7 +38,8 @@ class Block:
         self.number = number
         self.first = number * work.block
         self.rows = min(work.block, work.n_rows - self.first)
-        self.params, self.starts = work.values(self.first, self.first + self.rows)
+        params, self.starts = work.values(self.first, self.first + self.rows)
+        self.params = work.model.on_host(params)
         self.opened = 0  # rows that have been put into lanes
         self.missing = self.rows  # rows that have not ended
         self.status = np.zeros(self.rows, np.int32)

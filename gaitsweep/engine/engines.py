@@ -66,6 +66,8 @@ def _obstacle(
     device: Device, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
 ) -> str | None:
     """What stands in the way of a scalar kernel, in words, or None."""
+    if model.host_parameters:
+        return f"{model.name} works out numbers on the host, of {', '.join(model.host_parameters)}"
     if importlib.util.find_spec("numba") is None:
         return "the package numba is not installed"
     if device.platform == "gpu":

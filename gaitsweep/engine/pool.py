@@ -67,7 +67,7 @@ class Pool:
             if not self._values:
                 # idle lanes are computed too: the first row's values are sound ones for them
                 self._values = [
-                    {name: np.repeat(column[:1], fresh.size) for name, column in given.items()}
+                    {name: np.repeat(column[:1], fresh.size, axis=0) for name, column in given.items()}
                     for given in (block.params, block.starts)
                 ]
             for held, given in zip(self._values, (block.params, block.starts), strict=True):

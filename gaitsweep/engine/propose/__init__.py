@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from gaitsweep.contract import HybridModel, Model, SteppedModel, Steps
 from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Method, Propose, move
@@ -18,10 +20,16 @@ __all__ = ["METHODS", "Method", "Propose", "move", "own_steps", "refusal"]
 
 
 def own_steps(name: str, model: Model) -> SteppedModel | Steps | None:
-    """What advances a model in steps of its own: it has nothing else, or this method asks for it."""
-    if isinstance(model, SteppedModel):
-        return model
-    return model.in_steps() if METHODS[name].step is None and isinstance(model, HybridModel) else None
+    """What advances a model in steps of its own: it has nothing else, or this method asks for it.
+
+    Raises:
+        ValueError: the method asks for a flow, and the model has only steps.
+    """
+    if not isinstance(model, HybridModel):
+        return model if isinstance(model, SteppedModel) else None
+    if (reason := _steps_alone(name, model)) is not None:
+        raise ValueError(f"The method {reason}")
+    return model.in_steps() if METHODS[name].step is None else None
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
@@ -29,6 +37,8 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     if METHODS[name].step is None and own_steps(name, model) is None:
         located = ", ".join(other for other, method in METHODS.items() if method.step is not None)
         return f"is {name}, a step that {model.name} does not have. Allowed: {located}."
+    if (reason := _steps_alone(name, model)) is not None:
+        return reason
     if not METHODS[name].linear_only:
         return None
     general = ", ".join(other for other, method in METHODS.items() if not method.linear_only)
@@ -40,3 +50,12 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
     return None
+
+
+def _steps_alone(name: str, model: Model) -> str | None:
+    if METHODS[name].step is None or not isinstance(model, HybridModel) or model.located:
+        return None
+    own = ", ".join(other for other, method in METHODS.items() if method.step is None)
+    fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
+    structure = ", ".join(f"{field.name} {getattr(model, field.name)}" for field in fields)
+    return f"is {name}, which needs a flow, but {model.name} has only steps with {structure}. Allowed: {own}."

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import cache, partial
 from importlib import resources
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,8 +22,8 @@ from gaitsweep.dynamics.two_link_limb import joint_angles
 LIMBS = range(4)
 # Fore knees bend one way, hind knees the other.
 BEND = (1.0, 1.0, -1.0, -1.0)
-# A foot is let go of where it is this far above the ground (m), 1/2000 of how deep it stands. Let go of at zero
-# it could chatter without end: on the ground its damper lifts it, off the ground it falls at once.
+# A foot is let go of where it is this far above the ground (m), 1/2000 of how deep it stands. Let go of at
+# zero it could chatter without end: on the ground its damper lifts it, off the ground it falls at once.
 RELEASE = 1e-7
 # Places in q; in v, which has no quaternion, each is one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
@@ -31,13 +33,17 @@ WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
     jax.tree_util.register_dataclass,
     data_fields=[
         "kappa_w", "sigma_w", "kappa_1", "sigma_1", "kappa_2", "sigma_2", "K_TL", "D_TL", "clamp", "g",
-        "body_mass", "body_length", "body_width", "link_mass", "link_length",
+        "body_mass", "body_length", "body_width", "link_mass", "link_length", "numbers",
     ],
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class Mechanics:
-    """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad."""
+    """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
+
+    `numbers` has what MuJoCo works out from masses and lengths, by the names of an mjx.Model, for a body that
+    MJX steps; none for the tree.
+    """
 
     kappa_w: jax.Array
     sigma_w: jax.Array
@@ -54,19 +60,13 @@ class Mechanics:
     body_width: jax.Array
     link_mass: jax.Array
     link_length: jax.Array
+    numbers: dict[str, jax.Array]
 
     def geometry(self) -> Geometry:
         """Table I's body, scaled to these masses and lengths; a body's height stays."""
         tree, of_table_1 = body()
-        trunk = jnp.stack([self.body_length / 0.1, self.body_width / 0.1, jnp.ones_like(self.g)])
-        links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
-        return rescaled(
-            tree,
-            of_table_1,
-            mass={"front": self.body_mass, "rear": self.body_mass}
-            | dict.fromkeys(links, self.link_mass / 0.1),
-            size={"front": trunk, "rear": trunk} | dict.fromkeys(links, self.link_length / 0.08),
-        )
+        mass, size = factors(self, jnp.stack)
+        return rescaled(tree, of_table_1, mass=mass, size=size)
 
     def feet(self, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Positions (4, 3) m and velocities (4, 3) m/s of the feet in the world."""
@@ -123,13 +123,30 @@ class Mechanics:
     ) -> jax.Array:
         """dv/dt (15,), eq. (1)."""
         tree, _ = body()
-        gravity = jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
-        return forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=gravity)
+        return jnp.asarray(forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=self.gravity()))
+
+    def gravity(self) -> jax.Array:
+        """Gravity's acceleration in the world (3,), m/s2."""
+        return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+
+
+def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """By how much each body is heavier and larger than Table I's, by its name.
+
+    Args:
+        of: what has `body_mass` (kg), `body_length` (m) and so on, numbers or arrays.
+        stack: makes an array of them.
+    """
+    trunk = stack([of.body_length / 0.1, of.body_width / 0.1, 1.0])
+    links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
+    mass = {"front": of.body_mass, "rear": of.body_mass} | dict.fromkeys(links, of.link_mass / 0.1)
+    size = {"front": trunk, "rear": trunk} | dict.fromkeys(links, of.link_length / 0.08)
+    return mass, size
 
 
 def mjcf() -> str:
     """The body as an MJCF."""
-    return resources.files(__package__).joinpath("body.xml").read_text()
+    return resources.files("gaitsweep.models.waist_quadruped").joinpath("body.xml").read_text()
 
 
 @cache

@@ -8,7 +8,8 @@ hind.
 
 The model can be run in two ways. As an ODE with located events (`numerics.method: rk4`) for edges, slopes and
 Jacobians; in steps of semi-implicit Euler (`method: semi_implicit`) for scans, with the time of a landing
-interpolated inside its step.
+interpolated inside its step. Its body is gaitsweep's own articulated tree, or MJX's (`body: mjx`), which has
+steps alone.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gaitsweep.contract import HybridModel, Quantity, Rates
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
@@ -27,23 +29,35 @@ from gaitsweep.dynamics.tree_kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.drawing import Drawn
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
+from gaitsweep.models.waist_quadruped.in_mjx import MjxQuadruped
 from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
 from gaitsweep.models.waist_quadruped.steps import SemiImplicit
+from gaitsweep.nearmiss import suggestion
 
 # A body has fallen below this share of H, or beyond these angles (rad).
 LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
+BODIES = ("tree", "mjx")
 
 
 @dataclasses.dataclass(frozen=True)
 class WaistQuadruped(Drawn, HybridModel):
     """The quadruped of two bodies, a waist and four limbs."""
 
+    body: str = dataclasses.field(
+        default="tree",
+        metadata={"meaning": "who moves it: gaitsweep's own dynamics, or MJX in steps", "allowed": BODIES},
+    )
+
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
+
+    def __post_init__(self) -> None:
+        if self.body not in BODIES:
+            raise ValueError(f"body is '{self.body}'{suggestion(self.body, BODIES)}")
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
@@ -53,7 +67,7 @@ class WaistQuadruped(Drawn, HybridModel):
     def starts(self) -> tuple[Quantity, ...]:
         return (
             Quantity(
-                "delta_13", "rad", "phase difference phi_1 - phi_3, held while the gait establishes itself",
+                "delta_13", "rad", "phase difference phi_1 - phi_3",
                 default=math.pi, circular=True, symbol=r"\Delta_{13}",
             ),
         )  # fmt: skip
@@ -88,6 +102,13 @@ class WaistQuadruped(Drawn, HybridModel):
             ),
         )
 
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return () if self.body == "tree" else MjxQuadruped.compiled_of
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return dict(values) if self.body == "tree" else MjxQuadruped().on_host(values)
+
     def params(self, values: Mapping[str, jax.Array]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
         omega_w = TWO_PI * v["f"]
@@ -95,6 +116,7 @@ class WaistQuadruped(Drawn, HybridModel):
             kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
             **{f.name: v[f.name] for f in dataclasses.fields(Mechanics) if f.name in v},
+            numbers={} if self.body == "tree" else MjxQuadruped().numbers(v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
@@ -156,17 +178,21 @@ class WaistQuadruped(Drawn, HybridModel):
         forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
         return m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
 
+    @property
+    def located(self) -> bool:
+        return self.body == "tree"
+
     def flow(self, params: Params, state: State) -> Rates:
         p, s = params, state
         return {
-            "q": rates(body()[0], s.q, s.v),
+            "q": jnp.asarray(rates(body()[0], s.q, s.v)),
             "v": self._accelerations(p, s),
             "phi": phase_rates(p, s),
             "clock": jnp.ones_like(s.clock),
         }
 
     def in_steps(self) -> SemiImplicit:
-        return SemiImplicit()
+        return SemiImplicit() if self.body == "tree" else SemiImplicit(MjxQuadruped())
 
     def guards(self, params: Params, state: State) -> jax.Array:
         """Each limb's phase against the end of its segment, then each foot's contact, shape (8,)."""

@@ -1,4 +1,4 @@
-"""The limbs' rhythm: phases that speak to each other, segments of the feet's path, and what a landing does."""
+"""The limbs' rhythm: phases that speak to each other, segments of the paths, what a landing does."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gaitsweep.models.waist_quadruped.state import Params, State
 
 
 class Transitions(NamedTuple):
-    """For each limb (4,): contact, segment and lifted after the events, whether it lands, whether it wraps."""
+    """For each limb (4,): contact, segment and lifted after the events, whether it lands, if it wraps."""
 
     contact: jax.Array
     segment: jax.Array

@@ -60,8 +60,8 @@ class Params:
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=[
-        "q", "v", "phi", "clock", "contact", "anchor", "segment", "lifted", "landing_x", "landing_z", "height", "gain", "closed",
-        "wanted", "stride_x", "stride_t", "speed", "period",
+        "q", "v", "phi", "clock", "contact", "anchor", "segment", "lifted", "landing_x", "landing_z",
+        "height", "gain", "closed", "wanted", "stride_x", "stride_t", "speed", "period",
     ],
     meta_fields=[],
 )  # fmt: skip

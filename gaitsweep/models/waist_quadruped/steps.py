@@ -8,23 +8,68 @@ worked out once a step.
 from __future__ import annotations
 
 import dataclasses
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Steps
+from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.tree_kinematics import integrate
-from gaitsweep.models.waist_quadruped.mechanics import RELEASE, body
+from gaitsweep.models.waist_quadruped.foot_path import LATE
+from gaitsweep.models.waist_quadruped.mechanics import RELEASE, Mechanics, body
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
 
 
+class Body(Protocol):
+    """What carries the limbs: where the feet are, and how it moves on."""
+
+    def feet(self, m: Mechanics, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """As `Mechanics.feet`."""
+        ...
+
+    def moved(
+        self,
+        m: Mechanics,
+        q: jax.Array,
+        v: jax.Array,
+        tau: jax.Array,
+        forces: list[PointForce],
+        dt: jax.Array,
+    ) -> tuple[jax.Array, jax.Array]:
+        """q (16,) and v (15,) a step of `dt` (s) later, under `tau` (15,) and the ground's forces."""
+        ...
+
+
+class TreeBody:
+    """The body as gaitsweep's own articulated tree."""
+
+    def feet(self, m: Mechanics, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return m.feet(q, v)
+
+    def moved(
+        self,
+        m: Mechanics,
+        q: jax.Array,
+        v: jax.Array,
+        tau: jax.Array,
+        forces: list[PointForce],
+        dt: jax.Array,
+    ) -> tuple[jax.Array, jax.Array]:
+        v = v + dt * m.accelerations(q, v, tau, forces)
+        return jnp.asarray(integrate(body()[0], q, v, dt)), v
+
+
+@dataclasses.dataclass(frozen=True)
 class SemiImplicit(Steps):
-    """Steps of semi-implicit Euler of the tree."""
+    """Steps of semi-implicit Euler of a body."""
+
+    body: Body = dataclasses.field(default_factory=TreeBody)
 
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
         p, s, m = params, state, params.mechanics
-        at, speed = m.feet(s.q, s.v)
+        at, speed = self.body.feet(m, s.q, s.v)
         height = at[:, 2]
         switched = jnp.where(s.contact, height > RELEASE, height <= 0.0)
         past = s.phi - corner(p, s.segment)
@@ -33,26 +78,28 @@ class SemiImplicit(Steps):
         # the rest of the last step, as a share, after the foot's height was zero
         sunk = s.height - height
         rest = jnp.where(touches, -height / jnp.where(sunk != 0.0, sunk, 1.0), 0.0)
-        # of a touchdown and a corner of the phase in one step, the later one made the limb land
+        # of a touchdown and a corner of the phase in one step, the later one made the limb land; but from the
+        # second half of the swing on, a touchdown does alone
         since_touch = jnp.where(touches, rest * s.gain, jnp.inf)
-        since_corner = jnp.where(past >= 0.0, past, jnp.inf)
+        since_corner = jnp.where((past >= 0.0) & ~(touches & (s.segment == LATE)), past, jnp.inf)
         over = jnp.where(now.lands, jnp.minimum(since_touch, since_corner), 0.0)
+        landing_in = jnp.where(past > over, s.segment + 1, s.segment)
         anchor = jnp.where(touches[:, None], at[:, :2] - (rest * dt)[:, None] * speed[:, :2], s.anchor)
 
         # where each foot is wanted; for a limb that lands, where it was wanted then, and how far it is since
         path = p.path(s.clock)
         phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
-        x, z = path.target(phi, jnp.where(now.lands, s.segment, now.segment), (s.landing_x, s.landing_z))
+        x, z = path.target(phi, jnp.where(now.lands, landing_in, now.segment), (s.landing_x, s.landing_z))
         s = after_events(p, dataclasses.replace(s, anchor=anchor), now, (x, z), over)
         on_line = path.line(x, z, path.done(s.phi))
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
 
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
-        v = s.v + dt * m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
+        q, v = self.body.moved(m, s.q, s.v, m.torques(s.q, s.v, x, z), forces, dt)
         gain = dt * phase_rates(p, s)
         return dataclasses.replace(
             s,
-            q=integrate(body()[0], s.q, v, dt),
+            q=q,
             v=v,
             phi=s.phi + gain,
             clock=s.clock + dt,
