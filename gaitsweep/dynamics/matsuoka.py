@@ -1,0 +1,153 @@
+"""Matsuoka's half-centres: neurons that tire and inhibit each other, an extensor and a flexor for each leg.
+
+    Tr u' = -u + gamma y(opposite) + sum of weight x y(linked) - b f + s + feedback,    y = max(0, u)
+    Ta f' = -f + y
+
+Arrays are (2, n): the n legs' extensors in row EXTENSOR, their flexors in row FLEXOR. Weights are added, so
+those that inhibit are negative. Potentials `u` and inputs have one unit, which nothing depends on: u, f and
+every input times c is a solution too; times, Tr and Ta times c likewise.
+
+Source: Matsuoka 1985, Biol. Cybern. 52:367, and 1987, Biol. Cybern. 56:345; the symbols are those of Fukuoka,
+Habu and Fukui 2015, Sci. Rep. 5:8169, where f is a flexor as an index and the fatigue as a variable.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Scalar: TypeAlias = jax.Array | float
+
+EXTENSOR, FLEXOR = 0, 1
+# A neuron that is active is let go of this far below zero: let go of at zero, one that stands at zero exactly
+# would switch for ever.
+RELEASE = 1e-12
+
+
+class Coupling(NamedTuple):
+    """What some half-centres tell others: `weight` times the outputs along `links`.
+
+    `links`: (n, n), to each leg from each leg, extensors to extensors and flexors to flexors; or
+    (2, n, 2, n), to each half-centre from each. They are structure, a NumPy constant: what is zero is not
+    computed.
+    """
+
+    weight: Scalar
+    links: np.ndarray
+
+
+def links(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+    """The links (n, n) of 1 between the legs of each pair, both ways.
+
+    Args:
+        n: number of legs.
+        pairs: legs by number, from 0 on.
+
+    Raises:
+        ValueError: a pair names a leg twice, or one that is not there.
+    """
+    found = np.zeros((n, n))
+    for i, j in pairs:
+        if i == j or not (0 <= i < n and 0 <= j < n):
+            raise ValueError(f"({i}, {j}) is no pair of {n} legs, which are 0 to {n - 1}: give two of them")
+        found[i, j] = found[j, i] = 1.0
+    return found
+
+
+def output(u: jax.Array, active: jax.Array | None = None) -> jax.Array:
+    """y = max(0, u) of each half-centre, shape (2, n).
+
+    Args:
+        u: potentials (2, n).
+        active: bools (2, n), the modes of a model that locates where u crosses zero (see `guards`); None:
+            those where u is positive.
+    """
+    return jnp.maximum(u, 0.0) if active is None else jnp.where(active, u, 0.0)
+
+
+def rates(
+    u: jax.Array,
+    f: jax.Array,
+    *,
+    s: Scalar,
+    Tr: Scalar,
+    Ta: Scalar,
+    b: Scalar,
+    gamma: Scalar,
+    couplings: Sequence[Coupling] = (),
+    feedback: Scalar = 0.0,
+    active: jax.Array | None = None,
+) -> tuple[jax.Array, jax.Array]:
+    """Rates (2, n) of the potentials u and of the fatigue f, per second.
+
+    Args:
+        u, f: potentials and fatigue, (2, n).
+        s: tonic drive, a scalar or (2, n).
+        Tr, Ta: time constants of the rise and of the adaptation, s.
+        b: inhibition by one's own fatigue.
+        gamma: weight from a leg's one half-centre to its other one.
+        couplings: the weights between legs.
+        feedback: what the body tells each half-centre, a scalar or (2, n).
+        active: as for `output`; with it the rates are affine in u and f.
+
+    Raises:
+        TypeError: links are no NumPy constant.
+        ValueError: links are of another shape than the legs'.
+
+    Source: Matsuoka 1985 and 1987; Fukuoka et al. 2015, Methods and Fig. 7(a).
+    """
+    y = output(u, active)
+    received = gamma * y[::-1]
+    for weight, between in couplings:
+        received = received + weight * _along(between, y)
+    return (-u + received - b * f + s + feedback) / Tr, (-f + y) / Ta
+
+
+def leg_feedback(theta: jax.Array, F: jax.Array, *, theta0: Scalar, k1: Scalar, k2: Scalar) -> jax.Array:
+    """Feedback (2, n) of each leg's hip angle to both its half-centres and of its load to its flexor.
+
+    Args:
+        theta: hip angles relative to the torso, (n,) rad, leg forward positive.
+        F: loads on the feet, (n,) N, not negative.
+        theta0: angle at which the hip says nothing, rad.
+        k1, k2: gains, 1/rad and 1/N.
+
+    Source: Fukuoka et al. 2015, eq. (1) for the load, Methods for the hip.
+    """
+    hip = k1 * (theta - theta0)
+    return jnp.stack([hip, -hip - k2 * F])
+
+
+def guards(u: jax.Array, active: jax.Array) -> jax.Array:
+    """For each half-centre (2, n) what is negative until its output sets in or ends, as `HybridModel.guards`.
+
+    The jump turns `active` where it fires. Unlocated, the kink of max(0, u) leaves a method of steps its
+    second order at most.
+    """
+    return jnp.where(active, -u - RELEASE, u)
+
+
+def _along(between: np.ndarray, y: jax.Array) -> jax.Array:
+    """The outputs (2, n) summed along the links, written out: no routine of linear algebra."""
+    if not isinstance(between, np.ndarray):
+        raise TypeError("links are structure: give a NumPy array, and what varies as the coupling's weight")
+    n = y.shape[1]
+    if between.shape == (n, n):
+        return _sums(between, y)
+    if between.shape == (2, n, 2, n):
+        return _sums(between.reshape(2 * n, 2 * n), y.reshape(1, 2 * n)).reshape(2, n)
+    raise ValueError(f"links between {n} legs are ({n}, {n}) or (2, {n}, 2, {n}), not {between.shape}")
+
+
+def _sums(between: np.ndarray, y: jax.Array) -> jax.Array:
+    columns = []
+    for row in between:
+        terms = [y[:, j] if row[j] == 1.0 else float(row[j]) * y[:, j] for j in np.flatnonzero(row)]
+        columns.append(functools.reduce(operator.add, terms) if terms else jnp.zeros_like(y[:, 0]))
+    return jnp.stack(columns, axis=1)

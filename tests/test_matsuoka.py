@@ -1,0 +1,240 @@
+"""Matsuoka's half-centres: SciPy's solutions, when two of them oscillate, scalings, the quadruped's trot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scalar_programs import outputs_of, source_of, traced_with
+from scipy.integrate import solve_ivp
+
+from gaitsweep.dynamics.matsuoka import FLEXOR, Coupling, guards, leg_feedback, links, rates
+
+# Fukuoka et al. 2015, as completed from a citation of their supplement; legs LF, LH, RF, RH.
+PAGE = {"s": 1.71, "Tr": 0.0473, "Ta": 0.6, "b": 3.0, "gamma": -2.0}
+CONTRALATERAL, IPSILATERAL = links(4, [(0, 2), (1, 3)]), links(4, [(0, 1), (2, 3)])
+TROT = (Coupling(-0.3, CONTRALATERAL), Coupling(-0.8, IPSILATERAL))
+
+
+def _along(starts: np.ndarray, duration: float, dt: float, **network: Any) -> np.ndarray:
+    """Potentials and fatigue (rows, steps, 2, 2, n) of RK4 from starts (rows, 2, 2, n)."""
+
+    def rhs(x: jax.Array) -> jax.Array:
+        return jnp.stack(rates(x[0], x[1], **network))
+
+    def step(x: jax.Array, _: None) -> tuple[jax.Array, jax.Array]:
+        a = rhs(x)
+        b = rhs(x + 0.5 * dt * a)
+        c = rhs(x + 0.5 * dt * b)
+        x = x + dt / 6.0 * (a + 2.0 * b + 2.0 * c + rhs(x + dt * c))
+        return x, x
+
+    count = round(duration / dt)
+    return np.asarray(jax.jit(jax.vmap(lambda x: jax.lax.scan(step, x, None, length=count)[1]))(starts))
+
+
+def _starts(random: np.random.Generator, rows: int, n: int) -> np.ndarray:
+    return np.stack([random.uniform(-1, 1, (rows, 2, n)), random.uniform(0, 0.5, (rows, 2, n))], axis=1)
+
+
+def _onsets(u: np.ndarray, dt: float) -> np.ndarray:
+    at = np.flatnonzero((u[:-1] <= 0.0) & (u[1:] > 0.0))
+    return dt * (at + 1.0 - u[at] / (u[at + 1] - u[at]))
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 6])
+def test_random_networks_move_as_scipy_says(n: int) -> None:
+    random = np.random.default_rng(n)
+    Tr, Ta, b, gamma = random.uniform([0.03, 0.3, 1.0, -3.0], [0.1, 1.0, 4.0, -1.0])
+    s, feedback = random.uniform(0.5, 2.0, (2, n)), random.normal(0.0, 0.2, (2, n))
+    alike = random.normal(0.0, 0.3, (n, n)) * (random.random((n, n)) < 0.5)
+    mixed = random.normal(0.0, 0.3, (2, n, 2, n)) * (random.random((2, n, 2, n)) < 0.3)
+
+    def rhs(t: float, x: np.ndarray) -> np.ndarray:
+        u, f = x.reshape(2, 2, n)
+        y = np.maximum(u, 0.0)
+        received = gamma * y[::-1] + 0.7 * y @ alike.T + np.einsum("iajb,jb->ia", mixed, y)
+        return np.stack([(-u + received - b * f + s + feedback) / Tr, (y - f) / Ta]).ravel()
+
+    start = _starts(random, 1, n)
+    network = {"s": s, "Tr": Tr, "Ta": Ta, "b": b, "gamma": gamma, "feedback": feedback}
+    couplings = (Coupling(0.7, alike), Coupling(1.0, mixed))
+    mine = _along(start, 3.0, 2e-4, **network, couplings=couplings)[0, -1]
+    theirs = solve_ivp(rhs, (0.0, 3.0), start.ravel(), method="DOP853", rtol=1e-10, atol=1e-12).y[:, -1]
+    # RK4's steps over the kinks of max(0, u) leave some 1e-7
+    np.testing.assert_allclose(mine.ravel(), theirs, atol=2e-6)
+
+
+def _ends_still(a: float, b: float, ratio: float, starts: np.ndarray) -> np.ndarray:
+    """For each start whether a pair of neurons with Tr = 0.25 s, Ta = 0.5 s comes to rest within 600 s.
+
+    Args:
+        a: geometric mean of the weights with which they inhibit each other, 1.3 a and a / 1.3.
+        b: inhibition by fatigue.
+        ratio: drive of the one over that of the other.
+    """
+    between = np.zeros((2, 1, 2, 1))
+    between[0, 0, 1, 0], between[1, 0, 0, 0] = 1.3, 1.0 / 1.3
+    s = np.array([[ratio], [1.0]])
+    u = _along(starts, 600.0, 0.02, s=s, Tr=0.25, Ta=0.5, b=b, gamma=0.0, couplings=(Coupling(-a, between),))
+    still = np.ptp(u[:, -1500:, 0], axis=1).max(axis=(1, 2))
+    assert ((still < 1e-4) | (still > 0.01)).all()
+    return still < 1e-4
+
+
+# Two neurons have no stationary state that is stable, and so oscillate from almost any start, where
+#   sqrt(a_12 a_21) > 1 + Tr/Ta    and    a_12/(1 + b) < s_1/s_2 < (1 + b)/a_21
+# (Matsuoka 1985). The first: with both active the linear flow has, for one combination of the two, the trace
+# (sqrt(a_12 a_21) - 1)/Tr - 1/Ta. Outside the second one neuron silences the other: u_1 = s_1/(1 + b) and
+# s_2 - a_21 u_1 <= 0, or the same with 1 and 2 exchanged. Here Tr/Ta = 0.5, a_12 = 1.3 a and a_21 = a/1.3.
+@pytest.mark.parametrize(
+    ("a", "b", "ratio", "still"),
+    [
+        (1.5 * 0.98, 2.5, 1.0, True),
+        (1.5 * 1.02, 2.5, 1.0, False),
+        (3.5 / 1.3 * 0.98, 2.5, 1.0, False),
+        (3.5 / 1.3 * 1.02, 2.5, 1.0, True),
+        (2.0, 2.5, 2.6 / 3.5 * 0.98, True),
+        (2.0, 2.5, 2.6 / 3.5 * 1.02, False),
+        (2.0, 2.5, 3.5 * 1.3 / 2.0 * 0.98, False),
+        (2.0, 2.5, 3.5 * 1.3 / 2.0 * 1.02, True),
+        (1.4, 0.45, 1.3, True),  # a > 1 + b leaves no room
+    ],
+)
+def test_a_pair_oscillates_where_matsuoka_says(a: float, b: float, ratio: float, still: bool) -> None:
+    starts = _starts(np.random.default_rng(0), 8, 1) * 3.0
+    assert (_ends_still(a, b, ratio, starts) == still).all()
+
+
+@pytest.mark.parametrize("a", [0.5, 0.97, 1.03, 2.0, 8.0])
+def test_without_adaptation_nothing_oscillates(a: float) -> None:
+    assert _ends_still(a, 0.0, 1.0, _starts(np.random.default_rng(1), 8, 1)).all()
+
+
+def test_time_scales_with_the_time_constants_and_size_with_the_drive() -> None:
+    start = _starts(np.random.default_rng(2), 1, 4)
+    plain = _along(start, 10.0, 2e-3, **PAGE, couplings=TROT)
+    slow = PAGE | {"Tr": 3.0 * PAGE["Tr"], "Ta": 3.0 * PAGE["Ta"]}
+    # the same steps in other units: rounding alone is left, which the onsets' kinks magnify little
+    np.testing.assert_allclose(_along(start, 30.0, 6e-3, **slow, couplings=TROT), plain, atol=1e-10)
+    large = _along(2.5 * start, 10.0, 2e-3, **PAGE | {"s": 2.5 * PAGE["s"]}, couplings=TROT)
+    np.testing.assert_allclose(large, 2.5 * plain, atol=1e-10)
+    # from one start, the period stays and the size of the output follows the drive
+    large = _along(start, 60.0, 2e-3, **PAGE | {"s": 2.5 * PAGE["s"]}, couplings=TROT)[
+        0, -10000:, 0, FLEXOR, 0
+    ]
+    plain = _along(start, 60.0, 2e-3, **PAGE, couplings=TROT)[0, -10000:, 0, FLEXOR, 0]
+    assert large.max() / plain.max() == pytest.approx(2.5, rel=1e-4)
+    periods = [np.diff(_onsets(u, 2e-3)).mean() for u in (large, plain)]
+    assert periods[0] == pytest.approx(periods[1], rel=1e-4)
+
+
+def _shifts(couplings: tuple[Coupling, ...], rows: int) -> np.ndarray:
+    """Phases (rows, 4) of the flexors' onsets against that of leg LF, in cycles, after 50 s."""
+    u = _along(_starts(np.random.default_rng(5), rows, 4), 60.0, 4e-3, **PAGE, couplings=couplings)
+    shifts = []
+    for row in u[:, :, 0, FLEXOR]:
+        onsets = [t[t > 50.0] for t in (_onsets(row[:, leg], 4e-3) for leg in range(4))]
+        period = np.diff(onsets[0]).mean()
+        shifts.append([np.angle(np.exp(2j * np.pi * (t - onsets[0][0]) / period).mean()) for t in onsets])
+    return np.array(shifts) / (2.0 * np.pi)
+
+
+def test_the_network_of_the_quadruped_trots_from_anywhere() -> None:
+    """The hard-wired network by itself produces a trot (Fukuoka et al. 2015): no body, no feedback."""
+    shifts = _shifts(TROT, 32)
+    np.testing.assert_allclose(np.abs(shifts), np.broadcast_to([0.0, 0.5, 0.5, 0.0], (32, 4)), atol=2e-3)
+
+
+def test_without_ipsilateral_links_fore_and_hind_legs_go_their_own_way() -> None:
+    shifts = _shifts(TROT[:1], 16)
+    np.testing.assert_allclose(np.abs(shifts[:, 2]), 0.5, atol=2e-3)
+    assert np.ptp(np.mod(shifts[:, 1], 1.0)) > 0.5
+
+
+def test_feedback_of_hip_and_load() -> None:
+    theta, F = jnp.array([0.1, -0.4]), jnp.array([0.0, 20.0])
+    told = leg_feedback(theta, F, theta0=-0.262, k1=3.0, k2=0.08)
+    np.testing.assert_allclose(told, [[1.086, -0.414], [-1.086, 0.414 - 1.6]], atol=1e-12)
+    # a load holds the leg in its stance for longer
+    stance = []
+    for load in (0.0, 3.0):
+        told = leg_feedback(jnp.full(1, -0.262), jnp.full(1, load), theta0=-0.262, k1=3.0, k2=0.08)
+        u = _along(_starts(np.random.default_rng(0), 1, 1), 40.0, 2e-3, **PAGE, feedback=told)
+        stance.append(np.mean(u[0, -10000:, 0, FLEXOR] <= 0.0))
+    assert stance[1] > stance[0] + 0.02
+
+
+def test_the_scalar_kernel_gives_the_same_and_computes_no_link_that_is_not_there() -> None:
+    random = np.random.default_rng(3)
+    start, told = _starts(random, 1, 4)[0], random.normal(0.0, 0.2, (2, 4))
+    weights = {"alpha": -0.3, "beta_w": -0.8}
+
+    def moving(x: jax.Array, p: Mapping[str, Any], told: jax.Array, *more: Coupling) -> Any:
+        pairs = Coupling(p["alpha"], CONTRALATERAL), Coupling(p["beta_w"], IPSILATERAL)
+        rest = {name: p[name] for name in PAGE}
+        plain = rates(x[0], x[1], **rest, couplings=(*pairs, *more), feedback=told)
+        kept = rates(x[0], x[1], **rest, couplings=(*pairs, *more), feedback=told, active=x[0] > 0.0)
+        return plain, kept, guards(x[0], x[0] > 0.0)
+
+    args = start, {name: jnp.asarray(value) for name, value in (PAGE | weights).items()}, told
+    expected = jax.tree.leaves(jax.jit(moving)(*args))
+    for mine, theirs in zip(outputs_of(moving, *args), expected, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(
+        expected[:2], expected[2:4], rtol=0.0, atol=1e-13
+    )  # modes read off u: the same
+    sources = [
+        source_of(traced_with(lambda x, p, told, more=more: moving(x, p, told, *more)[0], *args))
+        for more in ((), (Coupling(2.0, np.zeros((2, 4, 2, 4))),))
+    ]
+    # gamma, alpha, beta_w and b once for each of eight half-centres; links of 1 and 0 multiply nothing
+    assert [source.count(" * ") for source in sources] == [32, 32]
+    assert sources[0].count(" + ") == sources[1].count(" + ")
+
+
+def test_located_modes_give_the_same_course_and_steps_over_kinks_second_order() -> None:
+    start = _starts(np.random.default_rng(4), 32, 4)
+    ends = {
+        dt: _along(start, 4.0, dt, **PAGE, couplings=TROT)[:, -1] for dt in (8e-3, 4e-3, 2e-3, 1e-3, 2e-4)
+    }
+    *steps, finest = ends
+    errors = [np.sqrt(np.mean((ends[dt] - ends[finest]) ** 2)) for dt in steps]
+    assert abs(np.polyfit(np.log(steps), np.log(errors), 1)[0] - 2.0) < 0.4  # over few steps: it scatters
+
+    moving = jax.jit(lambda x, active: jnp.stack(rates(x[0], x[1], **PAGE, couplings=TROT, active=active)))
+    armed = jax.jit(lambda x, active: guards(x[0], active))
+    t, x = 0.0, start[0].ravel()
+    active, switches = start[0, 0] > 0.0, 0
+    while t < 4.0:
+        events = [
+            lambda t, x, active, i=i: float(armed(x.reshape(2, 2, 4), active).ravel()[i]) for i in range(8)
+        ]
+        for event in events:
+            event.terminal, event.direction = True, 1.0  # pyright: ignore
+        assert (np.asarray(armed(x.reshape(2, 2, 4), active)) < 1e-9).all()
+        flow = solve_ivp(
+            lambda t, x, active: np.asarray(moving(x.reshape(2, 2, 4), active)).ravel(),
+            (t, 4.0), x, "DOP853", args=(active,), events=events, rtol=1e-10, atol=1e-12,
+        )  # fmt: skip
+        t, x = flow.t[-1], flow.y[:, -1]
+        fired = np.array([len(times) > 0 for times in flow.t_events]).reshape(2, 4)
+        active, switches = active ^ fired, switches + fired.sum()
+    assert switches > 20
+    np.testing.assert_allclose(x.reshape(2, 2, 4), ends[finest][0], atol=1e-6)
+
+
+def test_links_that_are_none() -> None:
+    u = jnp.zeros((2, 3))
+    given = PAGE | {"couplings": (Coupling(1.0, np.zeros((4, 4))),)}
+    with pytest.raises(ValueError, match=r"\(3, 3\) or \(2, 3, 2, 3\), not \(4, 4\)"):
+        rates(u, u, **given)
+    with pytest.raises(TypeError, match="NumPy"):
+        rates(u, u, **PAGE | {"couplings": (Coupling(1.0, jnp.zeros((3, 3))),)})  # pyright: ignore
+    for pair in ((0, 3), (1, 1), (-1, 0)):
+        with pytest.raises(ValueError, match="no pair of 3 legs"):
+            links(3, [pair])
