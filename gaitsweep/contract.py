@@ -185,6 +185,10 @@ class Model(abc.ABC):
     def period(self, params: Params) -> jax.Array:
         """A cycle's nominal duration in s; the engine's limits on time are multiples of it."""
 
+    def free_after(self, params: Params) -> jax.Array:
+        """The time (s) before which something still holds the gait, so that no row can settle."""
+        return 0.0 * self.period(params)
+
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
         """How the body is drawn with these parameters and signals (n,) of a trace; None where it is not."""
         return None
@@ -209,10 +213,7 @@ class HybridModel(Model):
 
     @property
     def located(self) -> bool:
-        """Whether `flow` is this body's, for methods that locate events; else it only names what moves.
-
-        The model is then advanced by `in_steps` alone.
-        """
+        """Whether events can be located; if not, `flow` only names what moves, and `in_steps` moves it."""
         return True
 
     def in_steps(self) -> Steps | None:

@@ -78,6 +78,16 @@ def test_a_row_depends_on_itself_alone() -> None:
     np.testing.assert_array_equal(one.last[order], other.last)
 
 
+@pytest.mark.parametrize("engine", ["kernel", "xla"])
+def test_fewer_rows_than_devices(engine: str) -> None:
+    options = {"numerics": NUMERICS, "engine": engine, "lanes": 4}
+    one, two = (
+        run_rows(Toy(), Crossings(Toy(), crossings=3), {"launch_1": LAUNCH[:1]}, devices=n, **options)
+        for n in (1, 2)
+    )
+    same(one, two)
+
+
 def test_rows_that_fail_harm_no_other() -> None:
     """A fall, a start that is no number, and one that diverges, among rows that are well."""
     launch = np.array([1.0, np.nan, 2.0, 1e200, 40.0, 0.5])

@@ -75,6 +75,16 @@ def test_gaits_are_labelled_and_rows_settle() -> None:
     np.testing.assert_array_equal(result.status, Status.settled)
 
 
+def test_no_row_settles_while_its_start_holds_it() -> None:
+    """At beta = .6 a start at 2.0 stands still until it is let go of, and then leaves for a pace."""
+    recorder = Settle(MODEL, max_cycles=200, tolerance=1e-3)
+    result = run_rows(
+        MODEL, recorder, {"delta_13": np.array([2.0])}, params={"beta": 0.6}, numerics=STEPS, engine="kernel"
+    )
+    assert result.t_end[0] > 7.0 + 10 * 0.25
+    assert wrapped(result.last[0, 0] - 2.0) > 1.0
+
+
 def test_without_phase_resetting_delta_13_is_neutral() -> None:
     """Nothing then couples fore and hind limbs: each start keeps the phase difference that it was held at."""
     seen = crossings(np.array([1.8, 2.4, 3.0]), 60, params={"resetting": 0.0})

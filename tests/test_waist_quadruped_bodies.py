@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -19,7 +20,7 @@ from gaitsweep.engine.advance import Numerics, advance
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.engines import EngineError, choose
 from gaitsweep.engine.propose import refusal
-from gaitsweep.job import Job, JobError
+from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.foot_path import STANCE
 from gaitsweep.models.waist_quadruped.mechanics import mjcf
@@ -172,3 +173,14 @@ def test_bodies_in_jobs() -> None:
         job(structure={"body": "mjy"})
     with pytest.raises(ValueError, match=r"body is 'tre'; did you mean tree\? Allowed: tree, mjx"):
         WaistQuadruped("tre")
+
+
+def test_what_is_compiled_into_a_body_cannot_move(tmp_path: Path) -> None:
+    job = tmp_path / "job.yaml"
+    job.write_text(
+        "name: r\nmodel: waist_quadruped\nstructure: {body: mjx}\nvary: {delta_13: [2.2]}\n"
+        "run: {kind: ramp, parameter: body_mass, path: [1.0, 1.1], rate: 0.01}\n"
+        "numerics: {method: semi_implicit, dt: 2.0e-4}\n"
+    )
+    with pytest.raises(JobError, match=r"line 5: run\.parameter is body_mass: .* cannot move while it runs"):
+        load_job(job)

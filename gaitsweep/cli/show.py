@@ -128,6 +128,9 @@ def _quantity(quantity: Quantity) -> tuple[str, ...]:
 
 
 def _bounds(metadata: Mapping[str, object]) -> str:
+    allowed = metadata.get("allowed")
+    if isinstance(allowed, tuple):
+        return ", ".join(map(str, allowed))
     low, high = metadata.get("low"), metadata.get("high")
     return "" if low is None and high is None else f"[{low}, {high}]"
 

@@ -138,6 +138,11 @@ def advance(
     """
     steps = own_steps(numerics.method, model)
     if steps is not None:
+        if sensitivities:
+            raise ValueError(
+                f"Derivatives go through located events, but {numerics.method} takes steps of fixed length: "
+                "use rk4."
+            )
         return _advance_stepped(steps, numerics, drive)
     return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities)
 

@@ -68,6 +68,8 @@ def _obstacle(
     """What stands in the way of a scalar kernel, in words, or None."""
     if model.host_parameters:
         return f"{model.name} works out numbers on the host, of {', '.join(model.host_parameters)}"
+    if device.platform not in KERNEL_LOOKS:
+        return f"there are no kernels for {device.platform}"
     if importlib.util.find_spec("numba") is None:
         return "the package numba is not installed"
     if device.platform == "gpu":

@@ -20,14 +20,15 @@ class Pool:
 
     def __init__(self, work: Work, blocks: Sequence[int]) -> None:
         self.work = work
-        self.groups = [lanes_on(device, work) for device in work.devices]
+        self.total = sum(min(work.block, work.n_rows - b * work.block) for b in blocks)
+        # a device without rows would have nothing to run
+        self.groups = [lanes_on(device, work) for device in work.devices[: max(self.total, 1)]]
         size = work.lanes * len(self.groups)
         self.open: dict[int, Block] = {}
         self.block_of = np.full(size, -1)
         self.row_of = np.zeros(size, np.int64)
         # rows go to the devices in turn, so that few rows are shared among all of them
         self._order = np.arange(size).reshape(len(self.groups), work.lanes).T.ravel()
-        self.total = sum(min(work.block, work.n_rows - b * work.block) for b in blocks)
         self.done = 0
         self.attempts = 0
         self.cycles = 0
@@ -46,6 +47,12 @@ class Pool:
         # a thread for each device: JAX lets go of Python while a program is compiled or runs
         with ThreadPoolExecutor(len(self.groups)) as threads:
             given = list(threads.map(lambda lanes: lanes.run_chunk(looks), self.groups))
+        # devices give as many rows of their buffers as they have filled
+        depth = max(one.kept.shape[1] for one in given)
+        given = [
+            one._replace(kept=np.pad(one.kept, ((0, 0), (0, depth - one.kept.shape[1]), (0, 0))))
+            for one in given
+        ]
         return jax.tree.map(lambda *parts: np.concatenate(parts), *given)
 
     @property

@@ -50,6 +50,8 @@ class Settle(Recorder):
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1
         slot = jnp.arange(SETTLE_WINDOW) == cycles % SETTLE_WINDOW
+        # with NaN in its window a row does not settle
+        free = carry.t >= self.model.free_after(params)
         moved = jnp.max(jnp.abs(change(self.model, now[None, :] - record.window)))
         still = (cycles >= SETTLE_WINDOW) & (moved < SETTLE_WINDOW * self.tolerance)
         # crossings without time between them are no cycles
@@ -65,7 +67,7 @@ class Settle(Recorder):
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, cycles, record.cycles),
             last=jnp.where(crossed, now, record.last),
-            window=jnp.where(slot[:, None] & crossed, now, record.window),
+            window=jnp.where(free, jnp.where(slot[:, None] & crossed, now, record.window), jnp.nan),
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)

@@ -198,6 +198,12 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
             reason = subject.unknown(run.parameter, "params") or ""
             reading.refuse([Complaint(("run", "parameter"), f"is {run.parameter}, which {reason}")])
         plan = dataclasses.replace(plan, settings={**plan.settings, run.parameter: run.path[0]})
+        following = [name for name in plan.derived if run.parameter in plan.closure([name])]
+        for name in {run.parameter, *following} & set(subject.model.host_parameters):
+            moves = "" if name == run.parameter else f", with which {name} moves"
+            text = f"is {run.parameter}{moves}: {name} is compiled into a row's body"
+            text += " and cannot move while it runs."
+            complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_run(run))
     if numerics.event_tolerance >= numerics.dt:
         text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."

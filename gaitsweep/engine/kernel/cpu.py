@@ -20,13 +20,13 @@ from gaitsweep.engine.record import CADENCE
 # Lanes of a tile: two vectors of 8, so that one works while the other waits for its results.
 TILE = 16
 
-_PREAMBLE = '''"""Written by gaitsweep: {title}."""
+_PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
 
 from gaitsweep.engine.kernel.lower import CpuCalls, straight_line
 
 compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
-'''
+"""
 
 
 def compiled(chunk: Chunk, title: str) -> Callable[[Any, Any, int], None]:
@@ -44,6 +44,8 @@ def _prefer_wide_vectors() -> None:
         return
     import llvmlite.binding as llvm
 
+    if not llvm.get_host_cpu_features().get("avx512f"):
+        return
     features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"
     os.environ.setdefault("NUMBA_CPU_NAME", llvm.get_host_cpu_name())
     os.environ.setdefault("NUMBA_CPU_FEATURES", features)

@@ -27,7 +27,10 @@ def missing() -> str | None:
     """What stands in the way of kernels on the GPU, in words, or None."""
     if importlib.util.find_spec("numba_cuda") is None:
         return "the package numba-cuda is not installed"
-    _load_numba_cuda()
+    try:
+        _load_numba_cuda()
+    except ImportError as error:
+        return f"numba-cuda cannot be loaded ({error})"
     from numba import cuda
 
     return None if cuda.is_available() else "numba-cuda finds no CUDA driver"

@@ -1,16 +1,16 @@
-"""A scalar program printed as lines of Python that Numba compiles, for one lane or one thread."""
+"""A scalar program printed as lines of Python, for one lane or one thread; `lower` turns them into LLVM."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 
 
 def statements(
-    program: Program, wanted: Sequence[int], given: Mapping[int, str], prefix: str = "v"
+    program: Program, wanted: Sequence[int], given: Mapping[int, str]
 ) -> tuple[list[str], list[str]]:
     """The lines that compute the nodes `wanted`, and an expression for each of them.
 
@@ -18,7 +18,6 @@ def statements(
         program: where the nodes are.
         wanted: nodes to compute.
         given: expressions of nodes that need no computing, such as inputs.
-        prefix: of the variables' names.
     """
     lines: list[str] = []
     names: dict[int, str] = {}
@@ -32,14 +31,9 @@ def statements(
         operation = OPERATIONS[node.op]
         args = [given[a] if a in given else names[a] for a in node.args]
         bits = 32 if program.nodes[node.args[-1]].kind == "f32" else 64
-        names[at] = f"{prefix}{at}"
+        names[at] = f"v{at}"
         lines.append(f"{names[at]} = {operation.source.format(*args, bits=bits)}")
     return lines, [given[at] if at in given else names[at] for at in wanted]
-
-
-def used_inputs(program: Program, wanted: Sequence[int], given: Container[int] = ()) -> list[int]:
-    """The input nodes that `wanted` depend on, other than through what is given."""
-    return [at for at in program.needed(wanted, given) if program.nodes[at].op == "input" and at not in given]
 
 
 def loaded(kind: Kind, place: str) -> str:

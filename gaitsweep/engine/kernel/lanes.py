@@ -44,7 +44,7 @@ def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
     values = {q.name: scalar for q in model.parameters}
     starts = {q.name: scalar for q in model.starts}
     chunk = chunk_of(lane, values, starts)
-    title = f"{model}, {type(recorder).__name__}, {numerics}"
+    title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
     return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title)
 
 

@@ -5,8 +5,9 @@ such a function has not: loops, branches, types to be found out. Here each expre
 at once. What Numba compiles itself is the loop around it, a few lines.
 
 The language is what `emit` prints: assignments to names and to elements of flat arrays, arithmetic, one
-comparison at a time, `a if c else b`, calls of functions of one or two numbers, `if` around assignments to
-elements, and a tuple at the end, whose kinds the function's annotation names by the letters of `KINDS`.
+comparison at a time, `a if c else b`, calls of functions of one or two numbers, `if` around assignments (of
+elements, and of names that nothing reads after it), and a tuple at the end, whose kinds the function's
+annotation names by the letters of `KINDS`.
 """
 
 from __future__ import annotations

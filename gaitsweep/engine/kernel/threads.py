@@ -18,7 +18,7 @@ from gaitsweep.engine.record import CADENCE
 # longer fits goes to memory, and that costs more.
 REGISTERS = 255
 
-_HEAD = '''"""Written by gaitsweep: {title}."""
+_HEAD = """# Written by gaitsweep: {title}
 from numba import cuda
 
 from gaitsweep.engine.kernel.lower import CudaCalls, straight_line
@@ -26,7 +26,7 @@ from gaitsweep.engine.kernel.lower import CudaCalls, straight_line
 
 def lowered(source):
     return straight_line(CudaCalls, source)
-'''
+"""
 
 _STAGE = """
 {name} = lowered('''def {name}({parameters}){kinds}:

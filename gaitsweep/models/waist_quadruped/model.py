@@ -260,6 +260,9 @@ class WaistQuadruped(Drawn, HybridModel):
     def period(self, params: Params) -> jax.Array:
         return TWO_PI / params.omega
 
+    def free_after(self, params: Params) -> jax.Array:
+        return params.T_hold
+
 
 def _tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Roll and pitch (rad) of the front body."""

@@ -71,6 +71,7 @@ def after_events(
     closed = now.lands[2]
     t = s.clock - (over * jnp.ones(4))[2] / p.omega
     cycle = jnp.where(closed, t - s.stride_t, 1.0)
+    x = s.q[0] - (s.clock - t) * s.v[0]
     return dataclasses.replace(
         s,
         phi=phi,
@@ -80,8 +81,8 @@ def after_events(
         landing_x=jnp.where(now.lands, wanted_at[0], s.landing_x),
         landing_z=jnp.where(now.lands, wanted_at[1], s.landing_z),
         closed=closed,
-        stride_x=jnp.where(closed, s.q[0], s.stride_x),
+        stride_x=jnp.where(closed, x, s.stride_x),
         stride_t=jnp.where(closed, t, s.stride_t),
-        speed=jnp.where(closed, (s.q[0] - s.stride_x) / cycle, s.speed),
+        speed=jnp.where(closed, (x - s.stride_x) / cycle, s.speed),
         period=jnp.where(closed, cycle, s.period),
     )
