@@ -3,7 +3,8 @@
 Prints steps (of all rows together) and simulated seconds a second, all of them double precision, for
  (a) gaitsweep's engines: the whole model, that is mechanics, feet on the ground, PD control, oscillators,
      landings and the crossings kept, in steps of 0.2 ms, and with located events,
- (b) MuJoCo C on as many threads as there are cores (mujoco.rollout) and MJX (vmapped, jitted): the body alone
+ (b) the same model with MJX as its body, on XLA,
+ (c) MuJoCo C on as many threads as there are cores (mujoco.rollout) and MJX (vmapped, jitted): the body alone
      in their own Euler steps of 0.2 ms, with no feet, no control and no oscillators, which is less work.
 
 `ratio` is (a)'s kernel in steps of 0.2 ms over this row, in simulated seconds. Compilation stands apart.
@@ -29,15 +30,18 @@ from gaitsweep.models.waist_quadruped.mechanics import mjcf
 
 STEP = 2e-4  # s
 LOCATED = 3e-4  # s, the longest step where events are located
-CYCLES = 20  # of 0.4 s, for each row
+CYCLES = {"kernel": 20, "xla": 2}  # of 0.4 s, for each row
 
 
 def ours(
-    engine: str, method: str, dt: float, seconds: float, lanes: int | None
+    engine: str, method: str, dt: float, seconds: float, lanes: int | None, body: str = "tree"
 ) -> tuple[float, float, float]:
     """Steps a second, simulated seconds a second and the seconds of compiling of whole sweeps."""
-    devices, model = local_devices(None), WaistQuadruped()
-    recorder, numerics = Crossings(model, crossings=CYCLES), Numerics(dt=dt, method=method)
+    devices, model = local_devices(None), WaistQuadruped(body)
+    recorder, numerics = Crossings(model, crossings=CYCLES[engine]), Numerics(dt=dt, method=method)
+    gpu = devices[0].platform == "gpu"
+    if engine == "xla":  # fewer rows, which run long enough
+        lanes = 2**14 if gpu else 64
     lanes = lanes or default_lanes(engine, 2**17, devices[0].platform)
     defaults = {q.name: float(q.default) for q in model.parameters if not isinstance(q.default, str)}  # type: ignore[arg-type]
     simulated: list[float] = []
@@ -136,7 +140,7 @@ def main() -> None:
     options.add_argument(
         "--lanes", type=int, help="rows at once on each device; by default, the engine's own"
     )
-    options.add_argument("--quick", action="store_true", help="leave out XLA and located events")
+    options.add_argument("--quick", action="store_true", help="leave out the tree on XLA and located events")
     chosen = options.parse_args()
     jax.config.update("jax_enable_x64", True)
     devices = local_devices(None)
@@ -146,13 +150,13 @@ def main() -> None:
         "rk4": f"rk4 {1e3 * LOCATED:g} ms, located events",
     }
     found: list[tuple[str, tuple[float, float, float]]] = []
-    cases = [("kernel", "semi_implicit")]
-    cases += [] if chosen.quick else [("kernel", "rk4"), ("xla", "semi_implicit")]
-    for engine, method in cases:
+    cases = [("kernel", "semi_implicit", "tree"), ("xla", "semi_implicit", "mjx")]
+    cases += [] if chosen.quick else [("kernel", "rk4", "tree"), ("xla", "semi_implicit", "tree")]
+    for engine, method, body in cases:
         dt = STEP if method == "semi_implicit" else LOCATED
         lanes = chosen.lanes if engine == "kernel" else None
-        rates = ours(engine, method, dt, chosen.seconds, lanes)
-        found.append((f"gaitsweep, {engine}, {names[method]}", rates))
+        rates = ours(engine, method, dt, chosen.seconds, lanes, body)
+        found.append((f"gaitsweep, {engine}, {body}, {names[method]}", rates))
     found.append((f"MuJoCo C, {os.cpu_count()} threads, body alone", mujoco_c(chosen.seconds)))
     found.append((f"MJX on the {devices[0].platform}, body alone", mjx_alone(chosen.seconds)))
     base = found[0][1][1]
