@@ -1,13 +1,17 @@
 """How fast the quadruped runs, side by side in one run: `python -m benchmarks.waist_quadruped`.
 
-Prints steps (of all rows together) and simulated seconds a second, all of them double precision, for
+Prints steps (of all rows together) and simulated seconds a second, in double precision where nothing else is
+said, for
  (a) gaitsweep's engines: the whole model, that is mechanics, feet on the ground, PD control, oscillators,
-     landings and the crossings kept, in steps of 0.2 ms, and with located events,
+     landings and the crossings kept, in steps of 0.2 ms, in double and in mixed precision, and with located
+     events,
  (b) the same model with MJX as its body, on XLA,
- (c) MuJoCo C on as many threads as there are cores (mujoco.rollout) and MJX (vmapped, jitted): the body alone
-     in their own Euler steps of 0.2 ms, with no feet, no control and no oscillators, which is less work.
+ (c) MuJoCo C on as many threads as there are cores (mujoco.rollout) and MJX (vmapped, jitted), this one in
+     single precision too: the body alone in their own Euler steps of 0.2 ms, with no feet, no control and no
+     oscillators, which is less work.
 
-`ratio` is (a)'s kernel in steps of 0.2 ms over this row, in simulated seconds. Compilation stands apart.
+`ratio` is (a)'s kernel of the same precision (mixed where a row is in single) in steps of 0.2 ms over this
+row, in simulated seconds. Compilation stands apart.
 """
 
 from __future__ import annotations
@@ -30,15 +34,23 @@ from gaitsweep.models.waist_quadruped.mechanics import mjcf
 
 STEP = 2e-4  # s
 LOCATED = 3e-4  # s, the longest step where events are located
-CYCLES = {"kernel": 20, "xla": 2}  # of 0.4 s, for each row
+# Cycles of 0.4 s for each row; a row is opened on the CPU, so that a GPU's rows run as long as in a sweep.
+CYCLES = {("kernel", "cpu"): 20, ("kernel", "gpu"): 100, ("xla", "cpu"): 2, ("xla", "gpu"): 2}
 
 
 def ours(
-    engine: str, method: str, dt: float, seconds: float, lanes: int | None, body: str = "tree"
+    engine: str,
+    method: str,
+    dt: float,
+    seconds: float,
+    lanes: int | None,
+    body: str = "tree",
+    precision: str = "float64",
 ) -> tuple[float, float, float]:
     """Steps a second, simulated seconds a second and the seconds of compiling of whole sweeps."""
     devices, model = local_devices(None), WaistQuadruped(body)
-    recorder, numerics = Crossings(model, crossings=CYCLES[engine]), Numerics(dt=dt, method=method)
+    recorder = Crossings(model, crossings=CYCLES[engine, devices[0].platform])
+    numerics = Numerics(dt=dt, method=method, precision=precision)
     gpu = devices[0].platform == "gpu"
     if engine == "xla":  # fewer rows, which run long enough
         lanes = 2**14 if gpu else 64
@@ -93,8 +105,14 @@ def mujoco_c(seconds: float) -> tuple[float, float, float]:
     return rate, rate * STEP, 0.0
 
 
-def mjx_alone(seconds: float) -> tuple[float, float, float]:
+def mjx_alone(seconds: float, dtype: str = "float64") -> tuple[float, float, float]:
     """The body alone in MJX, vmapped over as many rows as run fastest."""
+    # MJX makes its arrays in the default precision
+    with jax.enable_x64(dtype == "float64"):
+        return _mjx_alone(seconds)
+
+
+def _mjx_alone(seconds: float) -> tuple[float, float, float]:
     import mujoco
     from mujoco import mjx
 
@@ -112,7 +130,7 @@ def mjx_alone(seconds: float) -> tuple[float, float, float]:
             # with 64 bits some leaves come back in another type than they went in
             return jax.tree.map(lambda new, old: new.astype(old.dtype), moved, d)
 
-        return jax.lax.fori_loop(0, steps, step, data.replace(qpos=qpos)).qpos
+        return jax.lax.fori_loop(0, steps, step, data.replace(qpos=qpos.astype(data.qpos.dtype))).qpos
 
     run = jax.jit(jax.vmap(one))
     began = time.perf_counter()
@@ -144,25 +162,34 @@ def main() -> None:
     chosen = options.parse_args()
     jax.config.update("jax_enable_x64", True)
     devices = local_devices(None)
-    print(f"{len(devices)} x {devices[0].device_kind}; load average {os.getloadavg()[0]:.2f}; float64")
+    print(f"{len(devices)} x {devices[0].device_kind}; load average {os.getloadavg()[0]:.2f}")
     names = {
         "semi_implicit": f"steps of {1e3 * STEP:g} ms",
         "rk4": f"rk4 {1e3 * LOCATED:g} ms, located events",
     }
-    found: list[tuple[str, tuple[float, float, float]]] = []
-    cases = [("kernel", "semi_implicit", "tree"), ("xla", "semi_implicit", "mjx")]
-    cases += [] if chosen.quick else [("kernel", "rk4", "tree"), ("xla", "semi_implicit", "tree")]
-    for engine, method, body in cases:
+    found: list[tuple[str, str, tuple[float, float, float]]] = []
+    cases = [
+        ("kernel", "semi_implicit", "tree", "float64"),
+        ("kernel", "semi_implicit", "tree", "mixed"),
+        ("xla", "semi_implicit", "mjx", "float64"),
+    ]
+    if not chosen.quick:
+        cases += [("kernel", "rk4", "tree", "float64"), ("xla", "semi_implicit", "tree", "float64")]
+    for engine, method, body, precision in cases:
         dt = STEP if method == "semi_implicit" else LOCATED
         lanes = chosen.lanes if engine == "kernel" else None
-        rates = ours(engine, method, dt, chosen.seconds, lanes, body)
-        found.append((f"gaitsweep, {engine}, {body}, {names[method]}", rates))
-    found.append((f"MuJoCo C, {os.cpu_count()} threads, body alone", mujoco_c(chosen.seconds)))
-    found.append((f"MJX on the {devices[0].platform}, body alone", mjx_alone(chosen.seconds)))
-    base = found[0][1][1]
-    print(f"{'':46} {'steps/s':>10} {'simulated s/s':>14} {'ratio':>8} {'ready in, s':>12}")
-    for name, (steps, simulated, ready) in found:
-        print(f"{name:46} {steps:10.3g} {simulated:14.4g} {base / simulated:8.3g} {ready:12.1f}")
+        rates = ours(engine, method, dt, chosen.seconds, lanes, body, precision)
+        in_mixed = ", mixed precision" if precision == "mixed" else ""
+        found.append((f"gaitsweep, {engine}, {body}, {names[method]}{in_mixed}", precision, rates))
+    threads, platform = os.cpu_count(), devices[0].platform
+    found.append((f"MuJoCo C, {threads} threads, body alone", "float64", mujoco_c(chosen.seconds)))
+    found.append((f"MJX on the {platform}, body alone", "float64", mjx_alone(chosen.seconds)))
+    single = mjx_alone(chosen.seconds, "float32")
+    found.append((f"MJX on the {platform}, body alone, single", "mixed", single))
+    base = {"float64": found[0][2][1], "mixed": found[1][2][1]}
+    print(f"{'':62} {'steps/s':>10} {'simulated s/s':>14} {'ratio':>8} {'ready in, s':>12}")
+    for name, precision, (steps, simulated, ready) in found:
+        print(f"{name:62} {steps:10.3g} {simulated:14.4g} {base[precision] / simulated:8.3g} {ready:12.1f}")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import jax
 import numpy as np
@@ -22,36 +22,25 @@ Rates = dict[str, jax.Array]  # time derivative of each continuous field of a St
 
 
 class Status(enum.IntEnum):
-    """How a row ended; every row of a table has exactly one."""
+    """How a row ended, with a sentence each; every row of a table has exactly one."""
 
-    running = 0
-    settled = 1
-    cycle_limit = 2
-    fell = 3
-    diverged = 4
-    not_a_number = 5
-    event_stall = 6
-    time_limit = 7
-    complete = 8
-    inferred = 9
+    running = 0, "The row has not ended yet."
+    settled = 1, "The section's state stopped moving."
+    cycle_limit = 2, "The row reached run.max_cycles without settling."
+    fell = 3, "The model's own test of a fall came true."
+    diverged = 4, "A state variable grew past the bound of divergence."
+    not_a_number = 5, "A state variable became NaN."
+    event_stall = 6, "Events followed each other at one instant without end."
+    time_limit = 7, "Time ran out: run.max_time, or four nominal periods for each cycle allowed."
+    complete = 8, "The row recorded all that was asked of it."
+    inferred = 9, "The row was not simulated: its neighbours decide its label."
 
-    @property
-    def sentence(self) -> str:
-        return _SENTENCES[self]
+    sentence: str
 
-
-_SENTENCES = {
-    Status.running: "The row has not ended yet.",
-    Status.settled: "The section's state stopped moving.",
-    Status.cycle_limit: "The row reached run.max_cycles without settling.",
-    Status.fell: "The model's own test of a fall came true.",
-    Status.diverged: "A state variable grew past the bound of divergence.",
-    Status.not_a_number: "A state variable became NaN.",
-    Status.event_stall: "Events followed each other at one instant without end.",
-    Status.time_limit: "Time ran out: run.max_time, or four nominal periods for each cycle allowed.",
-    Status.complete: "The row recorded all that was asked of it.",
-    Status.inferred: "The row was not simulated: its neighbours decide its label.",
-}
+    def __new__(cls, number: int, sentence: str) -> Self:
+        status = int.__new__(cls, number)
+        status._value_, status.sentence = number, sentence
+        return status
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +102,11 @@ class Model(abc.ABC):
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
     gaits: ClassVar[tuple[str, ...]]  # what `label` indexes
-    precisions: ClassVar[tuple[str, ...]] = ("float64",)  # those in which it is known to hold
+
+    @property
+    def precisions(self) -> tuple[str, ...]:
+        """Those in which it is known to hold: float64, float32, mixed (see `Steps.step`)."""
+        return ("float64",)
 
     @property
     @abc.abstractmethod
@@ -202,6 +195,34 @@ class Model(abc.ABC):
         """The state after the events `fired` (a bool for each guard or event); it alone changes modes."""
 
 
+class Steps(abc.ABC):
+    """What advances a trajectory in steps of fixed length, whose events happen at a step's end."""
+
+    @abc.abstractmethod
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        """The state one step of `dt` (s) later; modes are left to `jump`, where that has anything to do.
+
+        `dt` is float32 where `numerics.precision` is mixed: forces may then be worked out in float32, the
+        state stays float64.
+        """
+
+    @abc.abstractmethod
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """A bool for each event that this step brought about."""
+
+    @abc.abstractmethod
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        """The state after the events `fired`."""
+
+    @abc.abstractmethod
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """True where the events `fired` close a cycle."""
+
+
+class SteppedModel(Model, Steps):
+    """A model advanced by a simulator's own step."""
+
+
 class HybridModel(Model):
     """A model whose state flows by an ODE between located events.
 
@@ -232,38 +253,3 @@ class HybridModel(Model):
         again at once, so a jump changes a mode that turns the guard's sign (a contact flag), or the guard
         counts on the way up (`-height - c * max(speed, 0)` for a ball that bounces).
         """
-
-
-class SteppedModel(Model):
-    """A model advanced by a simulator's own step, whose events happen at a step's end."""
-
-    @abc.abstractmethod
-    def step(self, params: Params, state: State, dt: jax.Array) -> State:
-        """The state one step of `dt` (s) later, modes untouched."""
-
-    @abc.abstractmethod
-    def events(self, params: Params, before: State, after: State) -> jax.Array:
-        """A bool for each event that this step brought about."""
-
-
-class Steps(abc.ABC):
-    """The steps of a hybrid model that can also be advanced in steps of fixed length.
-
-    As in a `SteppedModel`, but that a step may work its events in itself; `jump` then has nothing left to do.
-    """
-
-    @abc.abstractmethod
-    def step(self, params: Params, state: State, dt: jax.Array) -> State:
-        """The state one step of `dt` (s) later."""
-
-    @abc.abstractmethod
-    def events(self, params: Params, before: State, after: State) -> jax.Array:
-        """A bool for each event that this step brought about."""
-
-    @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
-        """The state after the events `fired`."""
-
-    @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """True where the events `fired` close a cycle."""

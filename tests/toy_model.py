@@ -66,7 +66,10 @@ class Toy(HybridModel):
     name: ClassVar[str] = "toy"
     source: ClassVar[str] = "this file: harmonic flight in closed form"
     gaits: ClassVar[tuple[str, ...]] = ("rest", "hop")
-    precisions: ClassVar[tuple[str, ...]] = ("float64", "float32")
+
+    @property
+    def precisions(self) -> tuple[str, ...]:
+        return ("float64", "float32")
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:

@@ -20,8 +20,8 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import HybridModel, Model, Params, State, SteppedModel, Steps
-from gaitsweep.engine.propose import METHODS, move, own_steps
+from gaitsweep.contract import HybridModel, Model, Params, Rates, State, Steps
+from gaitsweep.engine.propose import METHODS, Propose, move, own_steps
 
 # Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
 # crossing is ever lost and nothing has to be copied when one happens.
@@ -42,12 +42,26 @@ PATIENT_TRIALS = 60
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
-    """How trajectories are integrated: step (s), method, precision, tolerance of event times (s)."""
+    """How trajectories are integrated: step (s), method, precision, tolerance of event times (s).
+
+    `precision`: float64, float32, or mixed: all that a trajectory carries is float64, and a step's length
+    reaches the model as float32, to tell it that forces may be worked out so.
+    """
 
     dt: float = 2.0e-3
     method: str = "rk4"
     precision: str = "float64"
     event_tolerance: float = 1.0e-12
+
+    @property
+    def carried(self) -> str:
+        """The dtype of rows' values, states and times."""
+        return "float64" if self.precision == "mixed" else self.precision
+
+    @property
+    def stepped(self) -> str:
+        """The dtype of the step that a model of steps is given."""
+        return "float32" if self.precision == "mixed" else self.precision
 
 
 @partial(
@@ -97,6 +111,7 @@ class Carry:
 
 
 Advance = Callable[[Params, Carry], Carry]
+Flow = Callable[[Params, State], Rates]
 Drive = Callable[[Params, jax.Array], Params]
 
 
@@ -124,7 +139,12 @@ def start(model: Model, params: Params, state: State, *, stop: jax.Array | float
 
 
 def advance(
-    model: Model, numerics: Numerics, *, drive: Drive | None = None, sensitivities: bool = False
+    model: Model,
+    numerics: Numerics,
+    *,
+    drive: Drive | None = None,
+    sensitivities: bool = False,
+    worked_out: tuple[Propose, Flow] | None = None,
 ) -> Advance:
     """The function of one attempt, `(params, carry) -> carry`.
 
@@ -135,6 +155,7 @@ def advance(
         sensitivities: make derivatives (forward mode) of event times and of states after events right. The
             steps are then constants for differentiation, and each event's time is corrected to first order,
             t_e - g/g', by a term whose value is zero and whose derivative is that of the event time.
+        worked_out: the step and the rates at its end, for whoever works them out beforehand.
     """
     steps = own_steps(numerics.method, model)
     if steps is not None:
@@ -144,15 +165,20 @@ def advance(
                 "use rk4."
             )
         return _advance_stepped(steps, numerics, drive)
-    return _advance_hybrid(cast(HybridModel, model), numerics, drive, sensitivities)
+    hybrid = cast(HybridModel, model)
+    return _advance_hybrid(hybrid, numerics, drive, sensitivities, worked_out)
 
 
 def _advance_hybrid(
-    model: HybridModel, numerics: Numerics, drive: Drive | None, sensitivities: bool
+    model: HybridModel,
+    numerics: Numerics,
+    drive: Drive | None,
+    sensitivities: bool,
+    worked_out: tuple[Propose, Flow] | None,
 ) -> Advance:
     method = METHODS[numerics.method]
     assert method.step is not None
-    propose = method.step(model)
+    propose, flow = worked_out or (method.step(model), model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype = carry.t.dtype
@@ -195,7 +221,7 @@ def _advance_hybrid(
         if sensitivities:
             # what a jump itself set off has no root to follow: it happens when that jump does
             rooted = fired & (carry.near < 0.0) & (h > 0.0) & land
-            end, t = _implicit_event_time(model, here, trial, t, guards, rooted)
+            end, t = _implicit_event_time(model, here, trial, flow(here, trial), t, guards, rooted)
         after = model.jump(here, end, fired)
         closed = land & model.section(here, trial, fired)
         timed = on & (h >= room)
@@ -288,6 +314,7 @@ def _implicit_event_time(
     model: HybridModel,
     params: Params,
     trial: State,
+    rates: Rates,
     t: jax.Array,
     guards: jax.Array,
     rooted: jax.Array,
@@ -297,7 +324,6 @@ def _implicit_event_time(
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that fires; of several
     at once (`rooted`) the one that came first counts.
     """
-    rates = model.flow(params, trial)
     still = jax.lax.stop_gradient(trial)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     _, speed = jax.jvp(
@@ -313,14 +339,14 @@ def _implicit_event_time(
     return move(trial, rates, shift), t + shift
 
 
-def _advance_stepped(model: SteppedModel | Steps, numerics: Numerics, drive: Drive | None) -> Advance:
+def _advance_stepped(model: Steps, numerics: Numerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = jnp.asarray(numerics.dt, carry.t.dtype)
         going = carry.halt == GOING
         # a simulator's step cannot be shortened, so a stop is met at the step's end nearest to it
         timed = carry.stop - carry.t <= 0.5 * dt
         here = params if drive is None else drive(params, carry.t + 0.5 * dt)
-        trial = model.step(here, carry.state, jnp.asarray(dt, numerics.precision))
+        trial = model.step(here, carry.state, jnp.asarray(dt, numerics.stepped))
         fired = model.events(here, carry.state, trial)
         hit = jnp.any(fired)
         closed = hit & model.section(here, trial, fired)

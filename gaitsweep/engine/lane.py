@@ -43,7 +43,7 @@ class OneLane:
 
     def open(self, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array, jax.Array]:
         """What is held along the trajectory, its carry and record, and the row to keep of its start."""
-        zero = jnp.zeros((), self.numerics.precision)
+        zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
         carry = start(self.model, params, state, stop=self.recorder.stop(params))

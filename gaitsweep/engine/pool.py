@@ -12,6 +12,7 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.block import Block
 from gaitsweep.engine.engines import lanes_on, looks_of
 from gaitsweep.engine.lane import Given
+from gaitsweep.engine.pace import Pace
 from gaitsweep.engine.work import Progress, Work
 
 
@@ -36,17 +37,25 @@ class Pool:
         self._running_attempts = 0
         self._waiting = list(blocks)[::-1]
         self._newest: Block | None = None
+        self.pace = Pace(looks_of(work))
+        # a thread for each device: JAX lets go of Python while a program is compiled or runs
+        self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
         # what the lanes run with: parameters, then starts
         self._values: list[dict[str, np.ndarray]] = []
 
     def chunk(self, looks: int | None = None) -> Given:
-        """Advance the lanes of all devices at once."""
-        looks = looks_of(self.work) if looks is None else looks
-        if len(self.groups) == 1:
+        """Advance the lanes of all devices at once, by so many looks or as `pace` has it."""
+        if looks is not None:
+            return self._advanced(looks)
+        looks, began = self.pace.looks, self.pace.begins()
+        given = self._advanced(looks)
+        self.pace.ended(began, looks)
+        return given
+
+    def _advanced(self, looks: int) -> Given:
+        if self._threads is None:
             return self.groups[0].run_chunk(looks)
-        # a thread for each device: JAX lets go of Python while a program is compiled or runs
-        with ThreadPoolExecutor(len(self.groups)) as threads:
-            given = list(threads.map(lambda lanes: lanes.run_chunk(looks), self.groups))
+        given = list(self._threads.map(lambda lanes: lanes.run_chunk(looks), self.groups))
         # devices give as many rows of their buffers as they have filled
         depth = max(one.kept.shape[1] for one in given)
         given = [
@@ -119,6 +128,10 @@ class Pool:
             typical = max(typical, float(np.mean(record.cycles[running])))
         self._running_share = float(np.sum(self.work.recorder.share(record, t, typical)[running]))
         self._running_attempts = int(np.sum(attempts[running]))
+        if self.work.engine == "kernel":
+            of_ended = self.attempts / self.done if self.done else 0.0
+            of_running = float(np.mean(attempts[running])) if running.any() else 0.0
+            self.pace.choose(max(of_ended, of_running), int(record.filled.max(initial=0)))
         return complete
 
     def close(self, number: int) -> Block:

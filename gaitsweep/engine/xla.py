@@ -88,7 +88,7 @@ class Lanes:
         drive: RowDrive | None = None,
     ) -> None:
         self.size = size
-        self._dtype = np.dtype(numerics.precision)
+        self._dtype = np.dtype(numerics.carried)
         self._device = device
         self._programs = _programs(model, recorder, numerics, drive)
         self._lanes: Any = None

@@ -40,7 +40,7 @@ def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
         UnsupportedError: the model computes with what a scalar kernel cannot express.
     """
     lane = OneLane(model, recorder, numerics, drive)
-    scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.precision))
+    scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
     values = {q.name: scalar for q in model.parameters}
     starts = {q.name: scalar for q in model.starts}
     chunk = chunk_of(lane, values, starts)
@@ -86,7 +86,7 @@ class KernelLanes(abc.ABC):
         self.size = size
         self.kernel = kernel_of(model, recorder, numerics, drive)
         self.chunk = self.kernel.chunk
-        self._dtype = np.dtype(numerics.precision)
+        self._dtype = np.dtype(numerics.carried)
 
     @abc.abstractmethod
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from gaitsweep.contract import HybridModel, Model, SteppedModel, Steps
+from gaitsweep.contract import HybridModel, Model, Steps
 from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
@@ -19,14 +19,14 @@ METHODS: dict[str, Method] = {
 __all__ = ["METHODS", "Method", "Propose", "move", "own_steps", "refusal"]
 
 
-def own_steps(name: str, model: Model) -> SteppedModel | Steps | None:
+def own_steps(name: str, model: Model) -> Steps | None:
     """What advances a model in steps of its own: it has nothing else, or this method asks for it.
 
     Raises:
         ValueError: the method asks for a flow, and the model has only steps.
     """
     if not isinstance(model, HybridModel):
-        return model if isinstance(model, SteppedModel) else None
+        return model if isinstance(model, Steps) else None
     if (reason := _steps_alone(name, model)) is not None:
         raise ValueError(f"The method {reason}")
     return model.in_steps() if METHODS[name].step is None else None
@@ -39,6 +39,9 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return f"is {name}, a step that {model.name} does not have. Allowed: {located}."
     if (reason := _steps_alone(name, model)) is not None:
         return reason
+    if precision == "mixed" and own_steps(name, model) is None:
+        own = ", ".join(other for other, method in METHODS.items() if method.step is None)
+        return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {own}."
     if not METHODS[name].linear_only:
         return None
     general = ", ".join(other for other, method in METHODS.items() if not method.linear_only)

@@ -13,6 +13,8 @@ import numpy as np
 
 from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, Mechanics, factors, mjcf
+from gaitsweep.models.waist_quadruped.state import State
+from gaitsweep.models.waist_quadruped.steps import Body
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx_body import MjxBody
@@ -24,8 +26,8 @@ _TABLE_1 = {"body_mass": 1.0, "body_length": 0.1, "body_width": 0.1, "link_mass"
 _FIELD, _MADE_OF = "mjx.", "mjx of "
 
 
-class MjxQuadruped:
-    """The body as `steps.SemiImplicit` needs it, and what the host works out for it."""
+class MjxQuadruped(Body):
+    """The body as MJX steps it; the host compiles it for each row's masses and lengths."""
 
     compiled_of = tuple(_TABLE_1)
 
@@ -41,7 +43,7 @@ class MjxQuadruped:
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         """The fields of an mjx.Model among a row's values; NaN where they are of other masses or lengths.
 
-        None where the values have not been through `on_host`: enough for whoever does not move the body.
+        None of them where the values have not been through `on_host`: enough where the body is not moved.
         """
         if _MADE_OF + self.compiled_of[0] not in values:
             return {}
@@ -50,21 +52,15 @@ class MjxQuadruped:
         fields = {name: values[_FIELD + name] for name in variants().fields}
         return {name: jnp.where(same, field, jnp.nan) for name, field in fields.items()}
 
-    def feet(self, m: Mechanics, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return mjx_body().points(_numbers(m), q, v)
+    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return mjx_body().points(_numbers(m), s.q, s.v)
 
     def moved(
-        self,
-        m: Mechanics,
-        q: jax.Array,
-        v: jax.Array,
-        tau: jax.Array,
-        forces: list[PointForce],
-        dt: jax.Array,
+        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         numbers = {**_numbers(m), "opt.gravity": m.gravity()}
         pushes = jnp.stack([push.force for push in forces])
-        after = mjx_body().step(numbers, mjx_body().start(q, v), dt, tau=tau, forces=pushes)
+        after = mjx_body().step(numbers, mjx_body().start(s.q, s.v), dt, tau=tau, forces=pushes)
         return after.q, after.v
 
 

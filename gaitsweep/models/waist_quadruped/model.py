@@ -32,13 +32,13 @@ from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
 from gaitsweep.models.waist_quadruped.in_mjx import MjxQuadruped
 from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
+from gaitsweep.models.waist_quadruped.posture import fallen, tilt
+from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
-from gaitsweep.models.waist_quadruped.steps import SemiImplicit
+from gaitsweep.models.waist_quadruped.steps import Body, SemiImplicit, TreeBody
 from gaitsweep.nearmiss import suggestion
 
-# A body has fallen below this share of H, or beyond these angles (rad).
-LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 BODIES = ("tree", "mjx")
 
 
@@ -60,6 +60,14 @@ class WaistQuadruped(Drawn, HybridModel):
             raise ValueError(f"body is '{self.body}'{suggestion(self.body, BODIES)}")
 
     @property
+    def precisions(self) -> tuple[str, ...]:
+        return ("float64", "mixed") if self.body == "tree" else ("float64",)
+
+    @property
+    def _mover(self) -> Body:
+        return TreeBody() if self.body == "tree" else MjxQuadruped()
+
+    @property
     def parameters(self) -> tuple[Quantity, ...]:
         return PARAMETERS
 
@@ -74,40 +82,18 @@ class WaistQuadruped(Drawn, HybridModel):
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
-        pairs = {"delta_13": (1, 3), "delta_12": (1, 2), "delta_34": (3, 4)}
-        return (
-            *(
-                Quantity(
-                    name, "rad", f"phase difference phi_{i} - phi_{j} at limb 3's landing",
-                    circular=True, symbol=rf"\Delta_{{{i}{j}}}", source="eq. (5)",
-                )
-                for name, (i, j) in pairs.items()
-            ),
-            Quantity("speed", "m/s", "mean forward speed over the last cycle", symbol="v"),
-            Quantity("period", "s", "duration of the last cycle", symbol="T"),
-        )  # fmt: skip
+        return OBSERVABLES
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        limbs = [i + 1 for i in LIMBS]
-        return (
-            *(Quantity(f"phase_{i}", "rad", f"phase phi_{i} of limb {i}", circular=True) for i in limbs),
-            *(Quantity(f"contact_{i}", "1", f"1 while foot {i} is on the ground") for i in limbs),
-            Quantity("waist", "rad", "angle of the waist joint", symbol=r"\theta_w"),
-            Quantity("roll", "rad", "roll of the front body, for small angles"),
-            Quantity("pitch", "rad", "pitch of the front body, for small angles"),
-            *(
-                Quantity(f"q_{i}", "m, 1 or rad", f"position {i} of the tree, as MuJoCo's qpos")
-                for i in range(16)
-            ),
-        )
+        return SIGNALS
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
-        return () if self.body == "tree" else MjxQuadruped.compiled_of
+        return self._mover.compiled_of
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return dict(values) if self.body == "tree" else MjxQuadruped().on_host(values)
+        return self._mover.on_host(values)
 
     def params(self, values: Mapping[str, jax.Array]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
@@ -116,7 +102,7 @@ class WaistQuadruped(Drawn, HybridModel):
             kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
             **{f.name: v[f.name] for f in dataclasses.fields(Mechanics) if f.name in v},
-            numbers={} if self.body == "tree" else MjxQuadruped().numbers(v),
+            numbers=self._mover.numbers(v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
@@ -192,7 +178,7 @@ class WaistQuadruped(Drawn, HybridModel):
         }
 
     def in_steps(self) -> SemiImplicit:
-        return SemiImplicit() if self.body == "tree" else SemiImplicit(MjxQuadruped())
+        return SemiImplicit(self._mover)
 
     def guards(self, params: Params, state: State) -> jax.Array:
         """Each limb's phase against the end of its segment, then each foot's contact, shape (8,)."""
@@ -227,7 +213,7 @@ class WaistQuadruped(Drawn, HybridModel):
 
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
         s, contact = state, state.contact.astype(state.phi.dtype)
-        roll, pitch = _tilt(s.q)
+        roll, pitch = tilt(s.q)
         return {
             **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},
             **{f"contact_{i + 1}": contact[i] for i in LIMBS},
@@ -249,23 +235,10 @@ class WaistQuadruped(Drawn, HybridModel):
 
     def failed(self, params: Params, state: State) -> jax.Array:
         """The body is down, or has tilted or twisted over."""
-        w, x, y, z = state.q[3:7]
-        norm = w * w + x * x + y * y + z * z
-        up, side, ahead = w * w - x * x - y * y + z * z, 2.0 * (y * z + w * x), 2.0 * (x * z - w * y)
-        rolled = jnp.abs(side) > math.tan(TILTED) * up
-        pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
-        twisted = jnp.abs(state.q[WAIST]) > TWISTED
-        return (state.q[2] < LOW * params.H) | rolled | pitched | twisted
+        return fallen(state.q, params.H)
 
     def period(self, params: Params) -> jax.Array:
         return TWO_PI / params.omega
 
     def free_after(self, params: Params) -> jax.Array:
         return params.T_hold
-
-
-def _tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Roll and pitch (rad) of the front body."""
-    w, x, y, z = q[3:7] / jnp.sqrt(q[3:7] @ q[3:7])
-    roll = jnp.arctan2(2.0 * (y * z + w * x), w * w - x * x - y * y + z * z)
-    return roll, jnp.arcsin(2.0 * (w * y - x * z))

@@ -7,14 +7,18 @@ worked out once a step.
 
 from __future__ import annotations
 
+import abc
 import dataclasses
-from typing import Protocol
+from collections.abc import Mapping
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gaitsweep.contract import Steps
 from gaitsweep.dynamics.external_force import PointForce
+from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.dynamics.tree_kinematics import integrate
 from gaitsweep.models.waist_quadruped.foot_path import LATE
 from gaitsweep.models.waist_quadruped.mechanics import RELEASE, Mechanics, body
@@ -22,54 +26,52 @@ from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_
 from gaitsweep.models.waist_quadruped.state import Params, State
 
 
-class Body(Protocol):
-    """What carries the limbs: where the feet are, and how it moves on."""
+class Body(abc.ABC):
+    """What carries the limbs: where the feet are, how it moves on, and what a row's values become for it."""
 
-    def feet(self, m: Mechanics, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """As `Mechanics.feet`."""
-        ...
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` compiles
 
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """As `Model.on_host`."""
+        return dict(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """`Mechanics.numbers` of a row's values."""
+        return {}
+
+    @abc.abstractmethod
+    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """As `Mechanics.feet`, in the precision of a step of `dt`."""
+
+    @abc.abstractmethod
     def moved(
-        self,
-        m: Mechanics,
-        q: jax.Array,
-        v: jax.Array,
-        tau: jax.Array,
-        forces: list[PointForce],
-        dt: jax.Array,
+        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """q (16,) and v (15,) a step of `dt` (s) later, under `tau` (15,) and the ground's forces."""
-        ...
 
 
-class TreeBody:
+class TreeBody(Body):
     """The body as gaitsweep's own articulated tree."""
 
-    def feet(self, m: Mechanics, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return m.feet(q, v)
+    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return worked_in(dt.dtype, Mechanics.feet)(m, s.q, s.v)
 
     def moved(
-        self,
-        m: Mechanics,
-        q: jax.Array,
-        v: jax.Array,
-        tau: jax.Array,
-        forces: list[PointForce],
-        dt: jax.Array,
+        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        v = v + dt * m.accelerations(q, v, tau, forces)
-        return jnp.asarray(integrate(body()[0], q, v, dt)), v
+        v = s.v + dt * worked_in(dt.dtype, Mechanics.accelerations)(m, s.q, s.v, tau, forces)
+        return jnp.asarray(integrate(body()[0], s.q, v, dt)), v
 
 
 @dataclasses.dataclass(frozen=True)
 class SemiImplicit(Steps):
     """Steps of semi-implicit Euler of a body."""
 
-    body: Body = dataclasses.field(default_factory=TreeBody)
+    body: Body
 
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
-        p, s, m = params, state, params.mechanics
-        at, speed = self.body.feet(m, s.q, s.v)
+        p, s, m, dt = params, state, params.mechanics, jnp.asarray(dt)
+        at, speed = self.body.feet(m, s, dt)
         height = at[:, 2]
         switched = jnp.where(s.contact, height > RELEASE, height <= 0.0)
         past = s.phi - corner(p, s.segment)
@@ -95,7 +97,8 @@ class SemiImplicit(Steps):
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
 
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
-        q, v = self.body.moved(m, s.q, s.v, m.torques(s.q, s.v, x, z), forces, dt)
+        tau = worked_in(dt.dtype, Mechanics.torques)(m, s.q, s.v, x, z)
+        q, v = self.body.moved(m, s, tau, forces, dt)
         gain = dt * phase_rates(p, s)
         return dataclasses.replace(
             s,

@@ -1,0 +1,36 @@
+"""How the quadruped's front body lies, from q: its tilt, and whether the quadruped has fallen."""
+
+from __future__ import annotations
+
+import math
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.models.waist_quadruped.mechanics import WAIST
+
+# It has fallen below this share of H, or beyond these angles (rad).
+LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
+
+
+def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Roll and pitch (rad) of the front body."""
+    ahead, side, up, norm = _rises(q)
+    return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
+
+
+def fallen(q: jax.Array, H: jax.Array) -> jax.Array:
+    """True where the front body is far below `H` (m), or has tilted, or the waist has twisted over."""
+    ahead, side, up, norm = _rises(q)
+    rolled = jnp.abs(side) > math.tan(TILTED) * up
+    pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
+    twisted = jnp.abs(q[WAIST]) > TWISTED
+    return (q[2] < LOW * H) | rolled | pitched | twisted
+
+
+def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """How far the body's own x, y and z axes point upwards, each times `norm`, the quaternion's squared."""
+    w, x, y, z = q[3:7]
+    norm = w * w + x * x + y * y + z * z
+    ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
+    return ahead, side, up, norm
