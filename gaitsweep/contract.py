@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
@@ -89,6 +90,40 @@ class Skeleton:
     bodies: tuple[np.ndarray, ...] = ()
     springs: tuple[np.ndarray, ...] = ()
     note: str = ""
+
+
+class Chart(abc.ABC):
+    """Coordinates of a model's section: few numbers that say where on it a state is, its modes apart.
+
+    Directions along which the model is the same everywhere (where it stands, which way it heads) are left
+    out, so that a steady gait is a fixed point; so are numbers that the section itself fixes.
+    """
+
+    @property
+    @abc.abstractmethod
+    def coordinates(self) -> tuple[Quantity, ...]:
+        """What each coordinate is, in their order; angles marked circular."""
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        """What a cycle leaves as it is: there fixed points are not alone, and a condition picks one."""
+        return ()
+
+    @abc.abstractmethod
+    def read(self, params: Params, state: State) -> jax.Array:
+        """The coordinates (n,) of a state just after a crossing's jump."""
+
+    @abc.abstractmethod
+    def place(self, params: Params, at: jax.Array, like: State) -> State:
+        """The state on the section with the coordinates `at` (n,) and the modes of `like`, a state near it."""
+
+    def holds(self, params: Params, state: State) -> jax.Array:
+        """Whether a state just after a crossing is one that `place` can give."""
+        return jnp.ones((), bool)
+
+    def kept(self, params: Params, at: jax.Array) -> jax.Array:
+        """The `conserved` quantities at these coordinates."""
+        return jnp.zeros((0,))
 
 
 class Model(abc.ABC):
@@ -181,6 +216,10 @@ class Model(abc.ABC):
     def free_after(self, params: Params) -> jax.Array:
         """The time (s) before which something still holds the gait, so that no row can settle."""
         return 0.0 * self.period(params)
+
+    def chart(self) -> Chart | None:
+        """Coordinates of the section; where there are none, all numbers of a state serve."""
+        return None
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
         """How the body is drawn with these parameters and signals (n,) of a trace; None where it is not."""

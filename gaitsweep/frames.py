@@ -49,11 +49,7 @@ def crossing_frame(
     columns: dict[str, object] = {"row": owner}
     columns |= {name: column[owner - block.first] for name, column in axes.items()}
     columns["crossing"] = crossing.astype(np.int64)
-    if ramp is not None:
-        name, path = ramp
-        known = np.nan_to_num(t)
-        columns["pass"] = path.passes(known)
-        columns[name] = np.where(np.isnan(t), np.nan, np.asarray(path.at(jnp.asarray(known))))
+    columns |= _moved(ramp, t)
     columns |= {"t": t, "status": _status(block.status[owner - block.first])}
     columns |= {f"{q.name}_n": samples[:, 2 + i] for i, q in enumerate(model.observables)}
     return pd.DataFrame(columns)
@@ -86,16 +82,29 @@ def stair_frame(
     return pd.DataFrame(columns)
 
 
-def trace_frame(model: Model, axes: Columns, block: BlockResult) -> pd.DataFrame:
-    """One record a sample; a row without any keeps one, with no numbers."""
+def trace_frame(
+    model: Model, axes: Columns, block: BlockResult, ramp: tuple[str, RampPath] | None = None
+) -> pd.DataFrame:
+    """One record a sample, with the parameter that moves; a row without any keeps one, with no numbers."""
     owner, place = _at_least_one(block)
     samples = _placed(block.samples.reshape(-1, 1 + len(model.signals)), place)
     columns: dict[str, object] = {"row": owner}
     columns |= {name: column[owner - block.first] for name, column in axes.items()}
-    columns["t"] = samples[:, 0]
+    t = samples[:, 0]
+    columns |= _moved(ramp, t) | {"t": t}
     columns |= {q.name: samples[:, 1 + i] for i, q in enumerate(model.signals)}
     columns["status"] = _status(block.status[owner - block.first])
     return pd.DataFrame(columns)
+
+
+def _moved(ramp: tuple[str, RampPath] | None, t: np.ndarray) -> dict[str, object]:
+    """The pass and the parameter that moves at times (n,) s, where there is one."""
+    if ramp is None:
+        return {}
+    name, path = ramp
+    known = np.nan_to_num(t)
+    value = np.where(np.isnan(t), np.nan, np.asarray(path.at(jnp.asarray(known))))
+    return {"pass": path.passes(known), name: value}
 
 
 def _at_least_one(block: BlockResult) -> tuple[np.ndarray, np.ndarray]:

@@ -37,7 +37,10 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
     if run.kind == "settle":
         return Settle(model, run.max_cycles, run.tolerance, run.max_time), None
     if run.kind == "trace":
-        return Trace(model, run.duration, run.every, run.after_cycles), None
+        recorder = Trace(model, run.duration, run.every, run.after_cycles)
+        if run.parameter is None or run.path is None or run.rate is None:
+            return recorder, None
+        return recorder, Moving(run.parameter, Path(tuple(run.path), run.rate, run.hold))
     if run.kind == "return_map":
         return Crossings(model, run.crossings, run.after_cycles), None
     if run.kind == "staircase":
@@ -50,7 +53,7 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
 def drive_of(rows: Plan, moving: Moving) -> Callable[[Any, jax.Array], Any]:
     """The parameters at a time; formulas that use the moving parameter follow it."""
     moved_by = moving.parameter
-    following = [name for name in rows.order if name in rows.derived and moved_by in rows.closure([name])]
+    following = rows.following(moved_by)
     functions = functions_of(jnp)
 
     def drive(values: Any, t: jax.Array) -> Any:
@@ -67,10 +70,11 @@ def frame_of(job: Job, rows: Plan, moving: Moving | None, block: BlockResult) ->
     axes = rows.columns(block.first, block.first + len(block.status))
     if job.run.kind == "settle":
         return settle_frame(rows.model, axes, block)
+    ramp: tuple[str, Path] | None = None
+    if moving is not None:
+        if isinstance(moving.path, Stairs):
+            return stair_frame(rows.model, axes, block, moving.parameter, moving.path)
+        ramp = moving.parameter, moving.path
     if job.run.kind == "trace":
-        return trace_frame(rows.model, axes, block)
-    if moving is None:
-        return crossing_frame(rows.model, axes, block)
-    if isinstance(moving.path, Stairs):
-        return stair_frame(rows.model, axes, block, moving.parameter, moving.path)
-    return crossing_frame(rows.model, axes, block, (moving.parameter, moving.path))
+        return trace_frame(rows.model, axes, block, ramp)
+    return crossing_frame(rows.model, axes, block, ramp)

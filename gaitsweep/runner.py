@@ -28,6 +28,7 @@ from gaitsweep.engine.xla import local_devices
 from gaitsweep.job import Job, Plan, plan
 from gaitsweep.plot import draw
 from gaitsweep.recording import drive_of, frame_of, recorder_of
+from gaitsweep.refinement import refine, refines
 from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
 
 RESULTS = Path("results")
@@ -185,7 +186,10 @@ def _run_missing(
             directory.update_manifest(gaits={str(gait): int(n) for gait, n in gaits.items() if n})
 
     try:
-        sweep(ready.work, missing, write, tell, timings)
+        if refines(ready.job.run):
+            refine(ready, directory, progress, timings)
+        else:
+            sweep(ready.work, missing, write, tell, timings)
     except BaseException:
         # what stopped the run is the news, not that the manifest cannot be written either
         with contextlib.suppress(WriteError):

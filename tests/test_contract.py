@@ -13,7 +13,7 @@ from sweeping import scalars
 from toy_model import Toy
 
 from gaitsweep import models
-from gaitsweep.contract import HybridModel, Model, SteppedModel
+from gaitsweep.contract import HybridModel, Model, Status, SteppedModel, Steps
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 
@@ -31,6 +31,18 @@ def begun(model: Model):
         value = quantity.default if quantity.default is not None else random.uniform(0.1, 6.0)
         start[quantity.name] = jnp.asarray(float(value))
     return params, model.init(params, start)
+
+
+def test_each_status_is_a_number_with_a_sentence() -> None:
+    assert [Status(number).name for number in (0, 1, 3, 9)] == ["running", "settled", "fell", "inferred"]
+    assert [int(status) for status in Status] == list(range(10)), "tables keep these numbers' names"
+    assert len({status.sentence for status in Status}) == len(Status)
+    assert all(status.sentence.endswith(".") for status in Status)
+
+
+def test_a_stepped_model_is_its_own_steps() -> None:
+    assert Steps.__abstractmethods__ == {"step", "events", "jump", "section"}
+    assert SteppedModel.__abstractmethods__ == Model.__abstractmethods__ | Steps.__abstractmethods__
 
 
 def test_names_are_distinct_and_described(model: Model) -> None:
@@ -72,14 +84,21 @@ def test_functions_give_what_they_promise(model: Model) -> None:
 def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
     """`flow` gives rates of the state's fields; `jump` keeps shapes, types and, without events, values."""
     params, state = begun(model)
-    assert isinstance(model, HybridModel)
-    rates = model.flow(params, state)
-    for name, rate in rates.items():
-        field = getattr(state, name)
-        assert (field.shape, field.dtype) == (rate.shape, rate.dtype), name
-    guards = model.guards(params, state)
+    if isinstance(model, HybridModel):
+        rates = model.flow(params, state)
+        for name, rate in rates.items():
+            field = getattr(state, name)
+            assert (field.shape, field.dtype) == (rate.shape, rate.dtype), name
+        guards = model.guards(params, state)
+        assert bool(jnp.all(jnp.isfinite(guards)))
+    else:
+        assert isinstance(model, SteppedModel)
+        after = model.step(params, state, jnp.asarray(1e-3))
+        for old, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
+            assert (old.shape, old.dtype) == (new.shape, new.dtype)
+        guards = model.events(params, state, after)
+        assert guards.dtype == bool
     assert guards.ndim == 1
-    assert bool(jnp.all(jnp.isfinite(guards)))
     still = model.jump(params, state, jnp.zeros(guards.shape, bool))
     jumped = model.jump(params, state, jnp.ones(guards.shape, bool))
     for before, after, quiet in zip(*(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True):
@@ -91,10 +110,16 @@ def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
 def test_functions_are_pure_and_batchable(model: Model) -> None:
     """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
     params, state = begun(model)
-    assert isinstance(model, HybridModel)
-    alone = model.flow(params, state)
-    batched = jax.jit(jax.vmap(model.flow, in_axes=(None, 0)))(
+
+    def moved(params, state):
+        if isinstance(model, HybridModel):
+            return model.flow(params, state)
+        assert isinstance(model, SteppedModel)
+        return model.step(params, state, jnp.asarray(1e-3))
+
+    alone = moved(params, state)
+    batched = jax.jit(jax.vmap(moved, in_axes=(None, 0)))(
         params, jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), state)
     )
-    for name, rate in alone.items():
-        np.testing.assert_allclose(batched[name][1], rate, rtol=1e-12, atol=1e-12)
+    for one, of_two in zip(jax.tree.leaves(alone), jax.tree.leaves(batched), strict=True):
+        np.testing.assert_allclose(of_two[1], one, rtol=1e-12, atol=1e-12)

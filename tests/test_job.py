@@ -259,6 +259,15 @@ def test_formulas_follow_what_varies() -> None:
     assert rows.derived == {"kick": "0.25*sqrt(stiffness/mass)", "ceiling": "100*kick"}
 
 
+def test_what_follows_a_parameter_comes_after_what_it_uses() -> None:
+    """Directly or through another formula; `ceiling` is asked for before the `kick` that it needs."""
+    rows = plan(toy(params={"ceiling": "100*kick", "preload": "mass/2", "restitution": 0.5}))
+    assert rows.following("stiffness") == ("kick", "ceiling")
+    assert set(rows.following("mass")) == {"kick", "ceiling", "preload"}
+    assert rows.following("kick") == ("ceiling",)
+    assert rows.following("restitution") == ()
+
+
 def test_formulas_may_use_the_structure() -> None:
     rows = plan(toy(structure={"N": 2}, params={"mass": "N/4"}, start={"launch_1": "N*launch_2"}))
     assert rows.values(0, 1)[0]["mass"].tolist() == [0.5]

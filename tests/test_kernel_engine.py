@@ -12,6 +12,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import llvmlite.binding as llvm
+import numba
 import numpy as np
 import pytest
 from firing_neuron import Neuron
@@ -24,7 +25,7 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.engines import EngineError, choose
-from gaitsweep.engine.kernel import cpu
+from gaitsweep.engine.kernel import cpu, lower
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.ramp import Path as RampPath
 from gaitsweep.engine.settle import Settle
@@ -206,3 +207,10 @@ def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
     with pytest.raises(EngineError, match=r"engine\.name is kernel, but .*cholesky"):
         choose("kernel", device, model, Settle(model), NUMERICS, None)
     assert choose("auto", device, Toy(), Settle(Toy()), NUMERICS, None) == ("kernel", None)
+
+
+@pytest.mark.parametrize(("line", "found"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])
+def test_what_is_not_lowered_is_named(line: str, found: str) -> None:
+    one = lower.straight_line(lower.CpuCalls, f"def one(x) -> 'd':\n    {line}\n    return (x,)\n")
+    with pytest.raises(ValueError, match=rf"The {found}.*` of a kernel is not lowered\. Allowed: "):
+        numba.njit(lambda x: one(x))(1.0)

@@ -7,17 +7,32 @@ import numpy as np
 import pytest
 from reference import multilegged_reduced as reduced
 
+from gaitsweep.analysis.multilegged.conserved import (
+    drift,
+    end_touchdowns,
+    line_length,
+    total,
+    worst_case_cycles,
+)
 from gaitsweep.analysis.multilegged.gaits import locked_state, segments
+from gaitsweep.analysis.multilegged.order import jumps, order_sets, touchdown_order
 from gaitsweep.analysis.multilegged.section import touches_early, transport
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
     Chain,
     all_steps,
     branches,
+    rule_of,
     shift,
     solution_set,
     solution_sets,
     touchdown_phase,
+)
+from gaitsweep.analysis.multilegged.stability import (
+    characteristic_polynomial,
+    linear_map,
+    multipliers,
+    polynomial,
 )
 from gaitsweep.analysis.multilegged.waves import wave_speed, wavelength
 
@@ -180,3 +195,87 @@ def test_a_boundary_leg_outside_the_chain_is_refused(branch: Branch) -> None:
         solution_set(3, branch)
     with pytest.raises(ValueError, match="N >= 2"):
         branches(1)
+
+
+@pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
+@pytest.mark.parametrize("N", LEGS)
+def test_multipliers_are_the_papers(N: int, chain: Chain) -> None:
+    """Eqs. (22), (26) from the product of touchdowns, on any section."""
+    for branch in branches(N):
+        rule = rule_of(N, branch, chain)
+        for share in (0.13, 0.37, 0.9):
+            s = float(rule.low + share * (rule.high - rule.low))
+            for section in (None, 1, N + 1):
+                matrix = linear_map(N, branch, s, chain, section)
+                # rounding; 1/2 for one 2/3 would change the coefficients by 0.1
+                assert np.abs(characteristic_polynomial(matrix) - polynomial(N, branch)).max() < 1e-12
+    # why polynomials: the 2/3 block is defective
+    assert np.abs(np.sort(np.linalg.eigvals(matrix).real) - np.sort(multipliers(N, branch))).max() < 0.05
+
+
+def test_characteristic_polynomial_of_a_known_matrix() -> None:
+    matrix = np.array([[2.0, 1.0, 0.0], [0.0, 2.0, 0.0], [3.0, 0.0, -1.0]])
+    assert np.allclose(characteristic_polynomial(matrix), np.poly([2.0, 2.0, -1.0]), atol=1e-14)
+
+
+@pytest.mark.parametrize("N", [4, 9])
+def test_orders_of_touchdown_are_those_of_the_figure(N: int) -> None:
+    """Fig. 9: from leg k on backwards one by one, the legs a wave behind put in between."""
+    for branch in branches(N):
+        rule = rule_of(N, branch, TABLE_1)
+        for share in (0.2, 0.8):
+            order = touchdown_order(N, branch, float(rule.low + share * (rule.high - rule.low)))
+            assert sorted(order) == list(range(1, N + 2))
+            assert order[0] == branch.k
+            if branch.kind != "direct" and N - branch.k < 5:  # less than a wave: one after another
+                behind = [leg for leg in order if leg >= branch.k]
+                assert behind == list(range(branch.k, N + 2))
+    # a wave is 6.2 legs long: leg 9 is 7 behind leg 2, touches after it and before its own neighbours
+    assert touchdown_order(9, Branch("B", 2), 4.0)[:5] == (2, 9, 3, 10, 4)
+
+
+@pytest.mark.parametrize("N", LEGS)
+def test_sets_jump_by_the_resets_phase_where_the_order_changes(N: int) -> None:
+    """Fig. 11: each jump is m_B b, up in one relative phase of the leg that passes and down in the other."""
+    size = 0.9 * float(shift(TABLE_1))
+    for branch in branches(N):
+        for section in (branch.k, 1):
+            for jump in jumps(N, branch, section=section):
+                expected = np.zeros(N)
+                side = np.sign(jump.change[np.abs(jump.change).argmax()]) * size
+                for i in (jump.leg - 2, jump.leg - 1):
+                    if 0 <= i < N:
+                        expected[i] = abs(side) * np.sign(jump.change[i])
+                assert np.abs(jump.change - expected).max() < 1e-12
+                near = [touchdown_order(N, branch, jump.s + d, section=section) for d in (-1e-3, 1e-3)]
+                assert near[0] != near[1]
+                assert jump.leg in {order[1] for order in near} | {order[-1] for order in near}
+
+
+def test_early_legs_are_those_that_jumped() -> None:
+    """T_1 of (9, B, k = 5): empty, then leg 1, then leg 2; psi_2 is longer while leg 2 is in it."""
+    first, second = jumps(9, Branch("B", 5))
+    assert (first.leg, second.leg) == (1, 2)
+    for s, early in ((first.s - 0.1, set()), (first.s + 0.1, {1}), (second.s + 0.1, {2})):
+        in_front, behind = order_sets(9, Branch("B", 5), s)
+        assert (in_front, behind) == (early, set())
+    assert order_sets(9, Branch("B", 2), 4.0)[1] == {9}
+
+
+def test_the_conserved_quantity() -> None:
+    """Eqs. (29)-(32): E tells the solutions of the line apart, and drifts where head and tail differ."""
+    psi = np.asarray(solution_sets(3, samples=33, section=2))
+    E = np.unwrap(np.concatenate([np.asarray(total(psi))[0][::-1], *np.asarray(total(psi))[1:]]))
+    along = np.abs(np.diff(E))
+    assert (along < 0.2).all()  # no gap but for a reset, .14 rad
+    assert float(line_length(3)) == pytest.approx(12.218, abs=1e-3)
+    assert float(line_length(20)) == pytest.approx(4.2 * 20, rel=0.02)  # its page: about 4.2 N
+    tail = Chain(m_1=0.85, m_end=0.95)
+    first, last = (float(phase) for phase in end_touchdowns(tail))
+    assert TURN - first == pytest.approx(0.85 * 9.8 * 0.2 * np.pi / (100 * 0.4), rel=1e-12)
+    assert first - last == pytest.approx(float(drift(tail)), abs=1e-15)
+    assert float(drift(tail)) == pytest.approx(0.1 * 0.153938, abs=1e-7)
+    # the page's largest of random starts: 825 and 237 cycles, the way to the line included
+    assert float(worst_case_cycles(3, tail)) == pytest.approx(800.2, abs=0.1)
+    assert float(worst_case_cycles(3, Chain(m_1=0.6, m_end=0.95))) == pytest.approx(229.3, abs=0.1)
+    assert float(worst_case_cycles(3, TABLE_1)) == np.inf

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sweeping import run_rows
 from test_multilegged import wrapped
 
@@ -19,6 +20,8 @@ from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.settle import Settle
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
+from gaitsweep.models.waist_quadruped.mechanics import WAIST
+from gaitsweep.models.waist_quadruped.posture import fallen, tilt
 
 MODEL = WaistQuadruped()
 STEPS = Numerics(dt=2e-4, method="semi_implicit")
@@ -136,6 +139,21 @@ def test_where_trot_and_walk_are_lost() -> None:
     assert last[1] < 2.5, "walk kept"
     assert 2.7 < last[2] < 2.8, "trot kept"
     assert last[3] < 2.4, "trot lost"
+
+
+def test_tilt_and_falls_are_those_of_the_front_bodys_axes() -> None:
+    """Roll and pitch against SciPy's rotations (intrinsic z, y, x); height, tilt or twist make it fall."""
+    quaternions = np.random.default_rng(3).normal(size=(40, 4))  # not of length 1, as after many steps
+    for w, x, y, z in quaternions:
+        q = jnp.zeros(16).at[3:7].set(jnp.array([w, x, y, z]))
+        _, pitch, roll = Rotation.from_quat([x, y, z, w]).as_euler("ZYX")
+        np.testing.assert_allclose(tilt(q), [roll, pitch], atol=1e-12)
+        over = abs(roll) > 1.2 or abs(pitch) > 1.2
+        assert bool(fallen(q.at[2].set(0.13), jnp.asarray(0.133))) == over
+    upright = jnp.zeros(16).at[2].set(0.13).at[3].set(1.0)
+    assert not fallen(upright, jnp.asarray(0.133))
+    assert fallen(upright.at[2].set(0.05), jnp.asarray(0.133))
+    assert fallen(upright.at[WAIST].set(-1.6), jnp.asarray(0.133))
 
 
 def test_a_limbs_angles_put_the_foot_there() -> None:

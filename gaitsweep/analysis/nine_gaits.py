@@ -24,7 +24,9 @@ CHART = (
     "uL-canter", "trot", "L-canter",
     "RT-gallop", "R-canter", "L-walk",
 )  # fmt: skip
+FAMILIES = ("walk", "trot", "canter", "gallop")  # in the order of speed
 THRESHOLD = 0.07  # cycles
+STRICT = 0.05  # cycles: a second threshold, told beside the first
 
 
 def place(delta_1: Any, delta_2: Any, threshold: Any = THRESHOLD) -> Any:
@@ -57,6 +59,16 @@ def signs(gait: str) -> tuple[int, int]:
         raise ValueError(f"{gait} is none of the nine gaits{nearmiss.suggestion(gait, CHART)}")
     first, second = divmod(CHART.index(gait), 3)
     return first - 1, second - 1
+
+
+def family(gait: str) -> str:
+    """walk, trot, canter or gallop for one of the nine gaits; any other name as it is."""
+    if gait not in CHART:
+        return gait
+    first, second = signs(gait)
+    if first == second:
+        return "walk" if first else "trot"
+    return "gallop" if first * second else "canter"
 
 
 def ideal_phases(gait: str, shift: float = 0.25) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import nearmiss
-from gaitsweep.analysis.nine_gaits import CHART, LEGS, PAIRS, THRESHOLD, margin, place
+from gaitsweep.analysis.nine_gaits import CHART, LEGS, PAIRS, STRICT, THRESHOLD, margin, place
 from gaitsweep.analysis.records import FAILURES, AnalysisError, require
 
 GAITS = (*CHART, "unsteady", "none")
@@ -77,7 +77,7 @@ def gait_of(
     window: tuple[Any, Any] = (-math.inf, math.inf),
     rows: Iterable[Any] | None = None,
     failed: Iterable[Any] = (),
-    thresholds: Sequence[float] = (THRESHOLD, 0.05),
+    thresholds: Sequence[float] = (THRESHOLD, STRICT),
     steadiness: Steadiness | None = None,
 ) -> pd.DataFrame:
     """The gait of each row, from when its legs begin to swing.

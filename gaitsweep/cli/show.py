@@ -26,9 +26,10 @@ def estimate(needs: Estimate) -> str:
     time = f"about {duration(needs.seconds)}"
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
+    refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
     return aligned(
         {
-            "rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}",
+            "rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}",
             "engine": f"{needs.engine} on {needs.device}, {needs.lanes} lanes",
             "memory": f"about {size(needs.memory_bytes)}",
             "disk": f"about {size(needs.disk_bytes)}",

@@ -126,10 +126,26 @@ class MjxBody:
             forces: forces on the points (k, 3), N, in the world's axes.
             ctrl: what the actuators are told (nu,).
         """
-        after = self.stepped(numbers, state, dt, tau=tau, forces=forces, ctrl=ctrl)
-        warm = after.qacc_warmstart if state.warm.size else state.warm
-        found = BodyState(after.qpos, after.qvel, after.act, warm)
-        return jax.tree.map(lambda new, old: new.astype(old.dtype), found, state)
+        return self.after(self.stepped(numbers, state, dt, tau=tau, forces=forces, ctrl=ctrl), state)
+
+    def after(self, data: Any, before: BodyState) -> BodyState:
+        """The state in MJX's data after a step from the state `before`, in its precision."""
+        warm = data.qacc_warmstart if before.warm.size else before.warm
+        found = BodyState(data.qpos, data.qvel, data.act, warm)
+        return jax.tree.map(lambda new, old: new.astype(old.dtype), found, before)
+
+    def pressures(self, data: Any) -> jax.Array:
+        """The normal force (k,) N of each contact that there can be, at the beginning of the step to `data`.
+
+        Raises:
+            ValueError: contacts without friction or with elliptic cones, whose forces are written otherwise.
+        """
+        contact = self._data._impl.contact
+        if self.mj_model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL or (contact.dim != 3).any():
+            raise ValueError("Pressures are read of contacts with pyramidal cones and condim 3.")
+        # the force is a sum along the four edges of a pyramid, which lean by the friction and have 1 upwards
+        edges = contact.efc_address[:, None] + np.arange(4)
+        return jnp.sum(data._impl.efc_force[edges], axis=1)
 
     def stepped(
         self,

@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Any, TypeAlias
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 
@@ -25,6 +26,9 @@ _KEPT = 1024
 # What is only looked at, and what MJX reads nowhere.
 _LOOKS = ("cam_", "light_", "tex_", "mat_")
 _UNREAD = ("body_sameframe", "geom_sameframe", "site_sameframe", "body_simple", "dof_simplenum", "geom_aabb")
+
+# Before the names of what `on_host` adds: fields of the model, and the values that they were made of.
+_FIELD, _MADE_OF = "mjx.", "mjx of "
 
 Edit: TypeAlias = Callable[[Any, Mapping[str, float]], None]
 Fields: TypeAlias = dict[str, np.ndarray]
@@ -63,6 +67,21 @@ class Variants:
         distinct, which = np.unique(rows, axis=0, return_inverse=True)
         sets = [self._of_set(tuple(values)) for values in distinct.tolist()]
         return {field: np.stack([one[field] for one in sets])[which.ravel()] for field in self.fields}
+
+    def on_host(self, columns: Mapping[str, np.ndarray]) -> Fields:
+        """Rows' values (n,) with their fields (n, ...) besides, as `Model.on_host` gives them."""
+        fields = {_FIELD + name: field for name, field in self.numbers(columns).items()}
+        return {**columns, **fields, **{_MADE_OF + name: columns[name] for name in self._names}}
+
+    def of_row(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """The fields among a row's values; NaN where they are of other masses or lengths (a ramp moved them).
+
+        None of them where the values have not been through `on_host`: enough where the body is not moved.
+        """
+        if _MADE_OF + self._names[0] not in values:
+            return {}
+        same = jnp.all(jnp.stack([values[name] == values[_MADE_OF + name] for name in self._names]))
+        return {name: jnp.where(same, values[_FIELD + name], jnp.nan) for name in self.fields}
 
     def _found(self, values: tuple[float, ...]) -> Fields:
         fields = self._compiled(values)

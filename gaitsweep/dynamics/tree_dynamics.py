@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.articulated_tree import WORLD, Geometry, Tree
-from gaitsweep.dynamics.external_force import External
+from gaitsweep.dynamics.external_force import External, YieldingForce
 from gaitsweep.dynamics.spatial import (
     EYE,
     ZERO,
@@ -61,7 +61,7 @@ def forward_dynamics(
         external: forces on bodies.
         gravity: its acceleration in the world (3,), m/s2.
     """
-    bodies = _bodies(tree, geometry, q, v, external)
+    bodies = _bodies(tree, geometry, q, v, external, gravity)
     tau = tau + passive_forces(tree, geometry, q, v)
     IA = [body.inertia for body in bodies]
     pA = [body.bias for body in bodies]
@@ -116,7 +116,7 @@ def inverse_dynamics(
 
     Args: as those of `forward_dynamics`, of which it is the inverse.
     """
-    bodies = _bodies(tree, geometry, q, v, external)
+    bodies = _bodies(tree, geometry, q, v, external, gravity)
     accelerations: list[Motion] = []
     forces: list[Force] = []
     for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
@@ -161,7 +161,9 @@ def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array
     return Inertia(turned(place.turn, inertia), skew(h), mass * EYE), h
 
 
-def _bodies(tree: Tree, geometry: Geometry, q: Array, v: Array, external: External) -> list[_Body]:
+def _bodies(
+    tree: Tree, geometry: Geometry, q: Array, v: Array, external: External, gravity: Array
+) -> list[_Body]:
     placed = places(tree, geometry, q)
     moving = movements(tree, placed, v)
     for force in external:
@@ -175,7 +177,12 @@ def _bodies(tree: Tree, geometry: Geometry, q: Array, v: Array, external: Extern
         w = moving[i].angular
         bias = Force(cross(w, inertia.I @ w), cross(w, cross(w, h)))
         for force in external:
-            bias = bias - force.on(place) if force.link == i else bias
+            if force.link != i:
+                continue
+            bias = bias - force.on(place)
+            if isinstance(force, YieldingForce):
+                yields = force.inertia(place)
+                inertia, bias = inertia + yields, bias + yields @ force.at_rest(place, w, gravity)
         S = Motion(ZERO, place.axis) if link.kind == "slide" else Motion(place.axis, ZERO)
         c = (
             Motion(ZERO, ZERO)

@@ -174,6 +174,12 @@ def velocity(place: Place, movement: Movement, point: Array) -> Array:
     return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
 
 
+def velocity_at(place: Place, movement: Movement, at: Array) -> Array:
+    """The velocity in the world (3,), m/s, of what of a link's body is `at` (3,), m in the world."""
+    lever = place.frame.T @ (at - place.base) - place.reach
+    return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
+
+
 def rates(tree: Tree, q: Array, v: Array) -> Array:
     """dq/dt (nq,), smooth, for integrators of Runge and Kutta's kind (eq. 4.13 for quaternions).
 

@@ -152,9 +152,9 @@ def advance(
         model: a hybrid or a stepped model.
         numerics: step, method and tolerances.
         drive: for a ramp, the parameters at a time; they are held at the middle of each attempt.
-        sensitivities: make derivatives (forward mode) of event times and of states after events right. The
-            steps are then constants for differentiation, and each event's time is corrected to first order,
-            t_e - g/g', by a term whose value is zero and whose derivative is that of the event time.
+        sensitivities: make derivatives (forward mode) of event times and of states after events right: each
+            event's time is corrected to first order, t_e - g/g', by a term whose value is zero and whose
+            derivative is what is missing to that of the event time.
         worked_out: the step and the rates at its end, for whoever works them out beforehand.
     """
     steps = own_steps(numerics.method, model)
@@ -192,8 +192,6 @@ def _advance_hybrid(
         going = carry.halt == GOING
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
-        if sensitivities:
-            h = jax.lax.stop_gradient(h)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
         trial = propose(here, carry.state, h)
         guards = model.guards(here, trial)

@@ -1,20 +1,26 @@
-"""One trajectory from one section crossing to the next: the map whose Jacobian and fixed points matter."""
+"""One trajectory from one section crossing to the next, as a function that JAX can differentiate."""
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.advance import CROSSING, GOING, Numerics, advance, stalled, start
+from gaitsweep.engine.flight import LATEST, Flight
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
+
+Crossing = Callable[[Params, State], tuple[jax.Array, State, jax.Array]]
 
 
 def next_crossing(
     model: Model, numerics: Numerics, *, events: bool = False, sensitivities: bool = True
-) -> Callable[[Params, State], tuple[jax.Array, State, jax.Array]]:
+) -> Crossing:
     """The function `(params, state) -> (t, state, found)` up to the next section crossing.
 
     `t` is the time that it takes (s), `state` the one just after the crossing's jump, `found` False where
@@ -30,7 +36,7 @@ def next_crossing(
     attempt = advance(model, numerics, sensitivities=sensitivities)
 
     def run(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
-        carry = start(model, params, state, stop=4.0 * model.period(params))
+        carry = start(model, params, state, stop=LATEST * model.period(params))
         limit = ATTEMPTS_PER_STEP * (carry.stop / numerics.dt + 1000.0)
 
         def goes_on(carry):
@@ -40,5 +46,79 @@ def next_crossing(
         carry = jax.lax.while_loop(goes_on, lambda c: attempt(params, c), carry)
         found = (carry.halt == CROSSING) | (events & (carry.chain > 0))
         return carry.t, carry.state, jnp.asarray(found)
+
+    return run
+
+
+def flown(flight: Flight) -> Crossing:
+    """The function `(params, state) -> (t, state, way)` of a flight by XLA, a loop over its attempts.
+
+    `way` is a `gaitsweep.engine.flight.Way`.
+    """
+
+    def run(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+        aloft = jax.lax.while_loop(
+            lambda aloft: ~flight.ended(aloft),
+            lambda aloft: flight.attempt(params, aloft),
+            flight.begin(params, state),
+        )
+        return aloft.carry.t, aloft.carry.state, flight.way(aloft)
+
+    return run
+
+
+@lru_cache(maxsize=16)
+def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Crossing:
+    """The function `(params, state) -> (t, state, way)` up to the next crossing, to be differentiated forward.
+
+    Args:
+        model, numerics: what is integrated and how. In steps of fixed length nothing is located: states
+            jump as the step in which the crossing falls changes, and derivatives are refused.
+        engine: kernel, xla, or auto: kernel where the model and the machine allow it.
+
+    Raises:
+        ValueError: an engine that is not known.
+        UnsupportedError: a kernel is asked for, and the model computes with what it cannot express.
+    """
+    if engine not in ("auto", "kernel", "xla"):
+        raise ValueError(f"engine is {engine}. Allowed: auto, kernel, xla.")
+    flight = Flight(model, numerics)
+    by_xla = flown(flight)
+    if not flight.differentiable:
+        return _without_derivative(by_xla, numerics.method)
+    kernels = jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
+    if engine == "xla" or (engine == "auto" and not kernels):
+        return by_xla
+    made: dict[Any, Crossing] = {}
+
+    def by_kernel(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+        from gaitsweep.engine.kernel.flights import KernelFlights
+        from gaitsweep.engine.kernel.trace import UnsupportedError
+
+        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state))
+        key = (jax.tree.structure(shapes), tuple((x.shape, x.dtype) for x in jax.tree.leaves(shapes)))
+        if key not in made:
+            try:
+                made[key] = KernelFlights(flight, *shapes)
+            except UnsupportedError:
+                if engine == "kernel":
+                    raise
+                made[key] = by_xla
+        return made[key](params, state)
+
+    return by_kernel
+
+
+def _without_derivative(crossing: Crossing, method: str) -> Crossing:
+    @jax.custom_jvp
+    def run(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+        return crossing(params, state)
+
+    @run.defjvp
+    def _refused(primals: Any, tangents: Any) -> Any:
+        raise ValueError(
+            f"{method} takes steps of fixed length, at whose end the section is met: its return map is a "
+            "staircase of that step's size, which has no derivative. Use rk4."
+        )
 
     return run

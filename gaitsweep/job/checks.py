@@ -14,7 +14,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Ramp, Staircase, Trace
+from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Ramp, Staircase, Trace, moved_by
 from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000
@@ -48,7 +48,7 @@ def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
 def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
     """Complaints about values outside what the model allows, each with the first row that has one."""
     complaints: list[Complaint] = []
-    moving = run.parameter if isinstance(run, Ramp | Staircase) else None
+    moving = moved_by(run)
     wrong: set[str] = set()
     for name in plan.order:
         if name == moving or plan.closure([name]) & wrong:
@@ -57,7 +57,7 @@ def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
         if complaint is not None:
             complaints.append(complaint)
             wrong.add(name)
-    if isinstance(run, Ramp | Staircase):
+    if isinstance(run, Ramp | Staircase | Trace) and run.parameter is not None:
         complaints.extend(_check_path(plan, subject, run))
     return complaints
 
@@ -76,6 +76,20 @@ def _check_trace(run: Trace) -> list[Complaint]:
     if run.duration / run.every > MOST_SAMPLES:
         text = f"makes {run.duration / run.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
         return [Complaint(("run", "every"), text)]
+    return _check_way(run)
+
+
+def _check_way(run: Trace) -> list[Complaint]:
+    """Complaints about how a trace's parameter moves: all of it is said, or nothing."""
+    if run.parameter is None:
+        given = [name for name in Trace.ALONG if name in run.model_fields_set and getattr(run, name)]
+        return [Complaint(("run", name), "moves nothing: name its run.parameter.") for name in given]
+    for name in ("path", "rate"):
+        if getattr(run, name) is None:
+            return [Complaint(("run", name), f"is missing, but {run.parameter} moves along it.")]
+    if run.after_cycles:
+        text = f"is {run.after_cycles}, but {run.parameter} moves from the start: use run.hold."
+        return [Complaint(("run", "after_cycles"), text)]
     return []
 
 
@@ -137,25 +151,23 @@ def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: 
     return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
-def _check_path(plan: Plan, subject: Subject, run: Ramp | Staircase) -> list[Complaint]:
-    quantity = subject.parameters[run.parameter]
+def _check_path(plan: Plan, subject: Subject, run: Ramp | Staircase | Trace) -> list[Complaint]:
+    moving, path = str(run.parameter), run.path or []
+    quantity = subject.parameters[moving]
     complaints = []
-    for index, value in enumerate(run.path):
+    for index, value in enumerate(path):
         if not inside(np.array(value), quantity):
             complaints.append(Complaint(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
     if complaints:
         return complaints
-    followers = [name for name in plan.derived if run.parameter in plan.closure([name])]
-    for name in followers:
+    for name in plan.following(moving):
         rows = math.prod(plan.groups[position].length for position in plan.spans(name))
-        turns = (
-            sorted(set(run.path)) if rows * len(run.path) <= MOST_CHECKED else [min(run.path), max(run.path)]
-        )
+        turns = sorted(set(path)) if rows * len(path) <= MOST_CHECKED else [min(path), max(path)]
         for value in turns:
-            there = dataclasses.replace(plan, settings={**plan.settings, run.parameter: value})
+            there = dataclasses.replace(plan, settings={**plan.settings, moving: value})
             complaint = _check_quantity(there, subject, name, subject.parameters[name])
             if complaint is not None:
-                where = f"where the {run.kind} has {run.parameter} = {value:g}."
+                where = f"where the {run.kind} has {moving} = {value:g}."
                 text = f"{complaint.text.removesuffix('.')}, {where}"
                 complaints.append(Complaint(complaint.path, text))
                 break

@@ -18,21 +18,34 @@ _BANDWIDTH = "half the window of the smoothing, in the unit of y; 0.05 rad for a
 
 
 class _Figure(Part):
-    """What every figure says of itself: the columns and the observables that it names."""
+    """What every figure says of itself: the runs that it suits, the columns and observables that it names."""
+
+    runs: ClassVar[tuple[str, ...]]
+    column_fields: ClassVar[tuple[str, ...]] = ()  # the fields that name columns of the table
+    observable_fields: ClassVar[tuple[str, ...]] = ()  # those that name observables, one or a list
 
     def columns(self) -> dict[str, str]:
         """The columns that it names, by field."""
-        return {}
+        named = {field: getattr(self, field) for field in self.column_fields}
+        return {field: column for field, column in named.items() if column is not None}
 
     def observed(self) -> dict[tuple[str | int, ...], str]:
         """The observables that it names, by where in it they stand."""
-        return {}
+        places: dict[tuple[str | int, ...], str] = {}
+        for field in self.observable_fields:
+            named = getattr(self, field)
+            if isinstance(named, list):
+                places |= {(field, number): name for number, name in enumerate(named)}
+            else:
+                places[field,] = named
+        return places
 
 
 class Basin(_Figure):
     """Which gait each start leads to, over two varied quantities."""
 
     runs: ClassVar[tuple[str, ...]] = ("settle",)
+    column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue", "panels")
     kind: Literal["basin"] = Field(description="basin: the gait that each start leads to")
     x: Text = Field(description="column along the horizontal axis")
     y: Text = Field(description="column along the vertical axis")
@@ -41,16 +54,13 @@ class Basin(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        named = {"x": self.x, "y": self.y, "hue": self.hue, "panels": self.panels}
-        return {field: column for field, column in named.items() if column is not None}
-
 
 class SolutionSet(_Figure):
     """The settled states in three dimensions, the analytic solutions over them."""
 
     runs: ClassVar[tuple[str, ...]] = ("settle",)
+    column_fields: ClassVar[tuple[str, ...]] = ("hue",)
+    observable_fields: ClassVar[tuple[str, ...]] = ("axes",)
     kind: Literal["solution_set"] = Field(description="solution_set: settled states in three dimensions")
     axes: list[Text] = Field(min_length=3, max_length=3, description="three observables of the model")
     hue: Text = Field(default="gait", description=_HUE)
@@ -61,19 +71,13 @@ class SolutionSet(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {"hue": self.hue}
-
-    def observed(self) -> dict[tuple[str | int, ...], str]:
-        """The observables that it names, by where in it they stand."""
-        return {("axes", number): name for number, name in enumerate(self.axes)}
-
 
 class Cycles(_Figure):
     """Section observables against the number of the crossing."""
 
     runs: ClassVar[tuple[str, ...]] = ("return_map", "ramp")
+    column_fields: ClassVar[tuple[str, ...]] = ("x", "hue")
+    observable_fields: ClassVar[tuple[str, ...]] = ("y",)
     kind: Literal["cycles"] = Field(description="cycles: observables against crossings")
     y: list[Text] = Field(min_length=1, description="observables of the model, a panel each")
     x: Text = Field(default="crossing", description="column along the horizontal axis")
@@ -81,19 +85,12 @@ class Cycles(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {"x": self.x, "hue": self.hue}
-
-    def observed(self) -> dict[tuple[str | int, ...], str]:
-        """The observables that it names, by where in it they stand."""
-        return {("y", number): name for number, name in enumerate(self.y)}
-
 
 class Footprints(_Figure):
     """Which leg is on the ground when."""
 
     runs: ClassVar[tuple[str, ...]] = ("trace",)
+    column_fields: ClassVar[tuple[str, ...]] = ("panels",)
     kind: Literal["footprints"] = Field(description="footprints: which leg is on the ground when")
     panels: Text | None = Field(default="row", description="column of which each value gets a panel")
     titles: list[Text] | None = Field(default=None, description="titles of the panels, in order")
@@ -103,15 +100,13 @@ class Footprints(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {} if self.panels is None else {"panels": self.panels}
-
 
 class Hysteresis(_Figure):
     """An observable while a parameter rises and falls, the jumps on both ways marked."""
 
     runs: ClassVar[tuple[str, ...]] = ("ramp", "staircase")
+    column_fields: ClassVar[tuple[str, ...]] = ("panels",)
+    observable_fields: ClassVar[tuple[str, ...]] = ("y",)
     kind: Literal["hysteresis"] = Field(
         description="hysteresis: an observable as a parameter rises and falls"
     )
@@ -127,19 +122,13 @@ class Hysteresis(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {} if self.panels is None else {"panels": self.panels}
-
-    def observed(self) -> dict[tuple[str | int, ...], str]:
-        """The observables that it names, by where in it they stand."""
-        return {("y",): self.y}
-
 
 class ReturnMaps(_Figure):
     """How an observable changes from one crossing to the next, with the fixed points."""
 
     runs: ClassVar[tuple[str, ...]] = ("return_map",)
+    column_fields: ClassVar[tuple[str, ...]] = ("panels",)
+    observable_fields: ClassVar[tuple[str, ...]] = ("y",)
     kind: Literal["return_map"] = Field(
         description="return_map: an observable's change from crossing to crossing"
     )
@@ -152,19 +141,13 @@ class ReturnMaps(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {} if self.panels is None else {"panels": self.panels}
-
-    def observed(self) -> dict[tuple[str | int, ...], str]:
-        """The observables that it names, by where in it they stand."""
-        return {("y",): self.y}
-
 
 class Branches(_Figure):
     """The fixed points of return maps over a parameter."""
 
     runs: ClassVar[tuple[str, ...]] = ("return_map",)
+    column_fields: ClassVar[tuple[str, ...]] = ("x",)
+    observable_fields: ClassVar[tuple[str, ...]] = ("y",)
     kind: Literal["branches"] = Field(description="branches: fixed points of return maps over a parameter")
     x: Text = Field(description="column of the parameter, which varies")
     y: Text = Field(description="observable of the model")
@@ -172,19 +155,12 @@ class Branches(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {"x": self.x}
-
-    def observed(self) -> dict[tuple[str | int, ...], str]:
-        """The observables that it names, by where in it they stand."""
-        return {("y",): self.y}
-
 
 class GaitMap(_Figure):
     """Which gaits are stable over two varied quantities, each from several starts."""
 
     runs: ClassVar[tuple[str, ...]] = ("settle",)
+    column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue")
     kind: Literal["gait_map"] = Field(description="gait_map: the gaits that several starts settle in")
     x: Text = Field(description="column along the horizontal axis")
     y: Text = Field(description="column along the vertical axis")
@@ -192,13 +168,70 @@ class GaitMap(_Figure):
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
 
+
+class DriftLaw(_Figure):
+    """Cycles that chains with unequal ends take, against the law of their drift."""
+
+    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    column_fields: ClassVar[tuple[str, ...]] = ("hue",)
+    kind: Literal["drift_law"] = Field(description="drift_law: cycles until settled over unequal end masses")
+    hue: Text = Field(default="gait", description="column of the gait")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+
+class BasinMeasures(_Figure):
+    """Shares of starts with intervals, entropies, and uncertain starts over their error."""
+
+    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    column_fields: ClassVar[tuple[str, ...]] = ("hue", "panels")
+    kind: Literal["basin_measures"] = Field(description="basin_measures: basins of attraction in numbers")
+    axes: list[Text] | None = Field(
+        default=None,
+        min_length=1,
+        description="columns of the starts; what varies besides panels if not given",
+    )
+    hue: Text = Field(
+        default="gait", description="column of what starts come to; attractor groups the settled states"
+    )
+    panels: Text | None = Field(default=None, description="column of which each value is measured by itself")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
     def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        return {"x": self.x, "y": self.y, "hue": self.hue}
+        """The columns that it names, by field; `attractor` is worked out, and in no table."""
+        named = {field: name for field, name in super().columns().items() if name != "attractor"}
+        return named | {f"axes[{number}]": name for number, name in enumerate(self.axes or [])}
+
+
+class Shock(_Figure):
+    """How far each start is from one that comes out otherwise, over two varied quantities."""
+
+    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue", "panels")
+    kind: Literal["shock"] = Field(
+        description="shock: the smallest change of a start that changes its outcome"
+    )
+    x: Text = Field(description="column along the horizontal axis")
+    y: Text = Field(description="column along the vertical axis, in the unit of x")
+    hue: Text = Field(default="gait", description="column of what starts come to")
+    panels: Text | None = Field(default=None, description="column of which each value gets a panel")
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
 
 
 Figure = Annotated[
-    Basin | SolutionSet | Cycles | Footprints | Hysteresis | ReturnMaps | Branches | GaitMap,
+    Basin
+    | SolutionSet
+    | Cycles
+    | Footprints
+    | Hysteresis
+    | ReturnMaps
+    | Branches
+    | GaitMap
+    | DriftLaw
+    | BasinMeasures
+    | Shock,
     Field(discriminator="kind"),
 ]
 FIGURES: Mapping[str, type[Part]] = MappingProxyType(
@@ -211,5 +244,8 @@ FIGURES: Mapping[str, type[Part]] = MappingProxyType(
         "return_map": ReturnMaps,
         "branches": Branches,
         "gait_map": GaitMap,
+        "drift_law": DriftLaw,
+        "basin_measures": BasinMeasures,
+        "shock": Shock,
     }
 )

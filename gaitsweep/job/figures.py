@@ -8,7 +8,7 @@ from gaitsweep import nearmiss
 from gaitsweep.contract import Model
 from gaitsweep.job.complaints import Complaint
 from gaitsweep.job.figure_kinds import Figure, Hysteresis
-from gaitsweep.job.runs import Ramp, Run, Settle, Staircase, Trace
+from gaitsweep.job.runs import Ramp, Run, Settle, Staircase, Trace, moved_by
 
 
 def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
@@ -19,7 +19,8 @@ def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
         traits = [quantity.name for quantity in model.traits]
         return ["row", *axes, "status", "cycles", "t_end", *observed, "gait", *traits]
     if isinstance(run, Trace):
-        return ["row", *axes, "t", *(quantity.name for quantity in model.signals), "status"]
+        moving = [] if run.parameter is None else ["pass", run.parameter]
+        return ["row", *axes, *moving, "t", *(quantity.name for quantity in model.signals), "status"]
     observed = [f"{quantity.name}_n" for quantity in model.observables]
     if isinstance(run, Staircase):
         head = ["stair", "pass", run.parameter, "t", "crossing", "settled", "status"]
@@ -50,7 +51,7 @@ def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], ru
                 near = nearmiss.suggestion(name, observables)
                 text = f"is {name}, which is not an observable of {model.name}{near}"
                 complaints.append(Complaint((*path, *place), text))
-        moved = run.parameter if isinstance(run, Ramp | Staircase) else None
+        moved = moved_by(run)
         if isinstance(figure, Hysteresis) and figure.parameter not in (None, moved):
             text = f"is {figure.parameter}, but this run moves {moved}: leave it out."
             complaints.append(Complaint((*path, "parameter"), text))

@@ -65,7 +65,7 @@ class Plan:
     def derived(self) -> dict[str, str]:
         """The parameters that are formulas of others, the structure's numbers written into them.
 
-        A parameter that moves while a row runs (ramp, staircase) moves these as well.
+        A parameter that moves while a row runs (ramp, staircase) moves those that are `following` it.
         """
         parameters = [quantity.name for quantity in self.model.parameters]
         formulas = {name: self.settings[name] for name in parameters if name in self.settings}
@@ -88,10 +88,14 @@ class Plan:
             ExpressionError: an expression that has no value in one of these rows.
             JobError: a value that the model does not allow; only where `checkable` is false.
         """
+        return self.values_in(self._rows(start, stop))
+
+    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """All parameters and all starts in `rows` (n,) of int64, as `values` gives them."""
         parameters = [quantity.name for quantity in self.model.parameters]
         starts = [quantity.name for quantity in self.model.starts]
-        values = self.at(self._rows(start, stop), [*parameters, *starts])
-        self._check_block(start, values)
+        values = self.at(rows, [*parameters, *starts])
+        self._check_block(rows, values)
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
 
     def at(self, rows: np.ndarray, wanted: Iterable[str]) -> dict[str, np.ndarray]:
@@ -122,6 +126,11 @@ class Plan:
                 reached.add(name)
                 waiting.extend(self.uses(name))
         return reached
+
+    def following(self, parameter: str) -> tuple[str, ...]:
+        """The derived parameters that move with another, each after those that it uses."""
+        derived = (name for name in self.order if name in self.derived and name != parameter)
+        return tuple(name for name in derived if parameter in self.closure([name]))
 
     def uses(self, name: str) -> set[str]:
         """The quantities that the formulas of `name` use directly."""
@@ -154,12 +163,12 @@ class Plan:
         plain = name in self._places and not self.uses(name)
         return plain or math.prod(self.groups[place].length for place in self.spans(name)) <= MOST_CHECKED
 
-    def _check_block(self, start: int, values: Mapping[str, np.ndarray]) -> None:
+    def _check_block(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
         for quantity in (*self.model.parameters, *self.model.starts):
             if quantity.name in self._unchecked:
                 wrong = np.flatnonzero(~inside(values[quantity.name], quantity))
                 if wrong.size:
-                    value, row = values[quantity.name][wrong[0]], start + int(wrong[0])
+                    value, row = values[quantity.name][wrong[0]], int(rows[wrong[0]])
                     raise JobError(
                         [Complaint((quantity.name,), f"is {value:g} in row {row}, but {must(quantity)}.")]
                     )

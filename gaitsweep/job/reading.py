@@ -17,7 +17,8 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.figures import check_figures, table_columns
 from gaitsweep.job.numbers import SCOPE, Scope
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.runs import MOVING, Numerics, Ramp, Staircase
+from gaitsweep.job.refined import check_refinement
+from gaitsweep.job.runs import MOVING, Numerics, moved_by
 from gaitsweep.job.subject import Subject, read_settings, read_subject
 from gaitsweep.job.vary import Vary, read_vary
 
@@ -193,18 +194,22 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
     assert plan is not None
     assert subject is not None
     complaints: list[Complaint] = []
-    if isinstance(run, Ramp | Staircase):
-        if run.parameter not in subject.parameters:
-            reason = subject.unknown(run.parameter, "params") or ""
-            reading.refuse([Complaint(("run", "parameter"), f"is {run.parameter}, which {reason}")])
-        plan = dataclasses.replace(plan, settings={**plan.settings, run.parameter: run.path[0]})
-        following = [name for name in plan.derived if run.parameter in plan.closure([name])]
-        for name in {run.parameter, *following} & set(subject.model.host_parameters):
-            moves = "" if name == run.parameter else f", with which {name} moves"
-            text = f"is {run.parameter}{moves}: {name} is compiled into a row's body"
+    moving = moved_by(run)
+    if moving is not None:
+        if moving not in subject.parameters:
+            reason = subject.unknown(moving, "params") or ""
+            reading.refuse([Complaint(("run", "parameter"), f"is {moving}, which {reason}")])
+        first = {moving: run.path[0]} if run.path else {}  # a trace may lack it, of which check_run tells
+        plan = dataclasses.replace(plan, settings={**plan.settings, **first})
+        for name in (moving, *plan.following(moving)):
+            if name not in subject.model.host_parameters:
+                continue
+            moves = "" if name == moving else f", with which {name} moves"
+            text = f"is {moving}{moves}: {name} is compiled into a row's body"
             text += " and cannot move while it runs."
             complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_run(run))
+    complaints.extend(check_refinement(plan, run))
     if numerics.event_tolerance >= numerics.dt:
         text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
         complaints.append(Complaint(("numerics", "event_tolerance"), text))
@@ -221,8 +226,8 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
             if columns.count(name) > 1:
                 text = f"varies {name}, but the table has a column of that name: rename the model's quantity."
                 complaints.append(Complaint(path, text))
-    if isinstance(run, Ramp | Staircase) and columns.count(run.parameter) > 1:
-        text = f"is {run.parameter}, but the table has a column of that name: rename the model's quantity."
+    if moving is not None and columns.count(moving) > 1:
+        text = f"is {moving}, but the table has a column of that name: rename the model's quantity."
         complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_ranges(plan, subject, run))
     complaints.extend(check_figures(figures, subject.model, plan.names, run))

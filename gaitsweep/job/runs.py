@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
-from gaitsweep.job.numbers import Count, CountOrZero, LaneCount, NotNegative, Positive, Real, Text, word
+from gaitsweep.job.numbers import (
+    Count,
+    CountOrZero,
+    LaneCount,
+    NotNegative,
+    Positive,
+    Real,
+    Refused,
+    Text,
+    checked,
+    read_whole,
+    word,
+)
 
 MOST_SAMPLES = 10_000_000  # of a row's trace
 MOST_STAIRS = 10_000  # of a staircase
-MOVING = ("ramp", "staircase")  # kinds of runs that move a parameter, `parameter`, along a `path`
+MOST_COARSE = 1024  # cells a side
+MOVING = ("ramp", "staircase", "trace")  # kinds of runs that may move a `parameter` along a `path`
 
 
 class Part(BaseModel):
@@ -19,8 +32,18 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+def _power_of_two(value: Any) -> int:
+    whole = read_whole(value, low=2, high=MOST_COARSE)
+    if whole & (whole - 1):
+        below = 1 << (whole.bit_length() - 1)
+        raise Refused(f"is {whole}, but takes a power of two; did you mean {below} or {2 * below}?")
+    return whole
+
+
 class Settle(Part):
     """Follow each row until its section's state stops moving; one row a start."""
+
+    REFINING: ClassVar[tuple[str, ...]] = ("refine", "over", "coarse")  # fields that say which rows are run
 
     kind: Literal["settle"] = Field(description="settle: until the section's state stops moving")
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
@@ -30,10 +53,29 @@ class Settle(Part):
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
     )
+    refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
+        default=None,
+        description="boundary: of a grid, only cells next to another gait are simulated; "
+        "the others are inferred",
+    )
+    over: list[Text] | None = Field(
+        default=None,
+        min_length=1,
+        description="axes that refine; all linspace and logspace axes of starts if not given",
+    )
+    coarse: Annotated[int, PlainValidator(checked(_power_of_two)), WithJsonSchema({"type": "integer"})] = (
+        Field(
+            default=8,
+            description="cells between the first starts that refine simulates: a power of two; "
+            "what is narrower may be missed",
+        )
+    )
 
 
 class Trace(Part):
-    """Record the signals of each row at equal intervals of time."""
+    """Record the signals of each row at equal intervals of time, a parameter moving if one is named."""
+
+    ALONG: ClassVar[tuple[str, ...]] = ("parameter", "path", "rate", "hold")  # fields that say how it moves
 
     kind: Literal["trace"] = Field(description="trace: a time series of each row")
     duration: Positive = Field(description="length of the recording, in s")
@@ -41,6 +83,12 @@ class Trace(Part):
     after_cycles: CountOrZero = Field(
         default=0, description="section crossings to let pass first; t counts from there"
     )
+    parameter: Text | None = Field(default=None, description="the model's parameter that moves meanwhile")
+    path: list[Real] | None = Field(
+        default=None, min_length=2, max_length=1000, description="values between which it moves, in order"
+    )
+    rate: Positive | None = Field(default=None, description="its speed, in its unit a second")
+    hold: NotNegative = Field(default=0.0, description="time at the first value before it moves, in s")
 
 
 class Ramp(Part):
@@ -87,6 +135,11 @@ class Staircase(Part):
     )
 
 
+def moved_by(run: object) -> str | None:
+    """The parameter that a run moves, where there is one."""
+    return run.parameter if isinstance(run, Ramp | Staircase | Trace) else None
+
+
 Run = Annotated[Settle | Trace | Ramp | ReturnMap | Staircase, Field(discriminator="kind")]
 
 
@@ -107,8 +160,10 @@ class Numerics(Part):
         "stabilised: long steps over stiff contacts, 6th order; exact: the same to 1e-6 of any transient; "
         "semi_implicit: steps of fixed length with events inside them, for models that have such steps",
     )
-    precision: Annotated[Literal["float64", "float32"], word("float64", "float32")] = Field(
-        default="float64", description="float64, or float32 where a model allows it"
+    precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
+        default="float64",
+        description="float64; where a model allows it, float32, or mixed: forces in float32, the state and "
+        "time in float64",
     )
     event_tolerance: Positive = Field(default=1e-12, description="error of an event's time, in s")
 

@@ -23,7 +23,18 @@ from gaitsweep.job.figure_kinds import FIGURES, Figure
 from gaitsweep.job.numbers import Stem, Text
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
-from gaitsweep.job.runs import EngineChoice, Numerics, Part, Ramp, ReturnMap, Run, Settle, Staircase, Trace
+from gaitsweep.job.runs import (
+    EngineChoice,
+    Numerics,
+    Part,
+    Ramp,
+    ReturnMap,
+    Run,
+    Settle,
+    Staircase,
+    Trace,
+    moved_by,
+)
 from gaitsweep.job.vary import vary_schema
 
 _HASHED_FORM = 2  # raised when the meaning of a resolved job changes, so that no old directory is resumed
@@ -97,7 +108,7 @@ class Job(Part):
         start that the model decides itself, and the parameter of a ramp or staircase, are left out.
         """
         dumped = self.model_dump(mode="json", exclude={"config", "params", "start"})
-        moving = self.run.parameter if isinstance(self.run, Ramp | Staircase) else None
+        moving = moved_by(self.run)
         settings = {
             name: setting
             for name, setting in self._plan.settings.items()
@@ -124,6 +135,11 @@ class Job(Part):
             key: resolved[key] for key in ("model", "structure", "params", "start", "run", "numerics")
         }
         deciding["vary"] = _in_order(resolved["vary"])
+        if isinstance(self.run, Settle) and self.run.refine is None:
+            # a run of every row is the same one whatever a refined one would do
+            deciding["run"] = {k: v for k, v in resolved["run"].items() if k not in Settle.REFINING}
+        if isinstance(self.run, Trace) and self.run.parameter is None:
+            deciding["run"] = {k: v for k, v in resolved["run"].items() if k not in Trace.ALONG}
         deciding["engine"] = {
             "name": engine if engine is not None else self.engine.name,
             "lanes": lanes if lanes is not None else self.engine.lanes,

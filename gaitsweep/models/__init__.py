@@ -15,6 +15,8 @@ from gaitsweep.contract import HybridModel, Model, SteppedModel
 
 _REGISTRY = {
     "multilegged": "gaitsweep.models.multilegged:Multilegged",
+    "multilegged_reduced": "gaitsweep.models.multilegged_reduced:MultileggedReduced",
+    "planar_quadruped": "gaitsweep.models.planar_quadruped:PlanarQuadruped",
     "waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped",
 }
 _OWN = "a model of your own is written package.module:attribute"

@@ -18,10 +18,11 @@ import numpy as np
 
 from gaitsweep.analysis.multilegged.gaits import GAITS, classify
 from gaitsweep.analysis.multilegged.obstacle import obstacle_problem
-from gaitsweep.contract import HybridModel, Quantity, Rates, Skeleton
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Skeleton
 from gaitsweep.dynamics.compliant_ground import ground_force
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import neighbour_force
+from gaitsweep.models.multilegged_chart import MultileggedChart
 from gaitsweep.models.multilegged_drawing import skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
@@ -304,6 +305,9 @@ class Multilegged(HybridModel):
 
     def period(self, params: Params) -> jax.Array:
         return TWO_PI / params.omega
+
+    def chart(self) -> Chart | None:
+        return MultileggedChart(self.N)
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
         return skeleton(self.N + 1, values, signals)

@@ -11,26 +11,32 @@ from matplotlib.figure import Figure
 
 from gaitsweep import nearmiss
 from gaitsweep.plot.basin import basin
+from gaitsweep.plot.basin_measures import basin_measures
 from gaitsweep.plot.branches import branches
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.cycles import cycles
+from gaitsweep.plot.drift_law import drift_law
 from gaitsweep.plot.footprints import footprints
 from gaitsweep.plot.gait_map import gait_map
 from gaitsweep.plot.hysteresis import hysteresis
 from gaitsweep.plot.return_map import return_map
+from gaitsweep.plot.shock import shock
 from gaitsweep.plot.solution_set import solution_set
 
 __all__ = [
     "KINDS",
     "PlotError",
     "basin",
+    "basin_measures",
     "branches",
     "cycles",
     "draw",
+    "drift_law",
     "footprints",
     "gait_map",
     "hysteresis",
     "return_map",
+    "shock",
     "solution_set",
 ]
 
@@ -44,6 +50,9 @@ KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
         "return_map": return_map,
         "branches": branches,
         "gait_map": gait_map,
+        "drift_law": drift_law,
+        "basin_measures": basin_measures,
+        "shock": shock,
     }
 )
 

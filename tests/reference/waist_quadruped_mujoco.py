@@ -140,10 +140,13 @@ class Quadruped:
         return tau
 
     def rates(self) -> np.ndarray:
-        """Rates of the phases: K_12 = K_34 = 10 towards pi, and K_13 = 20 towards delta_13 at the start."""
+        """Rates of the phases: K_12 = K_34 = 10 towards pi, and K_13 = 20 towards delta_13 at the start.
+
+        Of the step in which T_hold lies, K_13 counts for the share before it.
+        """
         pairs = [(0, 1, 10.0, math.pi), (2, 3, 10.0, math.pi)]
-        if self.time < self.T_hold:
-            pairs += [(0, 2, 20.0, self.delta_13), (1, 3, 20.0, self.delta_13)]
+        held = 20.0 * min(max((self.T_hold - self.time) / self.dt, 0.0), 1.0)
+        pairs += [(0, 2, held, self.delta_13), (1, 3, held, self.delta_13)]
         rates = np.full(4, self.omega)
         for i, j, K, wanted in pairs:
             pull = K * math.sin(self.phi[i] - self.phi[j] - wanted)

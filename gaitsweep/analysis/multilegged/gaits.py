@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from gaitsweep.analysis.multilegged.order import meetings
 from gaitsweep.analysis.multilegged.section import TWO_PI
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
@@ -15,7 +16,6 @@ from gaitsweep.analysis.multilegged.solution_sets import (
     Steps,
     all_steps,
     branches,
-    places,
     shift,
     solution,
     touchdown_phase,
@@ -56,15 +56,9 @@ def segments(N: int, chain: Chain | None = None, section: int = 1) -> Segments:
 def pieces(rule: Steps, circle: jax.Array, section: int) -> Segments:
     """The N + 2 pieces of one set on the section of one leg, without the leading axis.
 
-    A set jumps by m_B b where a leg touches together with the section's own: where their places on the
-    circle coincide. Each leg moves against the section's at a rate of 0, 1 or 2, and does so once at most.
+    A set jumps by m_B b where a leg touches together with the section's own.
     """
-    start = places(rule, jnp.zeros_like(rule.low))
-    rate = jnp.concatenate([jnp.zeros_like(rule.slope[:1]), jnp.cumsum(rule.slope)])
-    ahead, rate = start - start[section - 1], rate - rate[section - 1]
-    moving = jnp.where(rate == 0.0, 1.0, rate)
-    meeting = rule.low + jnp.mod(-ahead / moving - rule.low, circle / jnp.abs(moving))
-    cuts = jnp.where(rate == 0.0, rule.high, jnp.minimum(meeting, rule.high))
+    cuts = meetings(rule, circle, section)
     ends = jnp.concatenate([rule.low[None], jnp.sort(cuts), rule.high[None]])
     middle = jax.vmap(lambda s: solution(rule, s, circle, section))(0.5 * (ends[1:] + ends[:-1]))
     length = jnp.sqrt(jnp.sum(rule.slope**2))

@@ -57,3 +57,54 @@ def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
     inside = (ahead > 0) & (behind > 0)
     chord = (h[None, :, None] * ahead + h[None, None, :] * behind) / jnp.where(inside, ahead + behind, 1.0)
     return jnp.max(jnp.where(inside, chord, -jnp.inf), axis=(1, 2))
+
+
+def balance(
+    l: jax.Array,  # noqa: E741
+    m: jax.Array,
+    kappa: jax.Array,
+    g: jax.Array,
+) -> jax.Array:
+    """Load on each leg over kappa (m), shape (n,); negative for a leg in the air, by how far it is.
+
+    The load in the form of a guard: it changes its sign where a leg touches or leaves the ground.
+
+    Args:
+        l, m, kappa, g: as in `obstacle_problem`.
+
+    Source: eq. (8), with the complementarity below it.
+    """
+    return balance_and_rate(l, m, kappa, g, jnp.zeros_like(l))[0]
+
+
+def balance_and_rate(
+    l: jax.Array,  # noqa: E741
+    m: jax.Array,
+    kappa: jax.Array,
+    g: jax.Array,
+    rate: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """`balance`, and how it changes while the legs' lengths change at `rate` (n,).
+
+    Leg i touches where the least slope of z = x - q to a leg before it is above the greatest slope to a leg
+    behind it, the level ray to the front and the steepest one to the rear among them; the difference is its
+    load, since z bends there by as much. Of several extreme slopes any one's rate is given.
+
+    Args:
+        l, m, kappa, g: as in `obstacle_problem`.
+        rate: of each leg's length, m in any unit of time or phase, shape (n,).
+    """
+    weights = jnp.cumsum(m * g / kappa)
+    hang = jnp.concatenate([jnp.zeros_like(weights[:1]), jnp.cumsum(weights[:-1])])
+    front, rear = jnp.zeros_like(l), jnp.zeros_like(l) - weights[-1]
+    front_rate, rear_rate = jnp.zeros_like(rate), jnp.zeros_like(rate)
+    for apart in range(1, l.shape[0]):
+        share = 1.0 / apart
+        slope = (l[apart:] - l[:-apart]) * share - (hang[apart:] - hang[:-apart]) * share
+        slope_rate = (rate[apart:] - rate[:-apart]) * share
+        less, more = slope < front[apart:], slope > rear[:-apart]
+        front = jnp.concatenate([front[:apart], jnp.where(less, slope, front[apart:])])
+        front_rate = jnp.concatenate([front_rate[:apart], jnp.where(less, slope_rate, front_rate[apart:])])
+        rear = jnp.concatenate([jnp.where(more, slope, rear[:-apart]), rear[-apart:]])
+        rear_rate = jnp.concatenate([jnp.where(more, slope_rate, rear_rate[:-apart]), rear_rate[-apart:]])
+    return front - rear, front_rate - rear_rate

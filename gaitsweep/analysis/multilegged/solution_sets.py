@@ -130,7 +130,18 @@ def _row(N: int, branch: Branch) -> int:
     return branches(N).index(branch)
 
 
-def places(rule: Steps, s: jax.Array) -> jax.Array:
+def rule_of(N: int, branch: Branch, chain: Chain) -> Steps:
+    """The steps of one set, one of `branches(N)`.
+
+    Raises:
+        ValueError: the chain has no such set.
+    """
+    row = _row(N, branch)
+    rules = all_steps(N, chain)
+    return Steps(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
+
+
+def places(rule: Steps, s: Scalar) -> jax.Array:
     """Places theta of the legs on the circle at the free phase s, rad, shape (N+1,); leg 1 at 0."""
     return jnp.concatenate([jnp.zeros_like(rule.fixed[:1]), jnp.cumsum(rule.fixed + rule.slope * s)])
 

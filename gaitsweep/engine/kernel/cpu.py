@@ -78,6 +78,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
             lanes=lanes,
             cadence=CADENCE,
             status=status * lanes,
+            halt=chunk.carry.halt.first * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
     ]
@@ -141,6 +142,11 @@ def run(S, kept, looks):
             if running == 0:
                 break
             for _ in range({cadence}):
+                going = 0
+                for lane in range({lanes}):
+                    going += s[{halt} + lane] == 0.0
+                if going == 0:  # all wait for the look, and would stay as they are
+                    break
                 attempt(s)
             look(s)
             {keep}

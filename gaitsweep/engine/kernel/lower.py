@@ -30,6 +30,8 @@ _LOOSE = ("contract", "nsz")
 _ARITHMETIC = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
 _FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
 _WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+_LINES = "assignments to a name or an element, `if` without `else`, and a tuple returned"
+_EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
 
 
@@ -135,7 +137,8 @@ class _Writer:
                 case ast.Pass():
                     pass
                 case _:
-                    raise NotImplementedError(ast.unparse(line))
+                    text = f"The line `{ast.unparse(line)}` of a kernel is not lowered. Allowed: {_LINES}."
+                    raise ValueError(text)
         return None
 
     def value(self, node: ast.expr) -> Any:
@@ -166,7 +169,8 @@ class _Writer:
                 return builder.load(self._element(node))
             case ast.Call(func=function, args=args):
                 return self._called(ast.unparse(function), [self.value(a) for a in args])
-        raise NotImplementedError(ast.unparse(node))
+        text = f"The expression `{ast.unparse(node)}` of a kernel is not lowered. Allowed: {_EXPRESSIONS}."
+        raise ValueError(text)
 
     def _combined(self, op: type, left: Any, right: Any) -> Any:
         if op in _FLAGS:

@@ -23,10 +23,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import HybridModel, Quantity, Rates
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree_kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
+from gaitsweep.models.waist_quadruped.chart import LandingChart
 from gaitsweep.models.waist_quadruped.drawing import Drawn
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
 from gaitsweep.models.waist_quadruped.in_mjx import MjxQuadruped
@@ -121,7 +122,7 @@ class WaistQuadruped(Drawn, HybridModel):
         phi = wrapped(jnp.stack([phi_1, phi_1 - jnp.pi, phi_3, phi_3 - jnp.pi]))
         half = phi < 0.5 * p.phi_AEP
         segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(half, EARLY, LATE))
-        path = p.path(zero)
+        path = p.path(zero, True)
         x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
         angles = self._angles(p, x, z)
         q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
@@ -134,6 +135,8 @@ class WaistQuadruped(Drawn, HybridModel):
             v=jnp.zeros(15, q.dtype),
             phi=phi,
             clock=zero,
+            growing=jnp.ones((), bool),
+            held=jnp.ones((), bool),
             contact=jnp.ones(4, bool),
             anchor=at[:, :2],
             segment=segment,
@@ -160,7 +163,7 @@ class WaistQuadruped(Drawn, HybridModel):
 
     def _accelerations(self, p: Params, s: State) -> jax.Array:
         m = p.mechanics
-        x, z = p.path(s.clock).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
         forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
         return m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
 
@@ -173,7 +176,7 @@ class WaistQuadruped(Drawn, HybridModel):
         return {
             "q": jnp.asarray(rates(body()[0], s.q, s.v)),
             "v": self._accelerations(p, s),
-            "phi": phase_rates(p, s),
+            "phi": phase_rates(p, s, jnp.where(s.held, p.K_13, 0.0)),
             "clock": jnp.ones_like(s.clock),
         }
 
@@ -181,25 +184,29 @@ class WaistQuadruped(Drawn, HybridModel):
         return SemiImplicit(self._mover)
 
     def guards(self, params: Params, state: State) -> jax.Array:
-        """Each limb's phase against the end of its segment, then each foot's contact, shape (8,)."""
+        """Each limb's phase against its segment's end, each foot's contact, the start's two ends: (10,)."""
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
-        return jnp.concatenate(
-            [s.phi - corner(p, s.segment), jnp.where(s.contact, height - RELEASE, -height)]
+        foot = jnp.where(s.contact, height - RELEASE, -height)
+        grown, free = (
+            jnp.where(s.growing, s.clock - p.T_grow, -1.0),
+            jnp.where(s.held, s.clock - p.T_hold, -1.0),
         )
+        return jnp.concatenate([s.phi - corner(p, s.segment), foot, jnp.stack([grown, free])])
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
         p, s = params, state
-        now = transitions(s, fired[:4], fired[4:])
+        now = transitions(s, fired[:4], fired[4:8])
         at, _ = p.mechanics.feet(s.q, s.v)
         touches = now.contact & ~s.contact
         anchor = jnp.where(touches[:, None], at[:, :2], s.anchor)
-        wanted_at = p.path(s.clock).target(s.phi, s.segment, (s.landing_x, s.landing_z))
-        return after_events(p, dataclasses.replace(s, anchor=anchor), now, wanted_at, 0.0)
+        wanted_at = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
+        return after_events(p, s, now, wanted_at, 0.0)
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
         """Limb 3 lands."""
-        return transitions(before, fired[:4], fired[4:]).lands[2]
+        return transitions(before, fired[:4], fired[4:8]).lands[2]
 
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
         phi = state.phi
@@ -242,3 +249,6 @@ class WaistQuadruped(Drawn, HybridModel):
 
     def free_after(self, params: Params) -> jax.Array:
         return params.T_hold
+
+    def chart(self) -> Chart | None:
+        return LandingChart() if self.located else None

@@ -23,10 +23,9 @@ class Transitions(NamedTuple):
     wraps: jax.Array
 
 
-def phase_rates(p: Params, s: State) -> jax.Array:
-    """Rates (4,) of the phases, rad/s, eq. (2) and (6); delta_13 is pulled to what is wanted while held."""
+def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
+    """Rates (4,) of the phases, rad/s, eq. (2) and (6); delta_13 is `held` (rad/s) to what is wanted."""
     left, right = jnp.sin(s.phi[0] - s.phi[1] - jnp.pi), jnp.sin(s.phi[2] - s.phi[3] - jnp.pi)
-    held = jnp.where(s.clock < p.T_hold, p.K_13, 0.0)
     pair_13 = held * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
     pair_24 = held * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
     pull = [

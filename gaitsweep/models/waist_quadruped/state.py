@@ -51,17 +51,17 @@ class Params:
     phi_AEP: jax.Array  # rad
     mechanics: Mechanics
 
-    def path(self, clock: jax.Array) -> FootPath:
-        """The feet's path at a time (s); at the start it grows from nothing."""
-        grown = jnp.clip(clock / self.T_grow, 0.0, 1.0)
+    def path(self, clock: jax.Array, growing: jax.Array | bool) -> FootPath:
+        """The feet's path at a time (s); while it is `growing`, as at the start, it does so from nothing."""
+        grown = jnp.where(growing, clock / self.T_grow, 1.0)
         return FootPath(self.phi_AEP, self.x_c, self.D * grown, self.H, self.h * grown, self.dip)
 
 
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=[
-        "q", "v", "phi", "clock", "contact", "anchor", "segment", "lifted", "landing_x", "landing_z",
-        "height", "gain", "closed", "wanted", "stride_x", "stride_t", "speed", "period",
+        "q", "v", "phi", "clock", "growing", "held", "contact", "anchor", "segment", "lifted", "landing_x",
+        "landing_z", "height", "gain", "closed", "wanted", "stride_x", "stride_t", "speed", "period",
     ],
     meta_fields=[],
 )  # fmt: skip
@@ -69,7 +69,8 @@ class Params:
 class State:
     """What changes along a trajectory; limbs in their order.
 
-    `q` (16,), `v` (15,) as MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `contact` (4,) bool;
+    `q` (16,), `v` (15,) as MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether the
+    stride still grows, and `held`, whether delta_13 is held, as they do at the start; `contact` (4,) bool;
     `anchor` (4, 2) m, where each foot touched down; `segment` (4,) of its path; `lifted` (4,): the foot has
     been off the ground since its swing began; `landing_x`, `landing_z` (4,) m, where the foot was wanted at
     its landing (LP); `wanted` rad, the delta_13 held at the start; `stride_x` (m) and `stride_t` (s) at limb
@@ -82,6 +83,8 @@ class State:
     v: jax.Array
     phi: jax.Array
     clock: jax.Array
+    growing: jax.Array
+    held: jax.Array
     contact: jax.Array
     anchor: jax.Array
     segment: jax.Array

@@ -89,7 +89,7 @@ class SemiImplicit(Steps):
         anchor = jnp.where(touches[:, None], at[:, :2] - (rest * dt)[:, None] * speed[:, :2], s.anchor)
 
         # where each foot is wanted; for a limb that lands, where it was wanted then, and how far it is since
-        path = p.path(s.clock)
+        path = p.path(s.clock, s.growing)
         phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
         x, z = path.target(phi, jnp.where(now.lands, landing_in, now.segment), (s.landing_x, s.landing_z))
         s = after_events(p, dataclasses.replace(s, anchor=anchor), now, (x, z), over)
@@ -99,13 +99,17 @@ class SemiImplicit(Steps):
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
         tau = worked_in(dt.dtype, Mechanics.torques)(m, s.q, s.v, x, z)
         q, v = self.body.moved(m, s, tau, forces, dt)
-        gain = dt * phase_rates(p, s)
+        # of the step in which delta_13 is let go of, it is held for a share
+        share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
+        gain, clock = dt * phase_rates(p, s, p.K_13 * share), s.clock + dt
         return dataclasses.replace(
             s,
             q=q,
             v=v,
             phi=s.phi + gain,
-            clock=s.clock + dt,
+            clock=clock,
+            growing=clock < p.T_grow,
+            held=clock < p.T_hold,
             height=height,
             gain=gain,
         )

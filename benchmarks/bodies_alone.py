@@ -1,0 +1,80 @@
+"""How fast MuJoCo C and MJX step a body alone, without control and without oscillators."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.sweep_rate import Rate
+
+
+def mujoco_c(model: Any, begin: np.ndarray, seconds: float) -> Rate:
+    """mujoco.rollout on as many threads as there are cores.
+
+    Args:
+        model: a mujoco.MjModel, its option's step the one to take.
+        begin: positions (n, nq) from which rows start at rest.
+        seconds: of the measurement.
+    """
+    import mujoco
+    from mujoco import rollout
+
+    threads, steps = os.cpu_count() or 1, 500
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS  # type: ignore[attr-defined]
+    data = mujoco.MjData(model)  # type: ignore[attr-defined]
+    states = np.zeros((16 * threads, mujoco.mj_stateSize(model, full)))  # type: ignore[attr-defined]
+    for row, qpos in zip(states, np.resize(begin, (len(states), begin.shape[1])), strict=True):
+        mujoco.mj_resetData(model, data)  # type: ignore[attr-defined]
+        data.qpos[:] = qpos
+        mujoco.mj_getState(model, data, row, full)  # type: ignore[attr-defined]
+    workers = [mujoco.MjData(model) for _ in range(threads)]  # type: ignore[attr-defined]
+    best = np.inf
+    with rollout.Rollout(nthread=threads) as pool:
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            began = time.perf_counter()
+            pool.rollout(model, workers, states, nstep=steps)
+            best = min(best, time.perf_counter() - began)
+    rate = len(states) * steps / best
+    return Rate(rate, rate * model.opt.timestep, 0.0)
+
+
+def mjx_alone(model: Any, begin: np.ndarray, seconds: float, dtype: str = "float64") -> Rate:
+    """MJX, vmapped over the rows of `begin` (n, nq) and jitted; else as `mujoco_c`."""
+    # MJX makes its arrays in the default precision
+    with jax.enable_x64(dtype == "float64"):
+        return _mjx_alone(model, begin, seconds)
+
+
+def _mjx_alone(model: Any, begin: np.ndarray, seconds: float) -> Rate:
+    from mujoco import mjx
+
+    body, data = mjx.put_model(model), mjx.make_data(model)
+    steps = 100 if jax.default_backend() == "gpu" else 50
+
+    def one(qpos: jax.Array) -> jax.Array:
+        def step(_: int, d: mjx.Data) -> mjx.Data:
+            moved = mjx.step(body, d)
+            # with 64 bits some leaves come back in another type than they went in
+            return jax.tree.map(lambda new, old: new.astype(old.dtype), moved, d)
+
+        return jax.lax.fori_loop(0, steps, step, data.replace(qpos=qpos.astype(data.qpos.dtype))).qpos
+
+    run = jax.jit(jax.vmap(one))
+    began = time.perf_counter()
+    run(begin).block_until_ready()
+    compiled = time.perf_counter() - began
+    best = np.inf
+    end = time.perf_counter() + seconds
+    while True:
+        began = time.perf_counter()
+        run(begin).block_until_ready()
+        best = min(best, time.perf_counter() - began)
+        if time.perf_counter() > end:
+            break
+    rate = len(begin) * steps / best
+    return Rate(rate, rate * model.opt.timestep, compiled)

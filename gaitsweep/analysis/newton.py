@@ -1,0 +1,221 @@
+"""Fixed points of a map by Newton's method, for many starts at once, stable and unstable ones alike.
+
+Where the map conserves something, fixed points are not alone: they form lines, on which Newton's equations
+have no one solution. Then what is conserved is held at a value, and for each such condition there is an
+unknown more, the `drift`: how much of it a cycle adds. It is zero where the quantity is conserved exactly, and
+measures by how much it is not where that is only nearly so (Munoz-Almaraz et al. 2003, Physica D 181).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+import numpy as np
+
+from gaitsweep import nearmiss
+from gaitsweep.engine.maps import Images, Map, Points, Values, shorter
+
+# Steps tried in a row, each half as long as the one before, where the map is not defined or the residual grows.
+HALVINGS = 6
+# By how much a step may raise the residual and still be taken.
+PATIENCE = 4.0
+# Numbers count in proportion to their size, but not below this (in their unit).
+FLOOR = 0.1
+
+
+class Outcome(enum.IntEnum):
+    """How a search for a fixed point ended, with a sentence each."""
+
+    converged = 0, "A fixed point was found."
+    not_converged = 1, "The steps allowed were not enough."
+    left = 2, "The search left the points whose trajectories come back to the section."
+    singular = 3, "The equations have no one solution: hold what the map conserves."
+
+    sentence: str
+
+    def __new__(cls, number: int, sentence: str) -> Self:
+        outcome = int.__new__(cls, number)
+        outcome._value_, outcome.sentence = number, sentence
+        return outcome
+
+
+@dataclasses.dataclass(frozen=True)
+class Conditions:
+    """The conserved quantities that are held, by their places among those of a map, and at which values (n, k)."""
+
+    which: tuple[int, ...]
+    values: np.ndarray
+    circular: np.ndarray
+
+    @classmethod
+    def of(cls, mapping: Map, fix: Sequence[str] | Mapping[str, object], kept: np.ndarray) -> Conditions:
+        """Those named by `fix`, at its values or, where it has none, as they are in `kept` (n, all of them).
+
+        Raises:
+            ValueError: a name that the map does not conserve.
+        """
+        names = [quantity.name for quantity in mapping.conserved]
+        for name in fix:
+            if name not in names:
+                raise ValueError(f"{name} is not conserved by this map{nearmiss.suggestion(name, names)}")
+        which = tuple(names.index(name) for name in fix)
+        values = kept[:, which].copy()
+        if isinstance(fix, Mapping):
+            for place, given in enumerate(fix.values()):
+                if given is not None:
+                    values[:, place] = np.asarray(given, np.float64)
+        return cls(which, values, np.array([mapping.conserved[k].circular for k in which], bool))
+
+    def __getitem__(self, rows: np.ndarray) -> Conditions:
+        return dataclasses.replace(self, values=self.values[rows])
+
+    def missed(self, kept: np.ndarray) -> np.ndarray:
+        """How far the quantities are from where they are held, (n, k)."""
+        return shorter(kept[:, self.which] - self.values, self.circular)
+
+
+@dataclasses.dataclass(frozen=True)
+class FixedPoints:
+    """What a search gave for each start (n,).
+
+    `points` where it ended; `drift` (n, k) per map of what is held; `residual` (n,) the largest share, of its
+    size, by which a coordinate is not fixed; `iterations` (n,); `outcome` (n,) an `Outcome`; `images` with
+    derivatives there.
+    """
+
+    points: Points
+    drift: np.ndarray
+    residual: np.ndarray
+    iterations: np.ndarray
+    outcome: np.ndarray
+    images: Images
+
+    @property
+    def converged(self) -> np.ndarray:
+        """Which searches found a fixed point, (n,)."""
+        return self.outcome == Outcome.converged
+
+
+def sizes(at: np.ndarray) -> np.ndarray:
+    """The size by which each coordinate (n, size) counts."""
+    return FLOOR + np.abs(at)
+
+
+def residuals(
+    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
+) -> np.ndarray:
+    """Newton's equations at these points, (n, size + k): zero at a fixed point."""
+    moved = mapping.apart(images.points.at, points.at)
+    spread = along(images.kept_jacobian[:, held.which])
+    return np.concatenate([moved - np.einsum("nsk,nk->ns", spread, drift), held.missed(images.kept)], axis=1)
+
+
+def matrices(images: Images, held: Conditions) -> np.ndarray:
+    """The derivative (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
+    gradients = images.kept_jacobian[:, held.which]
+    n, size, _ = images.jacobian.shape
+    k = gradients.shape[1]
+    matrix = np.zeros((n, size + k, size + k))
+    matrix[:, :size, :size] = images.jacobian - np.eye(size)
+    matrix[:, :size, size:] = -along(gradients)
+    matrix[:, size:, :size] = gradients
+    return matrix
+
+
+def along(gradients: np.ndarray) -> np.ndarray:
+    """Directions (n, size, k) that add one to each quantity and nothing to the others, from (n, k, size)."""
+    if not gradients.shape[1]:
+        return np.swapaxes(gradients, 1, 2)
+    return np.linalg.pinv(gradients)
+
+
+def newton(
+    mapping: Map,
+    starts: Points,
+    values: Values,
+    *,
+    fix: Sequence[str] | Mapping[str, object] = (),
+    tolerance: float = 1e-9,
+    most: int = 20,
+) -> FixedPoints:
+    """Fixed points near many starts.
+
+    Args:
+        mapping: the map.
+        starts: n points.
+        values: parameters, numbers or one for each start (n,).
+        fix: names of conserved quantities to hold as they are at the start, or at values given by name.
+        tolerance: residual at which a point counts as fixed, as a share of each coordinate's size.
+        most: Newton steps.
+
+    Raises:
+        ValueError: `fix` names what the map does not conserve.
+    """
+    held_values = mapping.complete(values, len(starts))
+    images = mapping.linearised(starts, held_values)
+    held = Conditions.of(mapping, fix, images.kept)
+    n, k = len(starts), len(held.which)
+    points, drift = starts, np.zeros((n, k))
+    residual = _norm(residuals(mapping, points, drift, images, held), points.at)
+    outcome = np.where(images.sound, Outcome.not_converged, Outcome.left)
+    outcome[images.sound & (residual <= tolerance)] = Outcome.converged
+    iterations = np.zeros(n, int)
+    for _ in range(most):
+        rows = np.flatnonzero(outcome == Outcome.not_converged)
+        if not rows.size:
+            break
+        iterations[rows] += 1
+        step, solved = _steps(mapping, points[rows], drift[rows], images[rows], held[rows])
+        outcome[rows[~solved]] = Outcome.singular
+        rows, step = rows[solved], step[solved]
+        share, waiting = 1.0, np.ones(rows.size, bool)
+        for turn in range(HALVINGS + 1):
+            mine = rows[waiting]
+            if not mine.size:
+                break
+            trial, more = _moved(mapping, points[mine], drift[mine], images[mine], share * step[waiting])
+            there = mapping.linearised(trial, {name: each[mine] for name, each in held_values.items()})
+            norm = _norm(residuals(mapping, trial, more, there, held[mine]), trial.at)
+            taken = there.sound & ((norm < PATIENCE * residual[mine]) | (norm <= tolerance))
+            if turn == HALVINGS:
+                outcome[mine[~there.sound]] = Outcome.left
+                taken = there.sound
+            done = mine[taken]
+            points = points.merged(done, trial[taken])
+            drift[done], residual[done] = more[taken], norm[taken]
+            images = images.merged(done, there[taken])
+            waiting[np.flatnonzero(waiting)[taken]] = False
+            share *= 0.5
+        fixed = (outcome == Outcome.not_converged) & (residual <= tolerance)
+        outcome[fixed] = Outcome.converged
+    return FixedPoints(points, drift, residual, iterations, outcome, images)
+
+
+def _steps(
+    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
+) -> tuple[np.ndarray, np.ndarray]:
+    """Newton's step (n, size + k) of each point, and whether its equations have one solution."""
+    matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
+    solved = np.linalg.cond(matrix) < 1e13
+    step = np.zeros_like(miss)
+    step[solved] = np.linalg.solve(matrix[solved], -miss[solved, :, None])[:, :, 0]
+    return step, solved
+
+
+def _moved(
+    mapping: Map, points: Points, drift: np.ndarray, images: Images, step: np.ndarray
+) -> tuple[Points, np.ndarray]:
+    """Points and drifts a step on; near the image, so that they have the modes which the map gave it."""
+    size = points.at.shape[1]
+    back = mapping.apart(points.at, images.points.at)
+    return Points(images.points.at + back + step[:, :size], images.points.like), drift + step[:, size:]
+
+
+def _norm(miss: np.ndarray, at: np.ndarray) -> np.ndarray:
+    scale = np.ones_like(miss)
+    scale[:, : at.shape[1]] = sizes(at)
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(np.max(np.abs(miss) / scale, axis=1), nan=np.inf)

@@ -1,0 +1,125 @@
+"""Which cells of a grid have to be simulated for its basins to be known, and the labels of the others.
+
+The grid is laid out in boxes of `coarse` cells a side, and their corners are simulated first. A box in which
+two labels are known (in a corner, on a side that a finer neighbour shares, or inside) is halved along one
+refined axis, and the corners of its halves are simulated; those that are mixed are halved along the next
+axis, and so on, until all cells of a mixed box are known. A box in which all that is known agrees lends its
+label to the cells that are not. So both sides of every boundary in the result are simulated; what lies
+wholly between the corners of a box, and reaches none of its sides where these are simulated, is missed. All
+of it follows from the known labels alone, in whatever order these came.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+UNKNOWN = -1  # not simulated
+ALONE = -2  # simulated, with a label that is lent to no other cell
+_NONE = np.iinfo(np.int32).max
+
+Sides = dict[int, int]  # cells along the side of a box, by refined axis
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """A grid of rows, of which some axes are refined and each cell along the others is a panel of its own.
+
+    `lengths`: cells along each axis. `wraps`: for each refined axis, by its place, whether its last cell and
+    its first are neighbours. `coarse`: cells along a side of the first boxes, a power of two.
+    """
+
+    lengths: tuple[int, ...]
+    wraps: dict[int, bool]
+    coarse: int
+
+    def __post_init__(self) -> None:
+        if self.coarse < 2 or self.coarse & (self.coarse - 1):
+            raise ValueError(f"coarse is a power of two from 2 on, not {self.coarse}.")
+
+    def levels(self) -> Iterator[tuple[Sides, Sides]]:
+        """The sides of boxes and those of their halves, the widest first."""
+        sides = dict.fromkeys(self.wraps, self.coarse)
+        while max(sides.values()) > 1:
+            for axis in self.wraps:
+                halved = {**sides, axis: sides[axis] // 2}
+                yield sides, halved
+                sides = halved
+
+    def corners(self, axis: int, side: int) -> tuple[np.ndarray, int]:
+        """Where boxes of this side have corners along an axis, and the number of boxes between them."""
+        length = self.lengths[axis]
+        points = np.arange(0, length, side)
+        if self.wraps[axis]:
+            return points, len(points)
+        points = np.unique(np.append(points, length - 1))
+        return points, max(len(points) - 1, 1)
+
+
+def wanted(known: np.ndarray, grid: Grid) -> np.ndarray:
+    """The cells to simulate next, given what is known; none once every cell is decided.
+
+    Args:
+        known: integers of the grid's shape: a label >= 0 or ALONE for what was simulated, else UNKNOWN.
+        grid: how cells lie.
+
+    Returns:
+        Which cells, bool, of the same shape; only UNKNOWN ones.
+    """
+    first = dict.fromkeys(grid.wraps, grid.coarse)
+    need = np.zeros(grid.lengths, bool)
+    need[_points(grid, first)] = True
+    for sides, halved in grid.levels():
+        low, high = _spans(known, grid, sides)
+        mixed = low < high
+        for axis, side in sides.items():
+            points, count = grid.corners(axis, side)
+            at, _ = grid.corners(axis, halved[axis])
+            place = np.searchsorted(points, at, side="right") - 1
+            # a point on a corner lies on the box before it, too
+            before = place - np.isin(at, points)
+            before = before % count if grid.wraps[axis] else np.maximum(before, 0)
+            mixed = mixed.take(np.minimum(place, count - 1), axis) | mixed.take(before, axis)
+        need[_points(grid, halved)] |= mixed
+    return need & (known == UNKNOWN)
+
+
+def inferred(known: np.ndarray, grid: Grid) -> np.ndarray:
+    """The label of every cell: its own, or that of the box in which it lies; UNKNOWN where neither is."""
+    labels = np.array(known)
+    for sides, _ in grid.levels():
+        low, high = _spans(known, grid, sides)
+        lent = np.where(low == high, low, UNKNOWN)
+        for axis, side in sides.items():
+            points, count = grid.corners(axis, side)
+            inside = np.searchsorted(points, np.arange(grid.lengths[axis]), side="right") - 1
+            lent = lent.take(np.minimum(inside, count - 1), axis)
+        labels = np.where(labels == UNKNOWN, lent, labels)
+    return labels
+
+
+def _points(grid: Grid, sides: Sides) -> tuple[np.ndarray, ...]:
+    """The corners of boxes, as an index of the grid's arrays."""
+    return np.ix_(
+        *(
+            grid.corners(axis, sides[axis])[0] if axis in sides else np.arange(length)
+            for axis, length in enumerate(grid.lengths)
+        )
+    )
+
+
+def _spans(known: np.ndarray, grid: Grid, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest and the highest label known in each box, its sides included.
+
+    Lowest and highest differ around an ALONE cell whatever else is known; where nothing is, low > high.
+    """
+    low = np.where(known == UNKNOWN, _NONE, np.where(known == ALONE, UNKNOWN, known)).astype(np.int32)
+    high = np.where(known == ALONE, _NONE, known).astype(np.int32)
+    for axis, side in sides.items():
+        points, count = grid.corners(axis, side)
+        far = points[np.arange(1, count + 1) % len(points)]
+        low = np.minimum(np.minimum.reduceat(low, points[:count], axis), low.take(far, axis))
+        high = np.maximum(np.maximum.reduceat(high, points[:count], axis), high.take(far, axis))
+    return low, high

@@ -1,0 +1,80 @@
+"""Classic Runge-Kutta with located events, one evaluation of the flow at a time.
+
+The same arithmetic as an attempt of `rk4`, in small pieces: the rates at two mid-points, at an end, and at the
+trial that they make, where the event logic then decides. A program of this is a fifth as long, which is what
+counts where it is differentiated and compiled as straight-line code. No evaluation is made twice: the rates at
+a trial that is accepted are those at the next state, and where a trial is taken back, those at the state stay.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import HybridModel, Params, Rates
+from gaitsweep.engine.advance import Carry, Numerics, advance, select
+from gaitsweep.engine.propose import move
+
+# What the next evaluation is for: stages 1 to 3 of a step are those after its first, then comes the trial.
+LAST, TRIAL = 3, 4
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["stage", "at", "first", "total"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Stages:
+    """How far an attempt has come.
+
+    `stage` of the next evaluation of the flow; `at` the continuous fields where it is made; `first` the rates
+    at the state; `total` the weighted sum of the rates so far.
+    """
+
+    stage: jax.Array
+    at: Rates
+    first: Rates
+    total: Rates
+
+
+Pair = tuple[Carry, Stages]
+
+
+def begin(model: HybridModel, params: Params, carry: Carry) -> Pair:
+    """A trajectory whose next attempt has zero length, so that its trial is the state itself."""
+    at = {name: getattr(carry.state, name) for name in jax.eval_shape(model.flow, params, carry.state)}
+    unknown = {name: jnp.zeros_like(value) for name, value in at.items()}
+    return carry, Stages(jnp.full_like(carry.halt, TRIAL), at, unknown, unknown)
+
+
+def stagewise(model: HybridModel, numerics: Numerics) -> Callable[[Params, Pair], Pair]:
+    """The function of one evaluation of the flow; derivatives (forward mode) are those of located events."""
+
+    def evaluate(params: Params, pair: Pair) -> Pair:
+        carry, s = pair
+        here = dataclasses.replace(carry.state, **s.at)
+        rates = model.flow(params, here)
+        tried = s.stage == TRIAL
+        worked_out = (lambda *_: here), (lambda *_: rates)
+        conclude = advance(model, numerics, sensitivities=True, worked_out=worked_out)
+        fired = jnp.any(model.guards(params, here) >= 0.0)
+        carry = select(tried, conclude(params, carry), carry)
+
+        first = select(tried & ~fired, rates, s.first)
+        weight = jnp.where(s.stage == LAST, 1.0, 2.0)
+        summed = {name: total + weight * rates[name] for name, total in s.total.items()}
+        total = select(tried, first, summed)
+        follows = jnp.where(tried, 1, s.stage + 1)
+        h = jnp.minimum(carry.h, jnp.maximum(carry.stop - carry.t, 0.0))
+        share = jnp.where(follows == TRIAL, 1.0 / 6.0, jnp.where(follows == LAST, 1.0, 0.5))
+        along = select(follows == TRIAL, total, select(tried, first, rates))
+        # the attempt after a jump has zero length, and the rates there are not known yet
+        jumped = tried & (carry.h == 0.0)
+        along = {name: jnp.where(jumped, 0.0, rate) for name, rate in along.items()}
+        there = move(carry.state, along, h * share)
+        at = {name: getattr(there, name) for name in s.at}
+        stage = jnp.where(jumped, TRIAL, follows).astype(s.stage.dtype)
+        return carry, Stages(stage, at, first, total)
+
+    return evaluate

@@ -1,0 +1,155 @@
+"""Who moves the body: gaitsweep's own articulated tree on compliant feet, or MJX with MuJoCo's contacts."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.analysis.nine_gaits import LEGS
+from gaitsweep.dynamics.articulated_tree import Geometry
+from gaitsweep.dynamics.compliant_foot import ground_force
+from gaitsweep.dynamics.external_force import YieldingForce
+from gaitsweep.dynamics.tree_dynamics import forward_dynamics
+from gaitsweep.dynamics.tree_kinematics import integrate, movements, places, velocity_at
+from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, Mechanics, body, mjcf
+from gaitsweep.models.planar_quadruped.parameters import BODY
+from gaitsweep.models.planar_quadruped.state import State
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx_body import MjxBody
+    from gaitsweep.dynamics.mjx_variants import Variants
+
+Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+
+
+class Body(abc.ABC):
+    """What carries the legs."""
+
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` compiles
+    warm: ClassVar[int] = 0  # length of `State.warm`
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """As `Model.on_host`."""
+        return dict(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """`Mechanics.numbers` of a row's values."""
+        return {}
+
+    @abc.abstractmethod
+    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        """q, v, warm and the loads (4,) N of a step of `dt` (s) under the motors' forces `tau` (11,)."""
+
+
+class TreeBody(Body):
+    """The articulated tree, semi-implicit in the velocities; joints' damping and friction are implicit."""
+
+    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        tree, _ = body()
+        geometry = m.geometry(dt)
+        feet = _ground_forces(m, geometry, s, dt)
+        a = forward_dynamics(tree, geometry, s.q, s.v, tau, feet, gravity=m.gravity())
+        v = s.v + dt * a
+        load = jnp.stack([foot.force[2] for foot in feet])
+        return jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load
+
+
+def _ground_forces(m: Mechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
+    """What the ground does to each foot in a step of `dt` (s)."""
+    tree, _ = body()
+    placed = places(tree, geometry, s.q)
+    moving = movements(tree, placed, s.v)
+    ground = {"K": m.K_foot, "D": m.D_foot, "mu": m.mu, "v_slip": m.v_slip}
+    zero = jnp.zeros_like(m.g)
+    # the middle of the ball in its leg, and from there to what is lowest of it
+    middle, down = jnp.stack([zero, zero, m.foot_radius]), jnp.stack([zero, zero, -m.foot_radius])
+    feet = []
+    for leg in LEGS:
+        i = tree.index(f"lower_{leg}")
+        at = placed[i].position(middle) + down
+        feet.append(ground_force(i, at, velocity_at(placed[i], moving[i], at), dt, **ground))
+    return feet
+
+
+class MjxInContact(Body):
+    """The MJCF as MJX steps it, its contacts solved by MuJoCo's method."""
+
+    compiled_of = tuple(quantity.name for quantity in BODY)
+    warm = NQ
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return variants().on_host(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        return variants().of_row(values)
+
+    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        from gaitsweep.dynamics.mjx_body import BodyState
+
+        in_mjx = mjx_body()
+        friction = jnp.asarray(in_mjx.mj_model.geom_friction)
+        sliding = jnp.full_like(friction[:, :1], 1.0) * m.mu
+        numbers = {
+            **m.numbers,
+            "opt.gravity": m.gravity(),
+            "dof_damping": m.damping(),
+            "geom_friction": jnp.concatenate([sliding, friction[:, 1:]], axis=1),
+        }
+        before = BodyState(s.q, s.v, jnp.zeros((0,), s.q.dtype), s.warm)
+        data = in_mjx.stepped(numbers, before, dt, tau=tau)
+        after = in_mjx.after(data, before)
+        return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
+
+
+# MJX takes seconds to import, and a job is read without it
+@cache
+def mjx_body() -> MjxBody:
+    """The body of the MJCF."""
+    from gaitsweep.dynamics.mjx_body import MjxBody
+
+    return MjxBody(mjcf(), contact=True)
+
+
+@cache
+def variants() -> Variants:
+    """The bodies of other masses and lengths."""
+    from gaitsweep.dynamics.mjx_variants import Variants
+
+    return Variants(mjcf(), edited, page_values())
+
+
+def page_values() -> dict[str, float]:
+    """The body's parameters that the MJCF has, by name."""
+    from gaitsweep.expression import evaluate
+
+    found: dict[str, float] = {}
+    for quantity in BODY:
+        found[quantity.name] = evaluate(quantity.default or 0.0, found)
+    return found
+
+
+def edited(spec: Any, values: Mapping[str, float]) -> None:
+    """Set a mujoco.MjSpec of the body to these masses and lengths."""
+    torso = spec.body("torso")
+    torso.ipos = [values["com_x"], 0.0, 0.0]
+    torso.mass = values["torso_mass"]
+    # that about y matters; MuJoCo wants the others to be a body's
+    torso.inertia = values["torso_inertia"] / torso.inertia[1] * torso.inertia
+    radius = values["foot_radius"]
+    for leg, side in zip(LEGS, SIDE, strict=True):
+        upper, lower = spec.body(f"upper_{leg}"), spec.body(f"lower_{leg}")
+        upper.pos = [side * values["hip_x"], upper.pos[1], 0.0]
+        lower.pos = [0.0, 0.0, -values["l_0"]]
+        thigh, shin, foot = (spec.geom(f"{part}_{leg}") for part in ("upper", "lower", "foot"))
+        thigh.mass, shin.mass, foot.mass = (values[f"{part}_mass"] for part in ("upper", "lower", "foot"))
+        thigh.fromto = [0.0, 0.0, 0.0, 0.0, 0.0, -values["upper_length"]]
+        shin.fromto = [0.0, 0.0, radius, 0.0, 0.0, radius + values["lower_length"]]
+        foot.pos, foot.size = [0.0, 0.0, radius], [radius, 0.0, 0.0]
+        for site in lower.sites:
+            site.pos = [0.0, 0.0, radius]

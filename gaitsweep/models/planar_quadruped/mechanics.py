@@ -1,0 +1,155 @@
+"""The body: its masses and lengths, in what order its joints stand, and its tree for a row's values."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache, partial
+from importlib import resources
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.analysis.nine_gaits import LEGS
+from gaitsweep.dynamics.articulated_tree import Geometry, Tree
+from gaitsweep.dynamics.spatial import Array, Scalar
+from gaitsweep.dynamics.tree_from_mjcf import tree_of
+
+# Places in q and in v.
+X, Z, PITCH = 0, 1, 2
+HIP, KNEE = np.array([3, 5, 7, 9]), np.array([4, 6, 8, 10])
+NQ = 11
+# The hips, from the middle between them, in units of hip_x.
+SIDE = tuple(1.0 if leg.endswith("F") else -1.0 for leg in LEGS)
+# Radii of the legs' capsules, m; they matter for their moments of inertia alone.
+UPPER_RADIUS, LOWER_RADIUS = 0.015, 0.008
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=[
+        "com_x", "torso_mass", "torso_inertia", "upper_mass", "lower_mass", "foot_mass", "hip_x", "l_0",
+        "upper_length", "lower_length", "foot_radius", "Kv_hip", "Kv_knee", "g", "mu", "K_foot", "D_foot",
+        "v_slip", "numbers",
+    ],
+    meta_fields=[],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class Mechanics:
+    """Masses, lengths, damping and ground; units as in `PARAMETERS`.
+
+    `numbers` has what MuJoCo works out from masses and lengths, by the names of an mjx.Model, for a body that
+    MJX steps; none for the tree.
+    """
+
+    com_x: jax.Array
+    torso_mass: jax.Array
+    torso_inertia: jax.Array
+    upper_mass: jax.Array
+    lower_mass: jax.Array
+    foot_mass: jax.Array
+    hip_x: jax.Array
+    l_0: jax.Array
+    upper_length: jax.Array
+    lower_length: jax.Array
+    foot_radius: jax.Array
+    Kv_hip: jax.Array
+    Kv_knee: jax.Array
+    g: jax.Array
+    mu: jax.Array
+    K_foot: jax.Array
+    D_foot: jax.Array
+    v_slip: jax.Array
+    numbers: dict[str, jax.Array]
+
+    def damping(self) -> jax.Array:
+        """Damping of the degrees of freedom (11,), N m s/rad and N s/m."""
+        return _placed(self.g, [self.Kv_hip] * 4, [self.Kv_knee] * 4)
+
+    def geometry(self, dt: Scalar) -> Geometry:
+        """The tree's numbers, its joints' damping implicit in a step of `dt` (s).
+
+        v + dt a with the damping taken at the step's end is (M + dt D) a = forces at its beginning: what
+        MuJoCo's Euler does, and what an armature of dt D does.
+        """
+        tree, of_page = body()
+        fields = ("mass", "com", "inertia", "position")
+        rows: dict[str, list[Array]] = {name: list(getattr(of_page, name)) for name in fields}
+        rows["mass"][tree.index("torso")] = self.torso_mass
+        rows["com"][tree.index("torso")] = _along(0, self.com_x)
+        rows["inertia"][tree.index("torso")] = _about_y(self.torso_inertia)
+        upper = capsule_inertia(self.upper_mass, self.upper_length, UPPER_RADIUS)
+        lower_mass, lower_com, lower = self._lower()
+        for leg, side in zip(LEGS, SIDE, strict=True):
+            i = tree.index(f"upper_{leg}")
+            rows["mass"][i] = self.upper_mass
+            rows["com"][i] = _along(2, -0.5 * self.upper_length)
+            rows["inertia"][i] = _about_y(upper)
+            rows["position"][i] = _along(0, side * self.hip_x)
+            i = tree.index(f"lower_{leg}")
+            rows["mass"][i] = jnp.asarray(lower_mass)
+            rows["com"][i] = _along(2, lower_com)
+            rows["inertia"][i] = _about_y(lower)
+            rows["position"][i] = _along(2, -self.l_0)
+        damping = self.damping()
+        stacked = {name: jnp.stack([jnp.asarray(row) for row in rows[name]]) for name in rows}
+        return dataclasses.replace(of_page, **stacked, damping=damping, armature=dt * damping)
+
+    def _lower(self) -> tuple[Scalar, Scalar, Scalar]:
+        """A lower leg with its foot: mass (kg), its centre above the sole (m), inertia about it (kg m2)."""
+        shin, foot = self.lower_mass, self.foot_mass
+        mass = shin + foot
+        apart = 0.5 * self.lower_length
+        inertia = capsule_inertia(shin, self.lower_length, LOWER_RADIUS)
+        inertia = inertia + 0.4 * foot * self.foot_radius * self.foot_radius
+        return mass, self.foot_radius + shin / mass * apart, inertia + shin * foot / mass * apart * apart
+
+    def gravity(self) -> jax.Array:
+        """Gravity's acceleration in the world (3,), m/s2."""
+        return _along(2, -self.g)
+
+
+def capsule_inertia(mass: Scalar, length: Scalar, radius: float) -> Scalar:
+    """Inertia (kg m2) of a capsule about an axis across it through its middle.
+
+    Args:
+        mass: kg.
+        length: of its cylinder, m.
+        radius: m.
+    """
+    ends = mass * 4.0 * radius / (4.0 * radius + 3.0 * length)
+    cylinder = (mass - ends) * (3.0 * radius**2 + length * length) / 12.0
+    return cylinder + ends * (0.4 * radius**2 + 0.375 * length * radius + 0.25 * length * length)
+
+
+def forces_on_joints(hip: jax.Array, knee: jax.Array) -> jax.Array:
+    """Forces on the degrees of freedom (11,) of torques (4,) of the hips and forces (4,) of the knees."""
+    return _placed(hip[0], list(hip), list(knee))
+
+
+def _placed(like: jax.Array, hips: list[jax.Array], knees: list[jax.Array]) -> jax.Array:
+    """Numbers of the joints in the order of v (11,), zeros for the root."""
+    joints = [joint for pair in zip(hips, knees, strict=True) for joint in pair]
+    return jnp.stack([jnp.zeros_like(like)] * 3 + joints)
+
+
+def _along(axis: int, value: Scalar) -> jax.Array:
+    """A vector (3,) along one axis."""
+    return jnp.stack([jnp.asarray(value if i == axis else 0.0 * value) for i in range(3)])
+
+
+def _about_y(inertia: Scalar) -> jax.Array:
+    """An inertia (3, 3) about y, the only axis about which anything turns."""
+    zero = _along(1, 0.0 * inertia)
+    return jnp.stack([zero, _along(1, inertia), zero])
+
+
+def mjcf() -> str:
+    """The body as an MJCF."""
+    return resources.files("gaitsweep.models.planar_quadruped").joinpath("body.xml").read_text()
+
+
+@cache
+def body() -> tuple[Tree, Geometry]:
+    """The tree and the numbers of the MJCF."""
+    return tree_of(mjcf())

@@ -1,0 +1,167 @@
+"""Planar quadruped whose gaits follow from the loads on its feet (Fukuoka, Habu and Fukui 2015).
+
+A torso and four telescopic legs in the sagittal plane. Each leg has a half-centre oscillator whose flexor,
+while it is active, makes it swing; fore and hind, left and right legs inhibit each other, which alone gives a
+trot. The load on a foot inhibits its flexor: where fore and hind leg of a diagonal pair carry unlike loads,
+they begin to swing one after the other, and other gaits come out. Legs: LF, LH, RF, RH.
+
+The body takes steps of fixed length, and so does the network with it (Euler). Its contacts are MuJoCo's own
+(`body: mjx`), or compliant feet under gaitsweep's articulated tree (`body: tree`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.analysis.nine_gaits import CHART, place
+from gaitsweep.contract import Quantity, SteppedModel
+from gaitsweep.models.planar_quadruped import cycle
+from gaitsweep.models.planar_quadruped.bodies import Body, MjxInContact, TreeBody
+from gaitsweep.models.planar_quadruped.drawing import Drawn
+from gaitsweep.models.planar_quadruped.mechanics import (
+    HIP,
+    KNEE,
+    PITCH,
+    Mechanics,
+    X,
+    Z,
+    forces_on_joints,
+)
+from gaitsweep.models.planar_quadruped.parameters import PARAMETERS, STARTS
+from gaitsweep.models.planar_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
+from gaitsweep.models.planar_quadruped.rhythm import Motors, Network, swinging
+from gaitsweep.models.planar_quadruped.start import begun
+from gaitsweep.models.planar_quadruped.state import Params, State
+from gaitsweep.nearmiss import suggestion
+
+BODIES = ("tree", "mjx")
+# A body has fallen below this share of its standing height, or beyond this pitch (rad).
+LOW, TILTED = 0.45, 1.0
+# A gait is unsteady where shifts spread more than this, or the period varies more.
+LEAST_LENGTH, MOST_VARIATION = 0.95, 0.05
+APART = 0.25  # cycles by which the pairs may be out of antiphase
+UNSTEADY = len(CHART)
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanarQuadruped(Drawn, SteppedModel):
+    """The quadruped of a torso and four telescopic legs, in the plane."""
+
+    body: str = dataclasses.field(
+        default="tree",
+        metadata={
+            "meaning": "who moves it: gaitsweep's own dynamics on compliant feet, or MJX",
+            "allowed": BODIES,
+        },
+    )
+
+    name: ClassVar[str] = "planar_quadruped"
+    source: ClassVar[str] = "Fukuoka, Habu, Fukui 2015, Sci. Rep. 5:8169"
+    gaits: ClassVar[tuple[str, ...]] = (*CHART, "unsteady")
+
+    def __post_init__(self) -> None:
+        if self.body not in BODIES:
+            raise ValueError(f"body is '{self.body}'{suggestion(self.body, BODIES)}")
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return PARAMETERS
+
+    @property
+    def starts(self) -> tuple[Quantity, ...]:
+        return STARTS
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return OBSERVABLES
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return SIGNALS
+
+    @property
+    def _moved_by(self) -> Body:
+        return TreeBody() if self.body == "tree" else MjxInContact()
+
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return self._moved_by.compiled_of
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return self._moved_by.on_host(values)
+
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        v = {name: jnp.asarray(value) for name, value in values.items()}
+
+        def of(kind: type) -> dict[str, jax.Array]:
+            return {field.name: v[field.name] for field in dataclasses.fields(kind) if field.name in v}
+
+        return Params(
+            network=Network(**of(Network)),
+            motors=Motors(**of(Motors)),
+            mechanics=Mechanics(**of(Mechanics), numbers=self._moved_by.numbers(v)),
+            threshold=v["threshold"],
+            memory=v["memory"],
+        )
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        q, u, f = begun(params, start)
+        zero = jnp.zeros_like(q)
+        return State(
+            q=q,
+            v=zero,
+            warm=zero[: self._moved_by.warm],
+            u=u,
+            f=f,
+            load=zero[:4],
+            cycle=cycle.begun(q[X], q[PITCH]),
+        )
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        """Network, motors and body, each from what was there before the step."""
+        p, s = params, state
+        theta, length = s.q[HIP], s.q[KNEE]
+        tau = forces_on_joints(*p.motors.forces(swinging(s.u), theta, length))
+        q, v, warm, load = self._moved_by.moved(p.mechanics, s, tau, dt)
+        u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
+        read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], p.memory, dt)
+        return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
+
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """LF begins to swing, which the step has worked in already."""
+        return after.cycle.closed[None]
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        return fired[0]
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return observed(state)
+
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return signalled(state)
+
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """One of the nine gaits by the mean shifts; unsteady where they or the period vary."""
+        o = observations
+        steady = (o["length"] >= LEAST_LENGTH) & (o["variation"] <= MOST_VARIATION)
+        steady = steady & (jnp.abs(o["antiphase"] - 0.5) <= APART)
+        gait = place(o["delta_1_mean"], o["delta_2_mean"], params.threshold)
+        return {"gait": jnp.where(steady, gait, UNSTEADY)}
+
+    def failed(self, params: Params, state: State) -> jax.Array:
+        """The torso is down, or has tilted over."""
+        standing = params.mechanics.l_0 + params.motors.l_st
+        return (state.q[Z] < LOW * standing) | (jnp.abs(state.q[PITCH]) > TILTED)
+
+    def period(self, params: Params) -> jax.Array:
+        """About what a cycle takes: ten times the rise of a half-centre, 0.85 to 0.2 s."""
+        return 10.0 * params.network.Tr

@@ -1,0 +1,105 @@
+"""What is read at each crossing of the section, LF's swing onset, and what a trace records."""
+
+from __future__ import annotations
+
+import jax
+
+from gaitsweep.analysis.nine_gaits import LEGS
+from gaitsweep.contract import Quantity
+from gaitsweep.dynamics.matsuoka import FLEXOR
+from gaitsweep.models.planar_quadruped.cycle import FORE_1, FORE_2, HIND_1, HIND_2, LF
+from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, NQ, PITCH, X, Z
+from gaitsweep.models.planar_quadruped.state import State
+
+_PAIRS = {1: f"{LEGS[HIND_1]} - {LEGS[FORE_1]}", 2: f"{LEGS[HIND_2]} - {LEGS[FORE_2]}"}
+
+
+def _of_legs(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, ...]:
+    return tuple(
+        Quantity(f"{name}_{leg}", unit, meaning.format(leg), symbol=f"{symbol}^\\mathrm{{{leg}}}")
+        for leg in LEGS
+    )
+
+
+OBSERVABLES = (
+    *(
+        Quantity(f"delta_{i}", "cycles", f"phase of {legs}, -0.5 to 0.5", symbol=rf"\delta_{i}")
+        for i, legs in _PAIRS.items()
+    ),
+    Quantity("speed", "m/s", "mean forward speed over LF's last cycle", symbol="v"),
+    Quantity("period", "s", "duration of LF's last cycle", symbol="T"),
+    Quantity("flight", "1", "share of the last cycle without a foot on the ground"),
+    *(
+        Quantity(f"delta_{i}_mean", "cycles", f"delta_{i} averaged over the last cycles",
+                 symbol=rf"\bar\delta_{i}")
+        for i in _PAIRS
+    ),
+    Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise"),
+    Quantity("length", "1", "least resultant length of both shifts and that of the fore legs"),
+    Quantity("variation", "1", "coefficient of variation of the period over the last cycles"),
+    Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive"),
+    Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle"),
+    *_of_legs("since", "s", "time since {}'s last swing onset", r"t"),
+    *_of_legs("late_load", "N", "mean load on {} in late stance (see `cycle`)", r"F_\mathrm{late}"),
+    *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
+    *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}"),
+    *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi"),
+)  # fmt: skip
+
+SIGNALS = (
+    *_of_legs("u_f", "1", "potential of {}'s flexor; the leg swings while it is positive", "u_f"),
+    *_of_legs("F", "N", "load on {}", "F"),
+    *(Quantity(f"contact_{i + 1}", "1", f"1 while {leg} is on the ground") for i, leg in enumerate(LEGS)),
+    Quantity("x", "m", "middle between the hips, forward"),
+    Quantity("z", "m", "its height"),
+    Quantity("pitch", "rad", "pitch of the torso, nose down positive"),
+    Quantity("speed", "m/s", "forward speed of the middle between the hips", symbol="v"),
+    *_of_legs("theta", "rad", "angle of {}'s hip, forward positive", r"\theta"),
+    *_of_legs("l", "m", "length of {}'s knee", "l"),
+    *(Quantity(f"q_{i}", "m or rad", f"position {i} of the tree, as MuJoCo's qpos") for i in range(NQ)),
+)
+
+
+def observed(state: State) -> dict[str, jax.Array]:
+    """The observables of a state in which LF's cycle has just ended."""
+    c = state.cycle
+    shifts, mean, lengths = c.shifts(), c.average.shifts(), c.average.lengths()
+    of_legs = {
+        "since": c.clock - c.onset,
+        "late_load": c.late_load,
+        "stance_load": c.stance_load,
+        "late_pitch": c.late_pitch,
+        "stance_pitch": c.stance_pitch,
+    }
+    between = mean[2] + 0.5 * (mean[1] - mean[0])
+    return {
+        "delta_1": shifts[0],
+        "delta_2": shifts[1],
+        "speed": c.speed,
+        "period": c.period[LF],
+        "flight": c.flight,
+        "delta_1_mean": mean[0],
+        "delta_2_mean": mean[1],
+        "antiphase": between - jax.numpy.floor(between),
+        "length": lengths.min(),
+        "variation": c.average.variation(),
+        "pitch_mean": c.pitch_mean,
+        "pitch_range": c.pitch_range,
+        **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+    }
+
+
+def signalled(state: State) -> dict[str, jax.Array]:
+    """The signals of a state."""
+    s = state
+    of_legs = {"u_f": s.u[FLEXOR], "F": s.load, "theta": s.q[HIP], "l": s.q[KNEE]}
+    down = (s.load > 0.0).astype(s.q.dtype)
+    return {
+        **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+        **{f"contact_{i + 1}": down[i] for i in range(len(LEGS))},
+        "x": s.q[X],
+        "z": s.q[Z],
+        "pitch": s.q[PITCH],
+        "speed": s.v[X],
+        **{f"q_{i}": s.q[i] for i in range(NQ)},
+    }

@@ -1,0 +1,51 @@
+"""Parameters as the planar quadruped's equations read them, and what changes along a trajectory."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+import jax
+
+from gaitsweep.models.planar_quadruped.cycle import Cycle
+from gaitsweep.models.planar_quadruped.mechanics import Mechanics
+from gaitsweep.models.planar_quadruped.rhythm import Motors, Network
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["network", "motors", "mechanics", "threshold", "memory"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class Params:
+    """The network, the motors and the body; `threshold` and `memory` as in `PARAMETERS`."""
+
+    network: Network
+    motors: Motors
+    mechanics: Mechanics
+    threshold: jax.Array
+    memory: jax.Array
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["q", "v", "warm", "u", "f", "load", "cycle"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class State:
+    """What changes along a trajectory.
+
+    `q`, `v` (11,) as MuJoCo's qpos and qvel; `warm` (11,) the last acceleration, from which MuJoCo's solver
+    starts, (0,) for the tree; `u`, `f` (2, 4) potentials and fatigue; `load` (4,) N on the feet in the last
+    step; `cycle` what is read of the walk.
+    """
+
+    q: jax.Array
+    v: jax.Array
+    warm: jax.Array
+    u: jax.Array
+    f: jax.Array
+    load: jax.Array
+    cycle: Cycle

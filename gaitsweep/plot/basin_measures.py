@@ -1,0 +1,145 @@
+"""Basins in numbers: shares with intervals, entropies, and the share of uncertain starts over their error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+from gaitsweep.analysis.attractor_matching import follow_attractors
+from gaitsweep.analysis.attractors import with_attractors
+from gaitsweep.analysis.basin_measures import Basins, basins
+from gaitsweep.analysis.records import axes_of
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import axis_label, column, is_angle, unit_of, written
+
+_MOST_NAMED = 6  # lines that a legend names
+
+
+def basin_measures(
+    table: pd.DataFrame,
+    *,
+    axes: Sequence[str] | None = None,
+    hue: str = "gait",
+    panels: str | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Three panels: the share of each outcome with its interval, entropies, and uncertain starts over eps.
+
+    Args:
+        table: a settle table, refined or not; partial ones are measured as far as they go.
+        axes: columns of the starts; what varies besides `panels` if not given.
+        hue: column of what starts come to; `attractor` groups the settled states, and follows them along
+            `panels`.
+        panels: column of which each value is measured by itself.
+        title: text above the figure.
+
+    Raises:
+        PlotError, AnalysisError: a column is not there, or there is nothing to measure along.
+    """
+    if panels:
+        column(table, panels)
+    with style.canvas(style.PAGE, 2.7, title) as figure:
+        if not len(table):
+            style.message(figure.add_subplot(), "no rows yet")
+            return figure
+        if hue == "attractor" and hue not in table.columns:
+            table = _with_attractors(table, panels)
+        column(table, hue)
+        measured = basins(table, axes, label=hue, by=panels or ())
+        shares, entropies, uncertain = figure.subplots(1, 3)
+        _shares(shares, table, measured, panels)
+        _entropies(entropies, table, measured, panels)
+        first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)
+        _uncertain(uncertain, table, measured, panels, unit_of(table, first))
+    return figure
+
+
+def _with_attractors(table: pd.DataFrame, panels: str | None) -> pd.DataFrame:
+    if panels is None or not pd.api.types.is_numeric_dtype(table[panels]):
+        return with_attractors(table)
+    followed = table.assign(attractor=follow_attractors(table, panels).column)
+    followed.attrs = table.attrs
+    return followed
+
+
+def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins) -> dict[object, float]:
+    """Where the values of the panels' column stand along an axis, which is labelled accordingly."""
+    if panels is None:
+        axes.set_xticks([])
+        axes.set_xlim(-1.0, 1.0)
+        return {None: 0.0}
+    values = list(measured.panels[panels])
+    axes.set_xlabel(axis_label(table, panels))
+    if not pd.api.types.is_numeric_dtype(measured.panels[panels]):
+        axes.set_xticks(range(len(values)), [str(value) for value in values])
+        return {value: float(place) for place, value in enumerate(values)}
+    if is_angle(table, panels):
+        style.angle_axis(axes, "x")
+    return {value: float(value) for value in values}
+
+
+def _of(records: pd.DataFrame, panels: str | None, value: object) -> pd.DataFrame:
+    return records if panels is None else records[records[panels] == value]
+
+
+def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+    place = _along(axes, table, panels, measured)
+    records = measured.fractions
+    names = list(dict.fromkeys(records["outcome"]))
+    colour, marker = style.colours(names), style.markers(names)
+    for name in names:
+        mine = records[records["outcome"] == name]
+        at = [place[value] for value in (mine[panels] if panels else [None] * len(mine))]
+        share = mine["fraction"].to_numpy()
+        ends = np.abs(np.stack([mine["low"].to_numpy(), mine["high"].to_numpy()]) - share)
+        look = {"color": colour[name], "marker": marker[name], "markersize": 3.5, "capsize": 2.0}
+        axes.errorbar(at, share, ends, label=name, linewidth=0.7, elinewidth=1.0, **look)
+    axes.set_ylim(-0.02, max(1.02 * float(records["high"].max()), 0.1))
+    axes.set_ylabel("share of starts")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2 if len(names) > 2 else 1)
+
+
+def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+    place = _along(axes, table, panels, measured)
+    at = [place[value] for value in (measured.panels[panels] if panels else [None])]
+    for name, label, look in (
+        ("basin_entropy", "basin entropy", {"color": "#0072B2", "marker": "o"}),
+        ("boundary_entropy", "boundary entropy", {"color": "#D55E00", "marker": "s"}),
+    ):
+        axes.plot(at, measured.panels[name].astype(float), label=label, markersize=3.5, linewidth=0.7, **look)
+    axes.axhline(np.log(2.0), color="#555555", linewidth=0.7, linestyle="--")
+    axes.annotate("ln 2", (1.0, np.log(2.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom")
+    axes.set_ylim(0.0, 0.8)
+    axes.set_ylabel("entropy (nats)")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
+
+
+def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
+    values = list(measured.panels[panels]) if panels else [None]
+    shades = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(values)))
+    for number, value in enumerate(values):
+        mine = _of(measured.uncertainty, panels, value)
+        mine = mine[mine["uncertain"] > 0.0]
+        panel = _of(measured.panels, panels, value).iloc[0]
+        slope = f"slope {panel['exponent']:.3f}" if np.isfinite(float(panel["exponent"])) else "no slope"
+        label = f"{written(table, panels, value)}, {slope}" if panels else slope
+        look = {"color": shades[number], "marker": style.SPARE_MARKERS[number % len(style.SPARE_MARKERS)]}
+        ends = number in (0, len(values) - 1)  # of many, which run from dark to light
+        named = label if ends or len(values) <= _MOST_NAMED else None
+        axes.loglog(mine["eps"], mine["uncertain"], label=named, markersize=3.5, linewidth=0.7, **look)
+    axes.set_xlabel(
+        rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
+    )
+    axes.set_ylabel("share of uncertain starts")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(ScalarFormatter())
+        axis.set_minor_formatter(NullFormatter())
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))

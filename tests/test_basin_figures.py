@@ -1,0 +1,99 @@
+"""Figures of basin measures: drawn from whole and poor tables, asked for in jobs, refused with a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from basin_tables import grid_table
+from plot_tables import rendered
+
+import gaitsweep as gs
+from gaitsweep.job import JobError
+from gaitsweep.plot import PlotError, draw
+from gaitsweep.table import load
+
+TURN = 2 * np.pi
+
+
+def table() -> pd.DataFrame:
+    def gait(x: np.ndarray, y: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return (x + np.sin(y) > 1.0).astype(int) + (x + np.sin(y) > p)
+
+    made = grid_table((20, 24), gait, panels=[2.0, 3.0, 4.5])
+    for i, value in ((1, made["gait"].cat.codes), (2, 0 * made["psi_1"])):
+        made[f"psi_{i}_end"] = value + 1e-3 * np.random.default_rng(i).normal(size=len(made))
+    return made
+
+
+def test_measures_over_panels() -> None:
+    figure = draw("basin_measures", table(), panels="p")
+    rendered(figure)
+    shares, entropies, uncertain = figure.axes
+    assert [text.get_text() for text in shares.get_legend().get_texts()] == ["0", "1", "2"]
+    assert len(uncertain.lines) == 3
+    assert "slope" in uncertain.get_legend().get_texts()[0].get_text()
+    np.testing.assert_allclose(entropies.lines[0].get_xdata(), [2.0, 3.0, 4.5])
+
+
+def test_measures_of_attractors() -> None:
+    """Grouped and followed from the settled states: the same shares as the labels'."""
+    rendered(draw("basin_measures", table(), hue="attractor", panels="p"))
+    figure = draw("basin_measures", table(), axes=["psi_1", "psi_2", "p"], hue="attractor")
+    names = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert names == ["A1", "A2", "A3"]
+
+
+def test_the_shock_is_drawn_as_it_is_measured() -> None:
+    figure = draw("shock", table(), x="psi_1", y="psi_2", panels="p")
+    rendered(figure)
+    drawn = figure.axes[0].collections[-1].get_array()
+    assert float(drawn.min()) == pytest.approx(TURN / 24)
+    assert "smallest" in figure.axes[-1].get_ylabel()
+
+
+@pytest.mark.parametrize("kind", ["basin_measures", "shock"])
+def test_poor_tables(kind: str) -> None:
+    named = {"x": "psi_1", "y": "psi_2"} if kind == "shock" else {"axes": ["psi_1", "psi_2"]}
+    whole = table()
+    one = whole[whole["p"] == 2.0]
+    for poor in (
+        whole.iloc[:0],
+        one.iloc[:1],
+        one.iloc[:37],
+        one.sample(60, random_state=0),
+        one[one["gait"] == "1"],
+        one.assign(status="fell"),
+    ):
+        rendered(draw(kind, poor, **named))
+    with pytest.raises(PlotError, match="did you mean gait"):
+        draw(kind, one, **named, hue="gate")
+
+
+def test_jobs_ask_for_them(tmp_path: Path) -> None:
+    angle = {"linspace": [0, TURN, 12], "at": "centre"}
+    given = {
+        "name": "landscape",
+        "model": "landscape_model:Landscape",
+        "vary": {"shift": [0.3, 2.0], "theta_2": angle, "theta_1": angle},
+        "run": {"kind": "settle", "max_cycles": 60, "refine": "boundary", "coarse": 4},
+        "numerics": {"dt": 0.05},
+        "engine": {"name": "xla"},
+    }
+    figures = [
+        {"kind": "basin_measures", "axes": ["theta_1", "theta_2"], "panels": "shift"},
+        {"kind": "shock", "x": "theta_1", "y": "theta_2", "panels": "shift"},
+    ]
+    result = gs.run(gs.Job(**given, figures=figures), tmp_path / "out")
+    assert [figure.name for figure in result.figures] == ["basin_measures.png", "shock.png"]
+    assert load(result.path)["status"].isin(["settled", "inferred"]).all()
+    for wrong, said in (
+        ({"kind": "basin_measures", "axes": ["theta_3"]}, "did you mean theta_1|did you mean theta_2"),
+        ({"kind": "shock", "x": "theta_1", "y": "theta"}, "did you mean theta"),
+        ({"kind": "basin_measures", "hue": "gate"}, "did you mean gait"),
+    ):
+        with pytest.raises(JobError, match=said):
+            gs.Job(**given, figures=[wrong])
+    gs.Job(**given, figures=[{"kind": "basin_measures", "hue": "attractor"}])
