@@ -13,6 +13,7 @@ import numpy as np
 
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.engines import looks_of
+from gaitsweep.engine.hold import Hold
 from gaitsweep.engine.pool import Pool
 from gaitsweep.engine.record import CADENCE
 from gaitsweep.engine.settle import Settle
@@ -66,7 +67,7 @@ def estimate(job: Job) -> Estimate:
     simulated = math.ceil(REFINED_SHARE * work.n_rows) if refines(job.run) else work.n_rows
     rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, work.n_rows))
     numbers = len(work.model.observables) + len(ready.plan.names) + len(work.model.traits) + 4
-    if not isinstance(work.recorder, Settle):
+    if not isinstance(work.recorder, Settle | Hold):
         numbers = work.recorder.width + len(ready.plan.names) + 3
     if isinstance(work.recorder, Staircase):
         numbers += len(work.model.traits) + 3
@@ -113,6 +114,9 @@ def _row_needs(work: Work) -> tuple[float, float, float]:
         if recorder.max_time is not None:
             cycles = min(cycles, recorder.max_time / period)
         return LIKELY_SHARE * cycles * cycle, cycles * cycle, 1.0
+    if isinstance(recorder, Hold):
+        attempts = recorder.duration / period * cycle
+        return attempts, attempts, 1.0
     if isinstance(recorder, Trace):
         attempts = (recorder.after_cycles + recorder.duration / period) * cycle + recorder.samples
         return attempts, attempts, float(recorder.samples)

@@ -12,6 +12,7 @@ import pandas as pd
 
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.crossings import Crossings
+from gaitsweep.engine.hold import Hold
 from gaitsweep.engine.ramp import Path
 from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.settle import Settle
@@ -36,6 +37,8 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
     run, model = job.run, rows.model
     if run.kind == "settle":
         return Settle(model, run.max_cycles, run.tolerance, run.max_time), None
+    if run.kind == "hold":
+        return Hold(model, run.duration), None
     if run.kind == "trace":
         recorder = Trace(model, run.duration, run.every, run.after_cycles)
         if run.parameter is None or run.path is None or run.rate is None:
@@ -68,7 +71,7 @@ def drive_of(rows: Plan, moving: Moving) -> Callable[[Any, jax.Array], Any]:
 def frame_of(job: Job, rows: Plan, moving: Moving | None, block: BlockResult) -> pd.DataFrame:
     """The records of a block of rows."""
     axes = rows.columns(block.first, block.first + len(block.status))
-    if job.run.kind == "settle":
+    if job.run.kind in ("settle", "hold"):
         return settle_frame(rows.model, axes, block)
     ramp: tuple[str, Path] | None = None
     if moving is not None:

@@ -181,7 +181,7 @@ def _run_missing(
         total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
         complete = not directory.missing_blocks()
         directory.update_manifest(timings=total, counts=directory.counts(), complete=complete)
-        if complete and ready.job.run.kind == "settle":
+        if complete and ready.job.run.kind in ("settle", "hold"):
             gaits = load(directory.path)["gait"].value_counts()
             directory.update_manifest(gaits={str(gait): int(n) for gait, n in gaits.items() if n})
 

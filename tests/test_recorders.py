@@ -10,6 +10,7 @@ from toy_model import Toy, bounce_times, launches
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.crossings import Crossings
+from gaitsweep.engine.hold import Hold
 from gaitsweep.engine.ramp import Path
 from gaitsweep.engine.trace import Trace
 
@@ -37,6 +38,17 @@ def test_trace_counts_from_the_crossing_that_it_waits_for() -> None:
     np.testing.assert_allclose(result.samples[:, 0], [0.0, 0.1, 0.2], atol=1e-12)
     speed = launches(1.3, 0.5, 0.5, 4)[4]
     np.testing.assert_allclose(result.samples[0, 1:], [0.0, speed], atol=1e-9)
+
+
+def test_a_hold_ends_on_time_at_its_last_crossing() -> None:
+    launch, duration = 1.3, 7.0
+    result = run_rows(Toy(), Hold(Toy(), duration), {"launch_1": [launch, 0.9]}, numerics=Numerics(dt=1e-3))
+    assert np.all(result.status == Status.complete)
+    np.testing.assert_allclose(result.t_end, duration, rtol=0, atol=1e-12)
+    bounces = bounce_times(launch, W, D, 0.5, 0.5, 40)
+    assert result.cycles[0] == np.count_nonzero(bounces < duration)
+    np.testing.assert_allclose(result.last[0, 0], launches(launch, 0.5, 0.5, 40)[result.cycles[0]], atol=1e-9)
+    assert np.all(result.labels["gait"] >= 0)
 
 
 def test_full_buffers_lose_no_crossing() -> None:

@@ -17,6 +17,8 @@ from gaitsweep.engine.maps import Images, Map, Points
 
 # Corrections of one step, beyond which it is tried again with half its length.
 MOST_CORRECTIONS = 8
+# By how much a correction may raise what is left to correct before the step is given up.
+PATIENCE = 5.0
 # Of its size, by which a coordinate may not be fixed.
 TOLERANCE = 1e-9
 
@@ -125,7 +127,7 @@ class Track:
         n, size = places.points.at.shape
         change = guess.copy()
         found, done = places, np.zeros(n, bool)
-        going = np.ones(n, bool)
+        going, before_it = np.ones(n, bool), np.full(n, np.inf)
         points = Points(places.points.at + change[:, :size], places.points.like)
         for count in range(1, MOST_CORRECTIONS + 1):
             rows = np.flatnonzero(going)
@@ -141,7 +143,8 @@ class Track:
             scale[:, :size] = sizes(points.at[rows])
             with np.errstate(invalid="ignore"):
                 norm = np.max(np.abs(miss) / scale, axis=1)
-            sound = images.sound & np.isfinite(norm)
+            sound = images.sound & np.isfinite(norm) & (norm <= PATIENCE * before_it[rows])
+            before_it[rows] = norm
             fixed = sound & (norm <= TOLERANCE) & (np.abs(off) <= 1e-9)
             if fixed.any():
                 mine, some = rows[fixed], track[np.flatnonzero(fixed)]

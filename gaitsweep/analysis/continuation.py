@@ -19,6 +19,8 @@ from gaitsweep.engine.maps import Map, Points, Values
 # Cosine of the angle by which a branch may turn in a step, and corrections that make the next step longer.
 STRAIGHT, FEW = 0.95, 3
 LONGER, SHORTER = 1.4, 0.5
+# Shares of the longest step that are tried where no step is short enough.
+LEAPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 
 
 def continuation(
@@ -33,7 +35,7 @@ def continuation(
     fix: Sequence[str] | Mapping[str, object] = (),
     step: float = 0.02,
     longest: float = 0.08,
-    shortest: float = 1e-5,
+    shortest: float = 1e-4,
     most: int = 300,
 ) -> pd.DataFrame:
     """The branches of fixed points through n starts.
@@ -55,7 +57,7 @@ def continuation(
         One record a point: row (the start's), point, parameter and other values, what the map observes there,
         drift_NAME for what is held, multiplier (the largest in size, with its parts multiplier_re and
         multiplier_im), unstable (how many are outside the unit circle), stable, special (fold, flip,
-        neimark_sacker, branch_point, or nothing), residual corrections, end (why the branch ends there, or
+        neimark_sacker, branch_point; kink: a step over a place where the map bends; or nothing), corrections, end (why the branch ends there, or
         nothing): range, closed, most, lost (no step is short enough, or the map is not defined beyond), or,
         where no fixed point was found at the start, an `Outcome`.
 
@@ -104,9 +106,14 @@ def _follow(
         straight = np.sum(mine.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
         taken = found & (straight | (length[rows] <= shortest))
         length[rows[~taken]] *= SHORTER
-        ended = rows[~taken & (length[rows] < shortest)]
-        book.end(names[ended], "lost")
-        going[ended] = False
+        stuck = np.flatnonzero(~taken & (length[rows] < shortest))
+        if stuck.size:
+            over, leapt = _leap(mine[stuck], here[stuck], longest)
+            places = places.merged(rows[stuck[leapt]], over[leapt])
+            length[rows[stuck]] = first
+            book.write(names[rows[stuck[leapt]]], mine[stuck[leapt]], over[leapt], ["kink"] * int(leapt.sum()))
+            book.end(names[rows[stuck[~leapt]]], "lost")
+            going[rows[stuck[~leapt]]] = False
         if not taken.any():
             continue
         rows, here, there, mine = rows[taken], here[taken], there[taken], mine[np.flatnonzero(taken)]
@@ -128,6 +135,27 @@ def _follow(
         going[rows[closed | full]] = False
         easy = there.corrections <= FEW
         length[rows[easy]] = np.minimum(LONGER * length[rows[easy]], longest)
+
+
+def _leap(track: Track, here: Places, longest: float) -> tuple[Places, np.ndarray]:
+    """Places beyond a point at which the map bends or jumps, and whether any were found (n,).
+
+    A trajectory that grazes an event has no derivative there: no step is short enough to get to the point, but
+    a longer one may get over it.
+    """
+    n = len(here.parameter)
+    best, found = here, np.zeros(n, bool)
+    for share in LEAPS:
+        rows = np.flatnonzero(~found)
+        if not rows.size:
+            break
+        there, good = track[rows].step(here[rows], np.full(rows.size, share * longest))
+        onwards = np.sum(track.weights[rows] * here.tangent[rows] * there.tangent, axis=1) > 0.5
+        inside = (there.parameter >= track.low) & (there.parameter <= track.high)
+        good &= onwards & inside
+        best = best.merged(rows[good], there[good])
+        found[rows[good]] = True
+    return best, found
 
 
 def _specials(

@@ -11,7 +11,8 @@ def neighbour_force(x: jax.Array, v: jax.Array, kappa: jax.Array, sigma: jax.Arr
 
     Args:
         x, v: heights (m) and velocities (m/s) of the masses, shape (n,).
-        kappa, sigma: spring (N/m) and damper (N s/m) between neighbours.
+        kappa: spring between neighbours, N/m, shape (n-1,) or one for all.
+        sigma: damper between neighbours, N s/m, shape (n-1,) or one for all.
 
     Source: Ambe et al. 2021, eq. (1).
     """

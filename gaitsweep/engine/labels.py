@@ -14,7 +14,7 @@ from gaitsweep.engine.staircase import Staircase, readable
 from gaitsweep.engine.work import Work
 
 # How a row may end and still stand on the section, where its gait can be read.
-LABELLED = (Status.settled, Status.cycle_limit, Status.time_limit)
+LABELLED = (Status.settled, Status.complete, Status.cycle_limit, Status.time_limit)
 # Records of stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
 BATCH = 1024
 

@@ -8,43 +8,21 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from gaitsweep.job.figure_part import NAME as _NAME
+from gaitsweep.job.figure_part import TITLE as _TITLE
+from gaitsweep.job.figure_part import FigurePart as _Figure
+from gaitsweep.job.gait_figures import GaitRamp, GaitSeries, LoadingRule, NineGaits, SpeedGaits
 from gaitsweep.job.numbers import Flag, Positive, Real, Stem, Text, word
 from gaitsweep.job.runs import Part
 
-_TITLE = "text above the figure"
-_NAME = "file stem of the figure; its kind if not given"
 _HUE = "column that colours the points"
 _BANDWIDTH = "half the window of the smoothing, in the unit of y; 0.05 rad for an angle if not given"
-
-
-class _Figure(Part):
-    """What every figure says of itself: the runs that it suits, the columns and observables that it names."""
-
-    runs: ClassVar[tuple[str, ...]]
-    column_fields: ClassVar[tuple[str, ...]] = ()  # the fields that name columns of the table
-    observable_fields: ClassVar[tuple[str, ...]] = ()  # those that name observables, one or a list
-
-    def columns(self) -> dict[str, str]:
-        """The columns that it names, by field."""
-        named = {field: getattr(self, field) for field in self.column_fields}
-        return {field: column for field, column in named.items() if column is not None}
-
-    def observed(self) -> dict[tuple[str | int, ...], str]:
-        """The observables that it names, by where in it they stand."""
-        places: dict[tuple[str | int, ...], str] = {}
-        for field in self.observable_fields:
-            named = getattr(self, field)
-            if isinstance(named, list):
-                places |= {(field, number): name for number, name in enumerate(named)}
-            else:
-                places[field,] = named
-        return places
 
 
 class Basin(_Figure):
     """Which gait each start leads to, over two varied quantities."""
 
-    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    runs: ClassVar[tuple[str, ...]] = ("settle", "hold")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue", "panels")
     kind: Literal["basin"] = Field(description="basin: the gait that each start leads to")
     x: Text = Field(description="column along the horizontal axis")
@@ -159,7 +137,7 @@ class Branches(_Figure):
 class GaitMap(_Figure):
     """Which gaits are stable over two varied quantities, each from several starts."""
 
-    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    runs: ClassVar[tuple[str, ...]] = ("settle", "hold")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue")
     kind: Literal["gait_map"] = Field(description="gait_map: the gaits that several starts settle in")
     x: Text = Field(description="column along the horizontal axis")
@@ -183,7 +161,7 @@ class DriftLaw(_Figure):
 class BasinMeasures(_Figure):
     """Shares of starts with intervals, entropies, and uncertain starts over their error."""
 
-    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    runs: ClassVar[tuple[str, ...]] = ("settle", "hold")
     column_fields: ClassVar[tuple[str, ...]] = ("hue", "panels")
     kind: Literal["basin_measures"] = Field(description="basin_measures: basins of attraction in numbers")
     axes: list[Text] | None = Field(
@@ -207,7 +185,7 @@ class BasinMeasures(_Figure):
 class Shock(_Figure):
     """How far each start is from one that comes out otherwise, over two varied quantities."""
 
-    runs: ClassVar[tuple[str, ...]] = ("settle",)
+    runs: ClassVar[tuple[str, ...]] = ("settle", "hold")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue", "panels")
     kind: Literal["shock"] = Field(
         description="shock: the smallest change of a start that changes its outcome"
@@ -231,7 +209,12 @@ Figure = Annotated[
     | GaitMap
     | DriftLaw
     | BasinMeasures
-    | Shock,
+    | Shock
+    | SpeedGaits
+    | GaitSeries
+    | GaitRamp
+    | NineGaits
+    | LoadingRule,
     Field(discriminator="kind"),
 ]
 FIGURES: Mapping[str, type[Part]] = MappingProxyType(
@@ -247,5 +230,10 @@ FIGURES: Mapping[str, type[Part]] = MappingProxyType(
         "drift_law": DriftLaw,
         "basin_measures": BasinMeasures,
         "shock": Shock,
+        "speed_gaits": SpeedGaits,
+        "gait_series": GaitSeries,
+        "gait_ramp": GaitRamp,
+        "nine_gaits": NineGaits,
+        "loading_rule": LoadingRule,
     }
 )

@@ -8,13 +8,13 @@ from gaitsweep import nearmiss
 from gaitsweep.contract import Model
 from gaitsweep.job.complaints import Complaint
 from gaitsweep.job.figure_kinds import Figure, Hysteresis
-from gaitsweep.job.runs import Ramp, Run, Settle, Staircase, Trace, moved_by
+from gaitsweep.job.runs import Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
 
 
 def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
     """The columns of the table that a run makes, in their order."""
     axes = list(varied)
-    if isinstance(run, Settle):
+    if isinstance(run, Settle | Hold):
         observed = [f"{quantity.name}_end" for quantity in model.observables]
         traits = [quantity.name for quantity in model.traits]
         return ["row", *axes, "status", "cycles", "t_end", *observed, "gait", *traits]

@@ -72,6 +72,13 @@ class Settle(Part):
     )
 
 
+class Hold(Part):
+    """Follow each row for a given time; one row a start, read at its last section crossing."""
+
+    kind: Literal["hold"] = Field(description="hold: a given time, each row read where it ends")
+    duration: Positive = Field(description="simulated time, in s")
+
+
 class Trace(Part):
     """Record the signals of each row at equal intervals of time, a parameter moving if one is named."""
 
@@ -140,7 +147,7 @@ def moved_by(run: object) -> str | None:
     return run.parameter if isinstance(run, Ramp | Staircase | Trace) else None
 
 
-Run = Annotated[Settle | Trace | Ramp | ReturnMap | Staircase, Field(discriminator="kind")]
+Run = Annotated[Settle | Hold | Trace | Ramp | ReturnMap | Staircase, Field(discriminator="kind")]
 
 
 class Numerics(Part):

@@ -25,6 +25,7 @@ from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
 from gaitsweep.job.runs import (
     EngineChoice,
+    Hold,
     Numerics,
     Part,
     Ramp,
@@ -76,7 +77,7 @@ class Job(Part):
         description="axes by name, zip and sample groups; they multiply, the last varies fastest",
     )
     run: Run = Field(
-        description="what is done with each row (kind: settle, trace, ramp, return_map or staircase)"
+        description="what is done with each row (kind: settle, hold, trace, ramp, return_map or staircase)"
     )
     numerics: Numerics = Field(default_factory=Numerics, description="how trajectories are integrated")
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
@@ -168,6 +169,7 @@ def _in_order(vary: dict[str, Any]) -> list[Any]:
 _OWNERS = {
     "": Owner("a job", Job),
     "settle": Owner("run (settle)", Settle, "run"),
+    "hold": Owner("run (hold)", Hold, "run"),
     "trace": Owner("run (trace)", Trace, "run"),
     "ramp": Owner("run (ramp)", Ramp, "run"),
     "return_map": Owner("run (return_map)", ReturnMap, "run"),

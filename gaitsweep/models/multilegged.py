@@ -32,6 +32,7 @@ TOUCH = 1e-12
 STRICTLY = 1e-300
 
 _TABLE_1 = "Ambe 2021, Table 1"
+_EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # where the head and the tail come to differ
 
 
 def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
@@ -43,12 +44,16 @@ PARAMETERS = (
         "beta", "1", "duty factor", 0.8, low=0.0, high=1.0, open_ends=True, symbol=r"\beta", source=_TABLE_1
     ),
     _positive("kappa", "N/m", "spring between neighbours", 100.0, r"\kappa", _TABLE_1),
+    _positive("kappa_1", "N/m", "spring between the first two legs", "kappa", r"\kappa_1", _EQ_31),
+    _positive("kappa_end", "N/m", "spring between the last two legs", "kappa", r"\kappa_N", _EQ_32),
     _positive("sigma", "N s/m", "damper between neighbours", "2*sqrt(kappa)", r"\sigma", _TABLE_1),
     _positive("m", "kg", "mass of each inner leg's segment", 1.0, "m", _TABLE_1),
     _positive("m_B", "kg", "mass of both end segments", 0.9, "m_B", _TABLE_1),
-    _positive("m_1", "kg", "mass of the head's segment", "m_B", "m_1", "eq. (31)"),
-    _positive("m_end", "kg", "mass of the tail's segment, m_{N+1}", "m_B", "m_{N+1}", "eq. (32)"),
+    _positive("m_1", "kg", "mass of the head's segment", "m_B", "m_1", _EQ_31),
+    _positive("m_end", "kg", "mass of the tail's segment, m_{N+1}", "m_B", "m_{N+1}", _EQ_32),
     _positive("a", "m", "amplitude of the leg's shortening", 0.4, "a", _TABLE_1),
+    _positive("a_1", "m", "amplitude of the first leg's shortening", "a", "a_1", _EQ_31),
+    _positive("a_end", "m", "amplitude of the last leg's shortening", "a", "a_{N+1}", _EQ_32),
     _positive("L", "m", "longest leg length", 1.0, "L", _TABLE_1),
     _positive("K", "N/m", "spring of the ground", 1.0e5, "K", _TABLE_1),
     _positive("D", "N s/m", "damper of the ground", "2*sqrt(K)", "D", _TABLE_1),
@@ -74,7 +79,10 @@ PARAMETERS = (
 )
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """Parameters as the equations read them; units as in `PARAMETERS`, `masses` (N+1,) from head to tail."""
+    """Parameters as the equations read them; units as in `PARAMETERS`, arrays from head to tail.
+
+    kappa (N,): each spring; masses, a (N+1,): of each leg; m: of the inner ones.
+    """
 
     beta: jax.Array
     kappa: jax.Array
@@ -178,16 +186,23 @@ class Multilegged(HybridModel):
         )
 
     def params(self, values: Mapping[str, jax.Array]) -> Params:
-        inner = [values["m"]] * (self.N - 1)
-        masses = jnp.stack([jnp.asarray(mass) for mass in (values["m_1"], *inner, values["m_end"])])
-        names = [field.name for field in dataclasses.fields(Params) if field.name != "masses"]
-        return Params(masses=masses, **{name: jnp.asarray(values[name]) for name in names})
+        def along(name: str, first: str, last: str, n: int) -> jax.Array:
+            inner = [values[name]] * (n - 2)
+            return jnp.stack([jnp.asarray(each) for each in (values[first], *inner, values[last])])
+
+        arrays = {
+            "masses": along("m", "m_1", "m_end", self.N + 1),
+            "kappa": along("kappa", "kappa_1", "kappa_end", self.N),
+            "a": along("a", "a_1", "a_end", self.N + 1),
+        }
+        names = [field.name for field in dataclasses.fields(Params) if field.name not in arrays]
+        return Params(**arrays, **{name: jnp.asarray(values[name]) for name in names})
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
         p = params
         touching = jnp.isnan(start["phi_1"])
-        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa * p.a)  # below eq. (17)
-        touchdown = TWO_PI - p.masses[0] * b
+        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
+        touchdown = TWO_PI - p.masses[0] * b  # eq. (31)
         # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
         touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
         phi_1 = jnp.where(touching, touchdown, start["phi_1"])
@@ -290,12 +305,16 @@ class Multilegged(HybridModel):
             self.N,
             psi,
             beta=p.beta,
-            kappa=p.kappa,
+            kappa=p.kappa[1],
             m=p.m,
             m_1=p.masses[0],
             m_end=p.masses[-1],
-            a=p.a,
+            a=p.a[1],
             g=p.g,
+            kappa_1=p.kappa[0],
+            kappa_end=p.kappa[-1],
+            a_1=p.a[0],
+            a_end=p.a[-1],
         )
         return {"gait": gait, "k": k, "distance": distance}
 

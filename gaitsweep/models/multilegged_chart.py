@@ -69,5 +69,5 @@ class MultileggedChart(Chart):
 
 
 def _touching(p: Any, phi: jax.Array) -> jax.Array:
-    """Length (m) of a leg in its landing segment, eq. (3)."""
-    return p.L - p.a * (2.0 * jnp.pi - phi) / ((1.0 - p.beta) * jnp.pi)
+    """Length (m) of leg 1 in its landing segment, eq. (3)."""
+    return p.L - p.a[0] * (2.0 * jnp.pi - phi) / ((1.0 - p.beta) * jnp.pi)

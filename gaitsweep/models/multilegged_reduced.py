@@ -60,7 +60,8 @@ class MultileggedReduced(Multilegged):
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
         p = params
         touching = jnp.isnan(start["phi_1"])
-        touchdown = TWO_PI - p.masses[0] * (1.0 - p.beta) * p.g * jnp.pi / (p.kappa * p.a)  # eq. (31)
+        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
+        touchdown = TWO_PI - p.masses[0] * b  # eq. (31)
         # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
         touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
         psi = jnp.stack([start[f"psi_{i}"] for i in range(1, self.N + 1)])

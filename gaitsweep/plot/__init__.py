@@ -18,10 +18,15 @@ from gaitsweep.plot.cycles import cycles
 from gaitsweep.plot.drift_law import drift_law
 from gaitsweep.plot.footprints import footprints
 from gaitsweep.plot.gait_map import gait_map
+from gaitsweep.plot.gait_ramp import gait_ramp
+from gaitsweep.plot.gait_series import gait_series
 from gaitsweep.plot.hysteresis import hysteresis
+from gaitsweep.plot.loading_rule import loading_rule
+from gaitsweep.plot.nine_gaits import nine_gaits
 from gaitsweep.plot.return_map import return_map
 from gaitsweep.plot.shock import shock
 from gaitsweep.plot.solution_set import solution_set
+from gaitsweep.plot.speed_gaits import speed_gaits
 
 __all__ = [
     "KINDS",
@@ -34,10 +39,15 @@ __all__ = [
     "drift_law",
     "footprints",
     "gait_map",
+    "gait_ramp",
+    "gait_series",
     "hysteresis",
+    "loading_rule",
+    "nine_gaits",
     "return_map",
     "shock",
     "solution_set",
+    "speed_gaits",
 ]
 
 KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
@@ -53,6 +63,11 @@ KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
         "drift_law": drift_law,
         "basin_measures": basin_measures,
         "shock": shock,
+        "speed_gaits": speed_gaits,
+        "gait_series": gait_series,
+        "gait_ramp": gait_ramp,
+        "nine_gaits": nine_gaits,
+        "loading_rule": loading_rule,
     }
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -16,7 +17,7 @@ from gaitsweep.analysis.attractors import with_attractors
 from gaitsweep.analysis.basin_measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import axis_label, column, is_angle, unit_of, written
+from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 
 _MOST_NAMED = 6  # lines that a legend names
 
@@ -81,11 +82,11 @@ def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins
         return {value: float(place) for place, value in enumerate(values)}
     if is_angle(table, panels):
         style.angle_axis(axes, "x")
-    return {value: float(value) for value in values}
+    return dict(zip(values, measured.panels[panels].to_numpy(float).tolist(), strict=True))
 
 
-def _of(records: pd.DataFrame, panels: str | None, value: object) -> pd.DataFrame:
-    return records if panels is None else records[records[panels] == value]
+def _of(records: pd.DataFrame, name: str | None, value: object) -> pd.DataFrame:
+    return records if name is None else rows_where(records, records[name] == value)
 
 
 def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
@@ -94,7 +95,7 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
     names = list(dict.fromkeys(records["outcome"]))
     colour, marker = style.colours(names), style.markers(names)
     for name in names:
-        mine = records[records["outcome"] == name]
+        mine = _of(records, "outcome", name)
         at = [place[value] for value in (mine[panels] if panels else [None] * len(mine))]
         share = mine["fraction"].to_numpy()
         ends = np.abs(np.stack([mine["low"].to_numpy(), mine["high"].to_numpy()]) - share)
@@ -108,11 +109,9 @@ def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | Non
 def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
     place = _along(axes, table, panels, measured)
     at = [place[value] for value in (measured.panels[panels] if panels else [None])]
-    for name, label, look in (
-        ("basin_entropy", "basin entropy", {"color": "#0072B2", "marker": "o"}),
-        ("boundary_entropy", "boundary entropy", {"color": "#D55E00", "marker": "s"}),
-    ):
-        axes.plot(at, measured.panels[name].astype(float), label=label, markersize=3.5, linewidth=0.7, **look)
+    for name, colour, marker in (("basin_entropy", "#0072B2", "o"), ("boundary_entropy", "#D55E00", "s")):
+        look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5, "linewidth": 0.7}
+        axes.plot(at, measured.panels[name].to_numpy(float), label=name.replace("_", " "), **look)
     axes.axhline(np.log(2.0), color="#555555", linewidth=0.7, linestyle="--")
     axes.annotate("ln 2", (1.0, np.log(2.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     axes.set_ylim(0.0, 0.8)
@@ -125,9 +124,9 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     shades = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(values)))
     for number, value in enumerate(values):
         mine = _of(measured.uncertainty, panels, value)
-        mine = mine[mine["uncertain"] > 0.0]
-        panel = _of(measured.panels, panels, value).iloc[0]
-        slope = f"slope {panel['exponent']:.3f}" if np.isfinite(float(panel["exponent"])) else "no slope"
+        mine = rows_where(mine, mine["uncertain"] > 0.0)
+        exponent = float(_of(measured.panels, panels, value)["exponent"].to_numpy(float)[0])
+        slope = f"slope {exponent:.3f}" if np.isfinite(exponent) else "no slope"
         label = f"{written(table, panels, value)}, {slope}" if panels else slope
         look = {"color": shades[number], "marker": style.SPARE_MARKERS[number % len(style.SPARE_MARKERS)]}
         ends = number in (0, len(values) - 1)  # of many, which run from dark to light

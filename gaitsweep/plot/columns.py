@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import nearmiss
+from gaitsweep.analysis import outcomes
 from gaitsweep.analysis.circular import is_circular
 
-SETTLED = frozenset({"settled", "inferred", "complete"})
-UNSETTLED = frozenset({"cycle_limit", "time_limit", "running"})
-NOT_SETTLED, FAILED = "not settled", "failed"
+SETTLED, UNSETTLED = outcomes.SETTLED, outcomes.UNSETTLED
+NOT_SETTLED, FAILED = outcomes.NOT_SETTLED, outcomes.FAILED
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}
 )
@@ -109,22 +109,12 @@ def written(table: pd.DataFrame, name: str, value: object) -> str:
 def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
     """What each row shows: its hue where it settled, else `not settled` or `failed`; NaN hues are `none`."""
     column(table, hue)
-    shown = np.where(table[hue].notna(), table[hue].astype(str), "none").astype(object)
-    if "status" in table.columns:
-        status = table["status"].astype(str)
-        shown[status.isin(list(UNSETTLED))] = NOT_SETTLED
-        shown[~status.isin(list(SETTLED | UNSETTLED))] = FAILED
-    return pd.Series(shown, index=table.index, dtype=object)
+    return outcomes.outcomes(table, hue)
 
 
 def categories(table: pd.DataFrame, hue: str, shown: pd.Series) -> list[str]:
     """The outcomes that occur: in the hue's own order where it is a category, failed rows last."""
-    kind = table[hue].dtype
-    known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
-    present = set(shown.unique())
-    others = sorted(present - set(known) - {NOT_SETTLED, FAILED, "none"})
-    order = [*(name for name in known if name != "none"), *others, "none", NOT_SETTLED, FAILED]
-    return [name for name in order if name in present]
+    return outcomes.in_order(table, hue, shown)
 
 
 def _quantity(table: pd.DataFrame, name: str) -> dict:

@@ -14,15 +14,15 @@ def obstacle_problem(
 ) -> tuple[jax.Array, jax.Array]:
     """Lowest heights of the masses at or above their leg tips, and the load that each leg carries.
 
-    Let q be the chain that hangs free. Then z = x - q bends only where a leg pushes, and there downwards,
-    so z is the lowest concave sequence above l - q whose first slope is at most 0 and whose last slope is at
-    least -(total weight)/kappa: a greatest of chords, of level rays from the right, and of rays of the last
-    slope from the left.
+    Let q be the chain that hangs free, and let a leg's place be the compliance of the springs before it. Over
+    these places z = x - q bends only where a leg pushes, and there downwards, so z is the lowest concave
+    sequence above l - q whose first slope is at most 0 and whose last slope is at least -(total weight): a
+    greatest of chords, of level rays from the right, and of rays of the last slope from the left.
 
     Args:
         l: leg lengths, m, shape (n,), n >= 2.
         m: masses, kg, shape (n,).
-        kappa: spring between neighbours, N/m, natural length zero.
+        kappa: springs between neighbours, N/m, natural length zero, shape (n-1,) or one for all.
         g: gravitational acceleration, m/s2.
 
     Returns:
@@ -30,13 +30,12 @@ def obstacle_problem(
 
     Source: eq. (8), with the complementarity below it.
     """
-    n = l.shape[0]
-    sag = m * g / kappa
-    slopes = jnp.cumsum(sag)
-    q = jnp.concatenate([jnp.zeros_like(sag[:1]), jnp.cumsum(slopes[:-1])])
+    kappa, unit, compliance = _springs(kappa, l.shape[0])
+    slopes = jnp.cumsum(m * g / unit)
+    q = _from_the_first(slopes[:-1] * compliance)
     h = l - q
 
-    place = jnp.arange(n, dtype=h.dtype)
+    place = _from_the_first(compliance)
     run = place[None, :] - place[:, None]  # run[i, j] = j - i
     level = jnp.max(jnp.where(run >= 0, h[None, :], -jnp.inf), axis=1)
     falling = jnp.max(jnp.where(run <= 0, h[None, :] + run * slopes[-1], -jnp.inf), axis=1)
@@ -48,6 +47,21 @@ def obstacle_problem(
     end = jnp.zeros_like(pull[:1])
     load = m * g - jnp.concatenate([pull, end]) + jnp.concatenate([end, pull])
     return x, jnp.where(touches, jnp.maximum(load, 0.0), 0.0)
+
+
+def _springs(kappa: jax.Array, n: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The springs (n-1,), N/m, the middle one, and their compliances in units of its own.
+
+    In these units chains of one spring have compliances of exactly 1.
+    """
+    kappa = jnp.broadcast_to(kappa, (n - 1,))
+    unit = kappa[(n - 1) // 2]
+    return kappa, unit, unit / kappa
+
+
+def _from_the_first(steps: jax.Array) -> jax.Array:
+    """0 and the sums of the steps (n-1,), shape (n,)."""
+    return jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
 
 
 def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
@@ -65,7 +79,7 @@ def balance(
     kappa: jax.Array,
     g: jax.Array,
 ) -> jax.Array:
-    """Load on each leg over kappa (m), shape (n,); negative for a leg in the air, by how far it is.
+    """Load on each leg over the middle spring (m), shape (n,); negative for a leg in the air, by how far.
 
     The load in the form of a guard: it changes its sign where a leg touches or leaves the ground.
 
@@ -94,12 +108,13 @@ def balance_and_rate(
         l, m, kappa, g: as in `obstacle_problem`.
         rate: of each leg's length, m in any unit of time or phase, shape (n,).
     """
-    weights = jnp.cumsum(m * g / kappa)
-    hang = jnp.concatenate([jnp.zeros_like(weights[:1]), jnp.cumsum(weights[:-1])])
+    _, unit, compliance = _springs(kappa, l.shape[0])
+    weights = jnp.cumsum(m * g / unit)
+    hang, place = _from_the_first(weights[:-1] * compliance), _from_the_first(compliance)
     front, rear = jnp.zeros_like(l), jnp.zeros_like(l) - weights[-1]
     front_rate, rear_rate = jnp.zeros_like(rate), jnp.zeros_like(rate)
     for apart in range(1, l.shape[0]):
-        share = 1.0 / apart
+        share = 1.0 / (place[apart:] - place[:-apart])
         slope = (l[apart:] - l[:-apart]) * share - (hang[apart:] - hang[:-apart]) * share
         slope_rate = (rate[apart:] - rate[:-apart]) * share
         less, more = slope < front[apart:], slope > rear[:-apart]
