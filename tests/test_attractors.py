@@ -18,8 +18,8 @@ import gaitsweep as gs
 from gaitsweep.analysis.attractor_matching import follow_attractors
 from gaitsweep.analysis.attractors import agreement, attractors, with_attractors
 from gaitsweep.analysis.linkage import MOST_CELLS, cells, components, linking_distance, shortest_tree
+from gaitsweep.analysis.multilegged.chain import Chain
 from gaitsweep.analysis.multilegged.gaits import GAITS, classify, locked_state, segments
-from gaitsweep.analysis.multilegged.solution_sets import Chain
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.state_space import Space
 

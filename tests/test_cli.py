@@ -83,6 +83,7 @@ class FakeRunner(types.ModuleType):
     def estimate(self, job: Job) -> types.SimpleNamespace:
         return types.SimpleNamespace(
             rows=10,
+            simulated=10,
             blocks=3,
             memory_bytes=35e6,
             disk_bytes=2100,

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, settle_table, staircase_table
 
-from gaitsweep.analysis.hysteresis import edges, edges_by_gait, jumps, loop_area
+from gaitsweep.analysis.hysteresis import edges, edges_by_gait, jumps, largest_jumps, loop_area
 from gaitsweep.analysis.records import AnalysisError
 
 JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)
@@ -85,6 +85,21 @@ def test_edges_are_medians_over_rows_with_their_range() -> None:
     assert apart["of"].tolist() == [2] * 4
     assert jumps(table, "delta_13", "f")["mass"].tolist() == [1.0] * 4 + [1.2] * 4
     assert len(edges(table, "delta_13", "f", least=0.9)) == 0  # no jump is that large
+
+
+def test_rows_that_go_to_and_fro_lose_no_branch() -> None:
+    """An irregular row has its largest jump anywhere; one that turns back once may go on to a third gait."""
+    table = staircase_table(3)
+    wandering = table["row"] == 0
+    wild = np.where(np.arange(wandering.sum()) % 3 == 0, 0.4, 5.9)
+    table.loc[wandering, "delta_13_n"] = wild
+    assert len(jumps(table[wandering], "delta_13", "f")) > 10
+    assert largest_jumps(table, "delta_13", "f")["row"].tolist() == [1, 1, 2, 2]
+    found = edges(table, "delta_13", "f")
+    assert found.drop(columns="of").equals(edges(table[~wandering], "delta_13", "f").drop(columns="of"))
+    assert found[["rows", "of"]].to_numpy().tolist() == [[2, 3], [2, 3]]
+    table.loc[(table["row"] == 1) & (table["stair"] == 16), "delta_13_n"] -= 0.3
+    assert 1 in largest_jumps(table, "delta_13", "f")["row"].tolist()
 
 
 def test_a_jump_right_after_the_turn_counts_to_the_way_back() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from gaitsweep import plot
 from gaitsweep.analysis.multilegged.conserved import worst_case_cycles
-from gaitsweep.analysis.multilegged.solution_sets import Chain
+from gaitsweep.analysis.multilegged.chain import Chain
 
 
 def table() -> pd.DataFrame:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import plot
-from gaitsweep.analysis.multilegged.solution_sets import Chain
+from gaitsweep.analysis.multilegged.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, written
 from gaitsweep.plot.solution_set import chain_of

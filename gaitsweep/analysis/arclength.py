@@ -99,7 +99,9 @@ class Track:
         tangent = np.linalg.solve(full, last[:, :, None])[:, :, 0]
         return tangent / np.sqrt(np.sum(self.weights * tangent**2, axis=1))[:, None]
 
-    def first(self, points: Points, drift: np.ndarray, parameter: np.ndarray, sign: float) -> Places:
+    def first(
+        self, points: Points, drift: np.ndarray, parameter: np.ndarray, sign: np.ndarray | float
+    ) -> Places:
         """Branches that start at fixed points, towards larger values of the parameter (`sign` 1) or smaller."""
         images = self.evaluated(points, parameter)
         towards = np.zeros_like(self.weights)

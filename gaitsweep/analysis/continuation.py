@@ -111,7 +111,9 @@ def _follow(
             over, leapt = _leap(mine[stuck], here[stuck], longest)
             places = places.merged(rows[stuck[leapt]], over[leapt])
             length[rows[stuck]] = first
-            book.write(names[rows[stuck[leapt]]], mine[stuck[leapt]], over[leapt], ["kink"] * int(leapt.sum()))
+            book.write(
+                names[rows[stuck[leapt]]], mine[stuck[leapt]], over[leapt], ["kink"] * int(leapt.sum())
+            )
             book.end(names[rows[stuck[~leapt]]], "lost")
             going[rows[stuck[~leapt]]] = False
         if not taken.any():
@@ -128,7 +130,9 @@ def _follow(
         book.write(names[rows], mine, there, [""] * len(rows))
         places = places.merged(rows, there)
         closed = _distance(mine, there, home[rows]) < 0.5 * length[rows]
-        closed &= (book.counts(names[rows]) > 4) & (np.sum(mine.weights * there.tangent * home[rows].tangent, axis=1) > 0)
+        closed &= (book.counts(names[rows]) > 4) & (
+            np.sum(mine.weights * there.tangent * home[rows].tangent, axis=1) > 0
+        )
         full = book.counts(names[rows]) >= most
         book.end(names[rows[closed]], "closed")
         book.end(names[rows[full & ~closed]], "most")
@@ -140,22 +144,43 @@ def _follow(
 def _leap(track: Track, here: Places, longest: float) -> tuple[Places, np.ndarray]:
     """Places beyond a point at which the map bends or jumps, and whether any were found (n,).
 
-    A trajectory that grazes an event has no derivative there: no step is short enough to get to the point, but
-    a longer one may get over it.
+    Where a trajectory grazes an event the map has no derivative, and may jump: no step is short enough to get
+    there, but a longer one may get over it, across the branch or at a given value of the parameter.
     """
-    n = len(here.parameter)
-    best, found = here, np.zeros(n, bool)
+    best, found = here, np.zeros(len(here.parameter), bool)
     for share in LEAPS:
-        rows = np.flatnonzero(~found)
-        if not rows.size:
-            break
-        there, good = track[rows].step(here[rows], np.full(rows.size, share * longest))
-        onwards = np.sum(track.weights[rows] * here.tangent[rows] * there.tangent, axis=1) > 0.5
-        inside = (there.parameter >= track.low) & (there.parameter <= track.high)
-        good &= onwards & inside
-        best = best.merged(rows[good], there[good])
-        found[rows[good]] = True
+        for across in (True, False):
+            rows = np.flatnonzero(~found)
+            if not rows.size:
+                return best, found
+            mine, start = track[rows], here[rows]
+            there, good = (
+                mine.step(start, np.full(rows.size, share * longest))
+                if across
+                else _beyond(mine, start, share * longest)
+            )
+            onwards = np.sum(mine.weights * start.tangent * there.tangent, axis=1) > 0.0
+            good &= onwards & (there.parameter >= track.low) & (there.parameter <= track.high)
+            good &= _distance(mine, start, there) < 2.0 * longest
+            best = best.merged(rows[good], there[good])
+            found[rows[good]] = True
     return best, found
+
+
+def _beyond(track: Track, here: Places, length: float) -> tuple[Places, np.ndarray]:
+    """Places found by damped steps at the parameter's value a `length` ahead, and whether they were found."""
+    change = length * here.tangent
+    parameter = here.parameter + change[:, -1]
+    size = here.points.at.shape[1]
+    starts = Points(here.points.at + change[:, :size], here.points.like)
+    fix = {track.mapping.conserved[k].name: track.held.values[:, i] for i, k in enumerate(track.held.which)}
+    found = newton(track.mapping, starts, {**track.values, track.parameter: parameter}, fix=fix)
+    good = np.flatnonzero(found.converged)
+    if not good.size:
+        return here, found.converged
+    sign = np.sign(here.tangent[good, -1])
+    places = track[good].first(found.points[good], found.drift[good], parameter[good], sign)
+    return here.merged(good, places), found.converged
 
 
 def _specials(
@@ -174,7 +199,9 @@ def _specials(
         good = np.flatnonzero(np.isfinite(where))
         if good.size:
             some, at = mine[good], places[good]
-            book.write(names[rows[good]], some, at, ["fold"] * good.size if kind == "fold" else kinds(some, at))
+            book.write(
+                names[rows[good]], some, at, ["fold"] * good.size if kind == "fold" else kinds(some, at)
+            )
 
 
 def _edge(track: Track, there: Places, outside: np.ndarray, names: np.ndarray, book: _Book) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,9 +16,9 @@ from gaitsweep.analysis.records import FAILURES, AnalysisError, axes_of, require
 from gaitsweep.analysis.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
 
 FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}
-# What moves on purpose is not steady in its period: a passage is judged by its shifts alone. One cycle of a
-# leg is enough, since of two onsets between crossings, as in a trot, the first is not known.
-PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=1)
+# What moves on purpose is not steady in its period: a passage is judged by its shifts alone. Whole cycles of
+# all legs are not asked for, since of two onsets between crossings, as in a trot, the first is not known.
+PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
 _SINCE, _MEAN = "since_{}_n", "delta_{}_mean_end"
 
 
@@ -240,3 +241,22 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
     }
     return found
+
+
+def main() -> None:
+    from gaitsweep.table import load
+
+    parser = argparse.ArgumentParser(description="The gaits that follow each other along each row.")
+    parser.add_argument("directory", help="a result directory: a ramp, a return map or a trace")
+    parser.add_argument("--by", default="family", help="what tells gaits apart: family, gait, gait_at_0.05")
+    given = parser.parse_args()
+    found = spells(gaits_along(load(given.directory)), given.by, least=3)
+    for row, mine in found.groupby("row"):
+        told = [
+            f"{s[given.by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")
+        ]
+        print(f"row {row}, m/s: {', '.join(told)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -62,6 +62,21 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
     return pd.DataFrame(found, columns=columns)
 
 
+def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
+    """Of each row and pass the largest of its `jumps`, in the same columns; none where it goes to and fro.
+
+    A row that turns back twice or more often within a pass, as an irregular gait does, stands on no branch
+    and so loses none.
+    """
+    found = jumps(table, observable, parameter, least)
+    size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
+    back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
+    turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
+    steady = found.loc[turns[one] < 2]
+    largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
+    return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
+
+
 def edges(
     table: pd.DataFrame,
     observable: str,
@@ -69,7 +84,7 @@ def edges(
     least: float = LEAST,
     by: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """Where the state is lost in each pass, over all rows: from each row its largest jump of the pass.
+    """Where the state is lost in each pass, over all rows on a branch: of each its `largest_jumps`.
 
     Args:
         table, observable, parameter, least: as for `jumps`.
@@ -78,13 +93,11 @@ def edges(
     Returns:
         One record a pass in which any row jumps: by, pass, direction, `low` and `high` (medians over the
         rows; of an even number the outer one), `lowest` and `highest` (over all of them), size (median), rows
-        (that jump), of (all rows).
+        (that jump so), of (all rows).
     """
     by = list(by)
-    found = jumps(table, observable, parameter, least)
-    require(found, *by)
-    largest = found.assign(height=found["size"].abs()).sort_values("height", kind="stable")
-    largest = largest.drop_duplicates(["row", "pass"], keep="last")
+    largest = largest_jumps(table, observable, parameter, least)
+    require(largest, *by)
     keys = [*by, "pass", "direction"]
     edge = (
         largest.groupby(keys, sort=True, observed=True)

@@ -3,11 +3,14 @@
 If the body is tilted down on a pair's two legs, the fore leg bears more, its flexor is inhibited more, and it
 swings after the hind leg: delta < 0. Tilted up, the hind leg does: delta > 0.
 
+    python -m gaitsweep.analysis.loading_rule results/planar_quadruped_loads --split k2
+
 Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Fig. 5 and 6.
 """
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -48,9 +51,9 @@ def pairs_in(table: pd.DataFrame) -> pd.DataFrame:
     """Each diagonal pair of each steady row: its shift, loads and tilts.
 
     Args:
-        table: a trace of `planar_quadruped` (u_f_LF, F_LF, ..., pitch) or its settle table. Late stance is the
-            last 15 % of a cycle before a leg begins to swing; only a trace tells what both legs of a pair
-            bear before the first of them does (`load_together`, `tilt_together`).
+        table: a trace of `planar_quadruped` (u_f_LF, F_LF, ..., pitch), or a table of where its rows end.
+            Late stance is the last 15 % of a cycle before a leg begins to swing; only a trace tells what both
+            legs of a pair bear before the first of them does (`load_together`, `tilt_together`).
 
     Returns:
         One record for each pair of a row with one of the nine gaits: row, what varies, gait, pair (1: RF and
@@ -96,9 +99,9 @@ def loading_rule(
         repeats: axes along which rows are repetitions.
 
     Returns:
-        One record a measure (and value of `split`): measure, pairs, cases, r (of all pairs, with delta; the rule
-        says negative), r_low, r_high; shifted (pairs), right (the share of them in which the measure has the
-        sign that the rule says), right_low, right_high: intervals of 95 %.
+        One record a measure (and value of `split`): measure, pairs, cases, r (of all pairs, with delta; the
+        rule says negative), r_low, r_high; shifted (pairs), right (the share of them in which the measure has
+        the sign that the rule says), right_low, right_high: intervals of 95 %.
 
     Raises:
         AnalysisError: a column is not there.
@@ -165,3 +168,17 @@ def _pearson(sums: np.ndarray) -> np.ndarray:
     n, x, y, xx, yy, xy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):
         return (n * xy - x * y) / np.sqrt((n * xx - x * x) * (n * yy - y * y))
+
+
+def main() -> None:
+    from gaitsweep.table import load
+
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("directory", help="a result directory of planar_quadruped")
+    parser.add_argument("--split", help="a column of which each value is judged by itself")
+    given = parser.parse_args()
+    print(loading_rule(load(given.directory), split=given.split).round(3).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

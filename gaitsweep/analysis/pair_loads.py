@@ -41,8 +41,8 @@ def loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
 def loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
     """The loads and tilts of each pair, averaged over the cycles that a trace holds whole.
 
-    A leg's stance is where its flexor is silent; its late stance the last `LATE` of the cycle before it begins
-    to swing. `together`: the same for both legs of a pair, before the first of them does.
+    A leg's stance is where its flexor is silent; its late stance the last `LATE` of the cycle before it
+    begins to swing. `together`: the same time for both legs of a pair, before the first of them does.
 
     Args:
         trace: row, t (s) and for each leg u_f_LF and F_LF (N), pitch (rad, nose down positive).

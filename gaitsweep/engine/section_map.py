@@ -95,7 +95,9 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Cross
         from gaitsweep.engine.kernel.flights import KernelFlights
         from gaitsweep.engine.kernel.trace import UnsupportedError
 
-        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state))
+        shapes = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)
+        )
         key = (jax.tree.structure(shapes), tuple((x.shape, x.dtype) for x in jax.tree.leaves(shapes)))
         if key not in made:
             try:

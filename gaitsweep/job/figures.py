@@ -8,6 +8,7 @@ from gaitsweep import nearmiss
 from gaitsweep.contract import Model
 from gaitsweep.job.complaints import Complaint
 from gaitsweep.job.figure_kinds import Figure, Hysteresis
+from gaitsweep.job.gait_figures import GaitRamp
 from gaitsweep.job.runs import Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
 
 
@@ -55,6 +56,9 @@ def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], ru
         if isinstance(figure, Hysteresis) and figure.parameter not in (None, moved):
             text = f"is {figure.parameter}, but this run moves {moved}: leave it out."
             complaints.append(Complaint((*path, "parameter"), text))
+        if isinstance(figure, GaitRamp) and moved is None:
+            text = "is gait_ramp, but this run moves nothing: name its run.parameter, with path and rate."
+            complaints.append(Complaint((*path, "kind"), text))
         stem = figure.name or figure.kind
         if stem in stems:
             text = f"is {stem}, the name of figures[{stems[stem]}] too: give each figure a name of its own."

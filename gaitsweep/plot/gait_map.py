@@ -88,6 +88,7 @@ def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
         each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]] for each in sets if len(each) == 1
     }
     free = [each for each in ("#009E73", *style.SPARE_COLOURS) if each not in alone.values()]
+    free = free or list(style.SPARE_COLOURS)  # many gaits leave none
     several = [each for each in sets if len(each) > 1]
     return colour | {each: free[number % len(free)] for number, each in enumerate(several)}
 

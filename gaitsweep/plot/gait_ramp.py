@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.analysis.gait_tables import gaits_along
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, column, described, rows_where, written
+from gaitsweep.plot.columns import PlotError, axis_label, column, rows_where, written
 from gaitsweep.plot.gait_looks import COLOURS, NAMES, ORDER
 
 _BAR = 0.36
@@ -49,7 +49,7 @@ def gait_ramp(
         for axes, value, each in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             _panel(axes, along, each, parameter)
-        grid[-1].set_xlabel(f"{described(table, parameter, 60)}" or axis_label(table, parameter))
+        grid[-1].set_xlabel(axis_label(table, parameter))
         handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
         figure.legend(handles=handles, loc="outside lower center", ncols=6)

@@ -19,7 +19,7 @@ from gaitsweep.plot.columns import column, rows_where, written
 from gaitsweep.plot.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, shade_flights
 
 _MOST_STRIPS = 12
-_HEIGHTS = {"gait": 0.28, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
+_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
 _LEAST = 3  # windows of a gait that is named along time
 _LETTER = 0.075  # inches that a letter of a gait's name takes
 
@@ -36,8 +36,8 @@ def gait_series(
 ) -> Figure:
     """What each flexor gives out, footfalls and pitch over time; flight phases in grey.
 
-    Each row is a strip. A single row may go over several strips of a given length, with the gait's name along
-    time: for a walk whose speed changes.
+    Each row is a strip; the peaks of loads at touchdown are cut off. A single row may go over several strips
+    of a given length, with the gait's name along time: for a walk whose speed changes.
 
     Args:
         table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
@@ -126,6 +126,8 @@ def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None,
     grid["pitch"].set_xlabel("time (s)")
     if "load" in grid:
         grid["load"].set_ylabel("load (N)")
+        loads = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float)
+        grid["load"].set_ylim(0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0))  # touchdowns are far above
     for kind in ("flexor", "load", "pitch"):
         if kind in grid:
             shade_flights(grid[kind], t, down)
@@ -144,15 +146,18 @@ def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame) -> None:
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = style.PAGE * 0.86 / (high - low)  # inches a second
-    for spell in spells(mine, "gait", _LEAST).to_dict("records"):
-        begin, end = max(spell["begin"], low), min(spell["end"], high)
+    found = spells(mine, "gait", _LEAST).to_dict("records")
+    # between two of them the gait changes half way
+    turns = [0.5 * (one["end"] + other["begin"]) for one, other in itertools.pairwise(found)]
+    for spell, since, until in zip(found, [low, *turns], [*turns, high], strict=True):
+        begin, end = max(since, low), min(until, high)
         if end <= begin:
             continue
         name = str(spell["gait"])
-        axes.barh(0.22, end - begin, 0.34, left=begin, color=COLOURS[name], linewidth=0)
+        axes.barh(0.15, end - begin, 0.26, left=begin, color=COLOURS[name], linewidth=0)
         if (end - begin) * width > _LETTER * len(name):
             look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 7.0}
-            axes.text(0.5 * (begin + end), 0.42, name, color=COLOURS[name], weight="bold", **look)
+            axes.text(0.5 * (begin + end), 0.3, name, color=COLOURS[name], weight="bold", **look)
     if "speed" in mine.columns and len(mine):
         for at in (low, high):
             v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))

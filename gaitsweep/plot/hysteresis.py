@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import cut
-from gaitsweep.analysis.hysteresis import LEAST, edges
+from gaitsweep.analysis.hysteresis import LEAST, edges, largest_jumps
 from gaitsweep.analysis.records import sound
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import (
@@ -178,9 +178,12 @@ def _draw(
         return []
     rows = table["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
-    for number, (_, part) in enumerate(table.groupby("row", sort=True)):
+    axes.margins(y=0.1)  # room for the arrows
+    jumping = largest_jumps(panel.table, name, parameter, least)["row"]
+    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first to jump on each way
+    for row, part in table.groupby("row", sort=True):
         passes = draw_row(axes, part, name, parameter, origin, alpha)
-        if number == 0:
+        if row == with_arrows:
             draw_arrows(axes, passes)
     found = edges(panel.table, name, parameter, least)
     handles = []

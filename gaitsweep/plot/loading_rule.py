@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -82,6 +83,6 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, told: Mapping[Any, Any]) 
     axes.axhline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     measure = rule.MEASURES[name]
-    axes.set_xlabel(f"{measure.meaning.replace(', ', ',' + chr(10), 1)} ({measure.unit})")
+    axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
     share = f"sign right {style.percent(told['right'])} %" if told["shifted"] else "no pair shifted"
     axes.set_title(f"r = {told['r']:.2f}, {share}".replace("-", "\u2212"))

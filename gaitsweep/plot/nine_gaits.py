@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -43,7 +45,7 @@ def nine_gaits(table: pd.DataFrame, *, cycles: float = 2.5, title: str | None = 
                 _empty(axes, gait)
             if place // 3 == 0:
                 axes.annotate(
-                    f"LF, RH: {_TILTS[place]}", (0.5, 1.0), (0, 26), "axes fraction", "offset points",
+                    f"LF, RH: {_TILTS[place]}", (0.5, 1.0), (0, 32), "axes fraction", "offset points",
                     ha="center", fontsize=7.5,
                 )  # fmt: skip
             if place % 3 == 0:
@@ -62,7 +64,6 @@ def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: 
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
-    _name(axes, gait)
     told = []
     if "x" in samples.columns:
         t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
@@ -71,7 +72,7 @@ def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: 
     for name in names[1 : names.index("cycles")]:
         if name not in ("seed", "pair"):
             told.append(written(table, str(name), of[name]))
-    axes.set_title(", ".join(told), fontsize=6.5, pad=3, loc="right", color="#444444")
+    _name(axes, gait, ", ".join(told))
 
 
 def _empty(axes: Axes, gait: str) -> None:
@@ -83,8 +84,8 @@ def _empty(axes: Axes, gait: str) -> None:
     style.message(axes, "no row has it")
 
 
-def _name(axes: Axes, gait: str) -> None:
-    axes.annotate(
-        gait, (0.0, 1.0), (0, 3), "axes fraction", "offset points",
-        color=COLOURS[gait], weight="bold", fontsize=8.5,
-    )  # fmt: skip
+def _name(axes: Axes, gait: str, told: str = "") -> None:
+    """The gait above its cell, and below that what is told of the example."""
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(gait, (0.0, 1.0), (0, 12), color=COLOURS[gait], weight="bold", fontsize=8.5, **look)
+    axes.annotate(told, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)

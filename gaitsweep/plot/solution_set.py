@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.multilegged.gaits import SHORTEST, segments
-from gaitsweep.analysis.multilegged.solution_sets import Chain
+from gaitsweep.analysis.multilegged.chain import Chain
 from gaitsweep.expression import ExpressionError, evaluate
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import (

@@ -8,15 +8,9 @@ import jax
 import numpy as np
 
 from gaitsweep.analysis.multilegged import conserved, waves
+from gaitsweep.analysis.multilegged.chain import Chain, lag, shift, touchdown_phase
 from gaitsweep.analysis.multilegged.order import jumps, order_sets, touchdown_order
-from gaitsweep.analysis.multilegged.solution_sets import (
-    Chain,
-    branches,
-    lag,
-    rule_of,
-    shift,
-    touchdown_phase,
-)
+from gaitsweep.analysis.multilegged.solution_sets import branches, rule_of
 from gaitsweep.analysis.multilegged.stability import characteristic_polynomial, linear_map, polynomial
 
 

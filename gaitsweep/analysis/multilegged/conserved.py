@@ -5,8 +5,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from gaitsweep.analysis.multilegged.chain import Chain, end_resets
 from gaitsweep.analysis.multilegged.section import TWO_PI
-from gaitsweep.analysis.multilegged.solution_sets import Chain, all_steps, shift
+from gaitsweep.analysis.multilegged.solution_sets import all_steps
 
 
 def total(psi: jax.Array) -> jax.Array:
@@ -17,18 +18,22 @@ def total(psi: jax.Array) -> jax.Array:
 
 def end_touchdowns(chain: Chain) -> tuple[jax.Array, jax.Array]:
     """Phases at which the first and the last leg touch while their neighbours stand, rad; eqs. (31), (32)."""
-    b = shift(chain)
-    return TWO_PI - chain.m_1 * b, TWO_PI - chain.m_end * b
+    head, tail = end_resets(chain)
+    return TWO_PI - head, TWO_PI - tail
 
 
 def drift(chain: Chain) -> jax.Array:
-    """Change of E a cycle while the neighbours of both ends stand as these touch: (m_end - m_1) b, rad.
+    """Change of E a cycle while the neighbours of both ends stand as these touch, rad.
 
-    Source: eqs. (30) to (32). Zero for equal end masses. Where it is positive, the tail being heavier, the
-    chain goes along its line of solutions to the retrograde wave, else to the direct wave.
+    E is phi_{N+1} - phi_1, and grows by what a touchdown resets the last leg by less the first leg's:
+    (1 - beta) pi g (m_end/(kappa_end a_end) - m_1/(kappa_1 a_1)), or (m_end - m_1) b for unequal masses
+    alone. Where it is positive (the tail heavier, softer or of less amplitude) the chain goes along its line
+    of solutions to the retrograde wave, else to the direct wave. Zero for ends that differ but m/(kappa a).
+
+    Source: eqs. (30) to (32), with a spring and an amplitude of each end's own.
     """
-    first, last = end_touchdowns(chain)
-    return first - last
+    head, tail = end_resets(chain)
+    return tail - head
 
 
 def line_length(N: int, chain: Chain | None = None) -> jax.Array:

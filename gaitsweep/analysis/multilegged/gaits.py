@@ -7,18 +7,22 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from gaitsweep.analysis.multilegged.chain import (
+    Chain,
+    Scalar,
+    amplitudes,
+    shift,
+    springs,
+    touchdown_phase,
+)
 from gaitsweep.analysis.multilegged.order import meetings
 from gaitsweep.analysis.multilegged.section import TWO_PI
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
-    Chain,
-    Scalar,
     Steps,
     all_steps,
     branches,
-    shift,
     solution,
-    touchdown_phase,
 )
 
 GAITS = ("direct", "source", "retrograde", "locked", "none")
@@ -95,10 +99,14 @@ def locked_state(chain: Chain) -> jax.Array:
 
     Legs 2 and 3 come down together between legs 1 and 4, which are in phase too. They carry their own weights
     alone, so they touch at 2 pi - m b; legs 1 and 4 then do so as well, which they can only while legs 2 and
-    3 take off, at 2 beta pi + (m - m_B) b. Here m_B is the mean of the end masses.
+    3 take off, at 2 beta pi + (m - m_B) b. Of unlike ends the means are taken: legs 2 and 3 do not stay in
+    phase between them.
     """
-    ends = 0.5 * (jnp.asarray(chain.m_1) + chain.m_end)
-    psi_1 = 2.0 * chain.beta * jnp.pi + (2.0 * chain.m - ends) * shift(chain)
+    k, a = springs(3, chain), amplitudes(3, chain)
+    ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))
+    D = chain.m * shift(ends)
+    taking_off = 0.5 * (a[0] + a[-1]) / chain.a * D - 0.5 * (jnp.asarray(chain.m_1) + chain.m_end) * shift(ends)
+    psi_1 = 2.0 * chain.beta * jnp.pi + D + taking_off
     return jnp.stack([psi_1, jnp.zeros_like(psi_1), TWO_PI - psi_1])
 
 
@@ -120,6 +128,10 @@ def classify(
     m_end: Scalar = 0.9,
     a: Scalar = 0.4,
     g: Scalar = 9.8,
+    kappa_1: Scalar | None = None,
+    kappa_end: Scalar | None = None,
+    a_1: Scalar | None = None,
+    a_end: Scalar | None = None,
     locked_within: float = LOCKED_WITHIN,
     none_beyond: float = NONE_BEYOND,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -131,7 +143,7 @@ def classify(
     Args:
         N: springs; the chain has N + 1 legs.
         psi: relative phases on section 1, rad, any turns, shape (N,).
-        beta, kappa, m, m_1, m_end, a, g: as in `Chain`; may be traced.
+        beta, kappa, m, m_1, m_end, a, g, kappa_1, kappa_end, a_1, a_end: as in `Chain`; may be traced.
         locked_within: distance from the locked state (N = 3), or of some psi_i from 0 (other N), rad.
         none_beyond: rad.
 
@@ -139,7 +151,7 @@ def classify(
         gait (int, index into GAITS), k (int, the boundary leg of a source wave, 0 for other gaits) and the
         distance to the nearest analytic solution, rad.
     """
-    chain = Chain(beta, kappa, m, m_1, m_end, a, g)
+    chain = Chain(beta, kappa, m, m_1, m_end, a, g, kappa_1, kappa_end, a_1, a_end)
     sets = branches(N)
     apart = distances(N, chain, psi)
     nearest = jnp.argmin(apart)

@@ -36,7 +36,7 @@ def obstacle_problem(
     h = l - q
 
     place = _from_the_first(compliance)
-    run = place[None, :] - place[:, None]  # run[i, j] = j - i
+    run = place[None, :] - place[:, None]  # run[i, j]: from i to j
     level = jnp.max(jnp.where(run >= 0, h[None, :], -jnp.inf), axis=1)
     falling = jnp.max(jnp.where(run <= 0, h[None, :] + run * slopes[-1], -jnp.inf), axis=1)
     z = jnp.maximum(jnp.maximum(level, falling), _highest_chord(h, run))
@@ -66,8 +66,8 @@ def _from_the_first(steps: jax.Array) -> jax.Array:
 
 def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
     """For each i, the greatest value at i of the chords of h from j < i to k > i; -inf at both ends."""
-    ahead = run[:, None, :]  # (i, 1, k): k - i
-    behind = -run[:, :, None]  # (i, j, 1): i - j
+    ahead = run[:, None, :]  # (i, 1, k): from i to k
+    behind = -run[:, :, None]  # (i, j, 1): from j to i
     inside = (ahead > 0) & (behind > 0)
     chord = (h[None, :, None] * ahead + h[None, None, :] * behind) / jnp.where(inside, ahead + behind, 1.0)
     return jnp.max(jnp.where(inside, chord, -jnp.inf), axis=(1, 2))

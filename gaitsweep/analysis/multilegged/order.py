@@ -8,17 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaitsweep.analysis.multilegged.chain import Chain, reset, shift, touchdown_phase
 from gaitsweep.analysis.multilegged.section import Leg, touches_early
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
-    Chain,
     Steps,
-    end_mass,
     places,
     rule_of,
-    shift,
     solution,
-    touchdown_phase,
 )
 
 APART = 1e-6  # rad of the free phase, on either side of a jump, at which psi is read
@@ -70,6 +67,8 @@ def order_sets(
 ) -> tuple[frozenset[int], frozenset[int]]:
     """T_1 and T_2: legs in front of and behind the boundary leg that touch before both of their neighbours.
 
+    For chains whose ends differ in their masses only.
+
     Args:
         N, branch, chain: as in `solution_set`.
         s: the free phase, rad.
@@ -79,7 +78,7 @@ def order_sets(
     chain = Chain() if chain is None else chain
     circle = touchdown_phase(chain)
     psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
-    threshold = 2.0 * chain.beta * jnp.pi + (2.0 * end_mass(chain) - chain.m) * shift(chain)
+    threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
     early = np.flatnonzero(np.asarray(touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
     return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
 

@@ -10,7 +10,8 @@ Each is a line of solutions with one free relative phase s. The places of the le
 which is eq. (17) once the order of touchdowns is read from the places. In set B s runs from psi_B =
 2 (1-beta) pi - m_B b to 2 beta pi; in set A from delta to psi_B, and legs k and k+1 share what is left:
 they step by -(delta + psi_B - s) (eq. 20). The direct wave (24, 25) is the mirror image of set B with k = 2:
-all steps +delta, the last one -s. Where set A of k = 2 and set B of k = 2 are the retrograde wave.
+all steps +delta, the last one -s. Sets A and B of k = 2 are the retrograde wave. Where an end has a spring or
+an amplitude of its own the lags are those that eq. (12) gives with it (`chain.py`).
 """
 
 from __future__ import annotations
@@ -22,25 +23,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.analysis.multilegged.section import TWO_PI, Leg, phases_on_section, relative
-
-Scalar = jax.Array | float
-
-
-class Chain(NamedTuple):
-    """Parameters of the theory; the defaults are Table 1's. They may be traced scalars.
-
-    beta: duty factor. kappa: spring between neighbours, N/m. m, m_1, m_end: mass inside, at the head and at
-    the tail, kg (the paper's m_B is m_1 = m_end). a: amplitude of the leg, m. g: gravity, m/s2.
-    """
-
-    beta: Scalar = 0.8
-    kappa: Scalar = 100.0
-    m: Scalar = 1.0
-    m_1: Scalar = 0.9
-    m_end: Scalar = 0.9
-    a: Scalar = 0.4
-    g: Scalar = 9.8
+from gaitsweep.analysis.multilegged.chain import Chain, Scalar, reset, takeoffs, touchdown_phase
+from gaitsweep.analysis.multilegged.section import Leg, phases_on_section, relative
 
 
 class Branch(NamedTuple):
@@ -70,52 +54,34 @@ def branches(N: int) -> tuple[Branch, ...]:
     return (Branch("direct", N), *waves)
 
 
-def shift(chain: Chain) -> jax.Array:
-    """b, rad/kg: the phase by which a kilogram brings a touchdown forward; below eq. (17)."""
-    return jnp.asarray((1.0 - chain.beta) * chain.g * jnp.pi / (chain.kappa * chain.a))
-
-
-def end_mass(chain: Chain) -> jax.Array:
-    """m_B, kg: of unequal end masses the heavier one, which sets the touchdown phase of what is left."""
-    return jnp.maximum(jnp.asarray(chain.m_1), jnp.asarray(chain.m_end))
-
-
-def touchdown_phase(chain: Chain) -> jax.Array:
-    """Phase at which every leg touches the ground along a solution, rad; eq. (16)."""
-    return TWO_PI - end_mass(chain) * shift(chain)
-
-
-def lag(chain: Chain) -> jax.Array:
-    """delta, rad: the lag between neighbouring legs of a wave, reset aside; second row of eq. (17)."""
-    return 2.0 * (1.0 - chain.beta) * jnp.pi - (3.0 * end_mass(chain) - chain.m) * shift(chain)
-
-
 def all_steps(N: int, chain: Chain) -> Steps:
     """The steps of every set, in the order of `branches(N)`, shape (2 N - 1, N) and (2 N - 1,).
 
-    With unequal end masses nothing is left of the lines but their ends: B of k = 2 then runs on by
-    (m_end - m_1) b to the retrograde end point where the tail is heavier, the direct line by (m_1 - m_end) b
-    to the direct one where the head is.
+    Where the ends touch at unlike phases nothing is left of the lines but their ends: B of k = 2 then runs on
+    to the retrograde end point where the tail resets by more, the direct line to the direct one where the
+    head does. With springs or amplitudes of its own an end changes the lags of the legs beside it.
     """
     sets = branches(N)
-    lags, shared, slope = (np.zeros((len(sets), N)) for _ in range(3))
-    for row, (kind, k) in enumerate(sets):
-        free = N if kind == "direct" else k - 1
-        lags[row] = np.where(np.arange(1, N + 1) < free, 1.0, -1.0)
-        lags[row, free - 1] = 0.0
-        slope[row, free - 1] = -1.0 if kind == "direct" else 1.0
-        if kind == "A":
-            slope[row, k - 1], shared[row, k - 1] = 1.0, -1.0
+    pair = np.arange(1, N + 1)
+    kinds, k = np.array([kind for kind, _ in sets]), np.array([k for _, k in sets])
+    is_A, is_direct = kinds == "A", kinds == "direct"
+    free = np.where(is_direct, N, k - 1)
+    side = np.sign(free[:, None] - pair)  # 1 in front of the boundary, -1 behind it, 0 for the free pair
+    shared = is_A[:, None] & (pair == k[:, None])
 
-    heavier, b, delta = end_mass(chain), shift(chain), lag(chain)
-    psi_B = 2.0 * (1.0 - chain.beta) * jnp.pi - heavier * b
+    psi_B = 2.0 * (1.0 - chain.beta) * jnp.pi - reset(chain)
     stance = 2.0 * chain.beta * jnp.pi
-    is_A = np.array([branch.kind == "A" for branch in sets])
-    over = jnp.zeros(len(sets)).at[0].set(heavier - chain.m_end).at[-1].set(heavier - chain.m_1) * b
-    low = jnp.where(is_A, delta, psi_B)
+    into = takeoffs(N, chain)
+    # lags of pairs in front of the boundary, none of the last, and of those behind it, none of the first
+    direct = psi_B - jnp.concatenate([into.front, psi_B[None]])
+    retrograde = psi_B - jnp.concatenate([psi_B[None], into.rear])
+    # leg k of set A touches between two neighbours in takeoff, eq. (20)
+    ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front]), 0.0)
+    over = jnp.zeros(len(sets)).at[0].set(into.last).at[-1].set(into.first)
+    low = jnp.where(is_A, direct[np.maximum(k - 2, 0)], psi_B)
     return Steps(
-        fixed=jnp.asarray(lags) * delta + jnp.asarray(shared) * psi_B,
-        slope=jnp.asarray(slope),
+        fixed=jnp.where(side > 0, direct, jnp.where(side < 0, -retrograde, 0.0)) - ratio * psi_B,
+        slope=np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0) + ratio,
         low=low,
         high=jnp.maximum(jnp.where(is_A, psi_B, stance + over), low),
     )

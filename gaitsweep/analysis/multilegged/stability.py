@@ -10,19 +10,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from gaitsweep.analysis.multilegged.chain import Chain, amplitudes, springs, touchdown_phase
 from gaitsweep.analysis.multilegged.order import order_of_places
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
-    Chain,
     branches,
     places,
     rule_of,
-    touchdown_phase,
 )
 
 
 def multipliers(N: int, branch: Branch) -> np.ndarray:
-    """Eigenvalues of the Poincare map on one set of solutions, shape (N,): eqs. (22) and (26).
+    """Eigenvalues of the Poincare map on one set of solutions, shape (N,), of a chain of one spring and one
+    amplitude: eqs. (22) and (26).
 
     Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
     """
@@ -72,13 +72,15 @@ def linear_map(
     """
     chain = Chain() if chain is None else chain
     theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    k, a = np.asarray(springs(N, chain)), np.asarray(amplitudes(N, chain))
     ahead = np.eye(N + 1)
     for leg in order_of_places(theta, circle, section or branch.k):
         phi = circle - np.mod(theta[leg - 1] - theta, circle)
         pull = np.zeros(N + 1)
-        neighbours = [i for i in (leg - 2, leg) if 0 <= i <= N]
-        for i in neighbours:
-            pull[i] = _slope(float(phi[i]), chain) / len(neighbours)
+        beside = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}
+        for i, spring in beside.items():
+            share = spring * a[i] / (sum(beside.values()) * a[leg - 1])
+            pull[i] = _slope(float(phi[i]), chain) * share
         ahead[leg - 1] = (ahead[leg - 1] - pull @ ahead) / (1.0 - pull.sum())
     differences = np.diff(np.eye(N + 1), axis=0)
     # psi says nothing of a common shift: leg 1 is taken to be ahead by none

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import jax
 
-from gaitsweep.analysis.multilegged.section import TWO_PI
-from gaitsweep.analysis.multilegged.solution_sets import Chain, Scalar, lag, touchdown_phase
+from gaitsweep.analysis.multilegged.chain import TWO_PI, Chain, Scalar, lag, touchdown_phase
 
 
 class Speeds(NamedTuple):

@@ -154,9 +154,7 @@ class KernelFlights:
         """The wanted slots (n,) of a lane when its way has ended, from those that it begins with."""
         read = np.concatenate(wanted)
         result = jax.ShapeDtypeStruct((read.size,), jnp.float64)
-        return jax.pure_callback(
-            partial(self._flown, read), result, slots, vmap_method="legacy_vectorized"
-        )
+        return jax.pure_callback(partial(self._flown, read), result, slots, vmap_method="legacy_vectorized")
 
     def _flown(self, read: np.ndarray, slots: Any) -> np.ndarray:
         slots = np.asarray(slots)

@@ -111,5 +111,3 @@ def _tilt_and_heading(quaternion: jax.Array) -> tuple[jax.Array, jax.Array]:
     c, _, _, s = quaternion_product(jnp.stack([w, x, y, z]), back)
     cosine, sine = c * c - s * s, 2.0 * c * s
     return up, jnp.array([[cosine, -sine], [sine, cosine]])
-
-

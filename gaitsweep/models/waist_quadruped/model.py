@@ -76,8 +76,8 @@ class WaistQuadruped(Drawn, HybridModel):
     def starts(self) -> tuple[Quantity, ...]:
         return (
             Quantity(
-                "delta_13", "rad", "phase difference phi_1 - phi_3",
-                default=math.pi, circular=True, symbol=r"\Delta_{13}",
+                "delta_13", "rad", "lead of limb 1 over limb 3",
+                default=math.pi, circular=True, symbol=r"\Delta_{13}", source="eq. (5)",
             ),
         )  # fmt: skip
 

@@ -8,7 +8,7 @@ from gaitsweep.models.waist_quadruped.mechanics import LIMBS
 
 def _difference(i: int, j: int) -> Quantity:
     return Quantity(
-        f"delta_{i}{j}", "rad", f"phase difference phi_{i} - phi_{j} at limb 3's landing",
+        f"delta_{i}{j}", "rad", f"lead of limb {i} over limb {j} at limb 3's landing",
         circular=True, symbol=rf"\Delta_{{{i}{j}}}", source="eq. (5)",
     )  # fmt: skip
 

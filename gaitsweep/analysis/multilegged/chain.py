@@ -1,0 +1,125 @@
+"""A chain's parameters, and the phases at which its legs touch down (Ambe et al. 2021, sections 3.2, 3.3).
+
+Everything follows from one balance. A leg in its landing segment touches where its tip meets the height at
+which its two springs would carry its mass alone (eq. 12). With D = 2 pi - (its phase there), and t_j the
+phase by which neighbour j has gone into its takeoff segment (0 while it stands),
+
+    D = sum of (w_j t_j) + (1 - beta) pi m_i g / (a_i sum of kappa_j),   w_j = kappa_j a_j / (a_i sum of kappa_j),
+
+over the neighbours j, kappa_j being the spring to neighbour j. In a uniform chain w_j is 1/2, or 1 at an end.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+TWO_PI = 2.0 * jnp.pi
+Scalar = jax.Array | float
+
+
+class Chain(NamedTuple):
+    """Parameters of the theory; the defaults are Table 1's. They may be traced scalars.
+
+    beta: duty factor. kappa: spring between neighbours, N/m. m, m_1, m_end: mass inside, at the head and at
+    the tail, kg (the paper's m_B is m_1 = m_end). a: amplitude of the leg, m. g: gravity, m/s2. kappa_1,
+    kappa_end: the first and the last spring, a_1, a_end: amplitude of the first and the last leg, where they
+    are not those of all others.
+    """
+
+    beta: Scalar = 0.8
+    kappa: Scalar = 100.0
+    m: Scalar = 1.0
+    m_1: Scalar = 0.9
+    m_end: Scalar = 0.9
+    a: Scalar = 0.4
+    g: Scalar = 9.8
+    kappa_1: Scalar | None = None
+    kappa_end: Scalar | None = None
+    a_1: Scalar | None = None
+    a_end: Scalar | None = None
+
+
+def springs(N: int, chain: Chain) -> jax.Array:
+    """Stiffness of each spring, N/m, shape (N,), N >= 2."""
+    return _along(N, chain.kappa, chain.kappa_1, chain.kappa_end)
+
+
+def amplitudes(N: int, chain: Chain) -> jax.Array:
+    """Amplitude of each leg, m, shape (N+1,)."""
+    return _along(N + 1, chain.a, chain.a_1, chain.a_end)
+
+
+def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> jax.Array:
+    """(n,): `inner`, with the ends put in where they are given."""
+    values = jnp.full(n, jnp.asarray(inner, float))
+    values = values if first is None else values.at[0].set(first)
+    return values if last is None else values.at[-1].set(last)
+
+
+def shift(chain: Chain) -> jax.Array:
+    """b, rad/kg: the phase by which a kilogram brings an inner leg's touchdown forward; below eq. (17)."""
+    return _shift(chain, chain.kappa, chain.a)
+
+
+def _shift(chain: Chain, kappa: Scalar, a: Scalar) -> jax.Array:
+    return jnp.asarray((1.0 - chain.beta) * chain.g * jnp.pi / (kappa * a))
+
+
+def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
+    """D of the first and of the last leg while their neighbours stand, rad: m b of each end's own spring and
+    amplitude; eqs. (31), (32)."""
+    head = _shift(chain, _or(chain.kappa_1, chain.kappa), _or(chain.a_1, chain.a))
+    tail = _shift(chain, _or(chain.kappa_end, chain.kappa), _or(chain.a_end, chain.a))
+    return chain.m_1 * head, chain.m_end * tail
+
+
+def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
+    return otherwise if value is None else value
+
+
+def reset(chain: Chain) -> jax.Array:
+    """D of every leg along a solution, rad, the paper's m_B b: that of the end which resets by more.
+
+    The other end then touches with its neighbour in takeoff.
+    """
+    return jnp.maximum(*end_resets(chain))
+
+
+def touchdown_phase(chain: Chain) -> jax.Array:
+    """Phase at which every leg touches the ground along a solution, rad; eq. (16)."""
+    return TWO_PI - reset(chain)
+
+
+def lag(chain: Chain) -> jax.Array:
+    """delta, rad: the lag between inner neighbours of a wave, reset aside; second row of eq. (17)."""
+    return 2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain)
+
+
+class Takeoffs(NamedTuple):
+    """How far (rad) into its takeoff a leg's neighbour is when the leg touches by D, its other one standing.
+
+    front, rear: (N-1,), of legs 2 .. N, for the neighbour towards the head and towards the tail. first, last:
+    of the two ends, for their one neighbour.
+    """
+
+    front: jax.Array
+    rear: jax.Array
+    first: jax.Array
+    last: jax.Array
+
+
+def takeoffs(N: int, chain: Chain) -> Takeoffs:
+    """The neighbours' phases in takeoff that eq. (12) asks of each leg."""
+    k, a, D = springs(N, chain), amplitudes(N, chain), reset(chain)
+    head, tail = end_resets(chain)
+    weight = (1.0 - chain.beta) * jnp.pi * chain.m * chain.g
+    needed = (k[:-1] + k[1:]) * a[1:-1] * D - weight
+    return Takeoffs(
+        front=needed / (k[:-1] * a[:-2]),
+        rear=needed / (k[1:] * a[2:]),
+        first=a[0] * (D - head) / a[1],
+        last=a[-1] * (D - tail) / a[-2],
+    )
