@@ -44,6 +44,9 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
         if run.parameter is None or run.path is None or run.rate is None:
             return recorder, None
         return recorder, Moving(run.parameter, Path(tuple(run.path), run.rate, run.hold))
+    if run.kind == "continuation":
+        # `gaitsweep.branching` follows its branches, from where these rows are
+        return Crossings(model, 1, run.settle), None
     if run.kind == "return_map":
         return Crossings(model, run.crossings, run.after_cycles), None
     if run.kind == "staircase":

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import pandas as pd
 
 from gaitsweep import provenance
+from gaitsweep.branching import follow_branches
 from gaitsweep.contract import Model
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
@@ -188,6 +189,8 @@ def _run_missing(
     try:
         if refines(ready.job.run):
             refine(ready, directory, progress, timings)
+        elif ready.job.run.kind == "continuation":
+            follow_branches(ready, directory, missing, progress, timings)
         else:
             sweep(ready.work, missing, write, tell, timings)
     except BaseException:

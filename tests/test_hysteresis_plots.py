@@ -10,6 +10,7 @@ import pytest
 from hysteresis_tables import FOLD, delta, map_table, ramp_table, roots, settle_table, staircase_table
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch
 from plot_tables import rendered
 
 from gaitsweep import plot
@@ -48,6 +49,18 @@ def test_hysteresis_of_a_staircase_shades_the_jumps() -> None:
         "v": (DOWN, 16),
     }
     assert figure.get_suptitle() == "Hysteresis"
+
+
+def test_arrows_are_along_a_row_that_stands_on_a_branch() -> None:
+    """Row 0 goes to and fro far above the others: no arrow is there, and it is not counted."""
+    table = staircase_table(2)
+    wild = table["row"] == 0
+    table.loc[wild, "delta_13_n"] = np.where(np.arange(wild.sum()) % 2, 4.5, 5.5)
+    axes = plot.hysteresis(table, y="delta_13").axes[0]
+    arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+    assert len(arrows) == 2
+    assert all(patch.get_path().vertices[:, 1].max() < 3.5 for patch in arrows)
+    assert all(text.endswith("1 of 2 rows") for text in labels(axes))
 
 
 def test_hysteresis_shows_a_ramp_and_holds_side_by_side() -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gaitsweep.analysis.multilegged.chain import Chain
 from gaitsweep.analysis.multilegged.gaits import (
     GAITS,
     LOCKED,
@@ -18,7 +19,7 @@ from gaitsweep.analysis.multilegged.gaits import (
     distances,
     gait_of,
 )
-from gaitsweep.analysis.multilegged.solution_sets import Branch, Chain, branches, solution_set, solution_sets
+from gaitsweep.analysis.multilegged.solution_sets import Branch, branches, solution_set, solution_sets
 
 LEGS = (3, 4, 6, 9)
 TURN = 2.0 * np.pi

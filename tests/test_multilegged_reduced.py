@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
 from sweeping import run_rows, scalars
 
+from gaitsweep.analysis.multilegged.chain import Chain
 from gaitsweep.analysis.multilegged.conserved import drift, total
 from gaitsweep.analysis.multilegged.gaits import gait_of, locked_state
 from gaitsweep.analysis.multilegged.obstacle import balance, obstacle_problem
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
-    Chain,
     all_steps,
     branches,
     solution_set,

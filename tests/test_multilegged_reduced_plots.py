@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.analysis.multilegged.conserved import worst_case_cycles
 from gaitsweep.analysis.multilegged.chain import Chain
+from gaitsweep.analysis.multilegged.conserved import worst_case_cycles
 
 
 def table() -> pd.DataFrame:

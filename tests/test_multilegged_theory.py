@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reference import multilegged_reduced as reduced
 
+from gaitsweep.analysis.multilegged.chain import Chain, shift, touchdown_phase
 from gaitsweep.analysis.multilegged.conserved import (
     drift,
     end_touchdowns,
@@ -19,14 +20,11 @@ from gaitsweep.analysis.multilegged.order import jumps, order_sets, touchdown_or
 from gaitsweep.analysis.multilegged.section import touches_early, transport
 from gaitsweep.analysis.multilegged.solution_sets import (
     Branch,
-    Chain,
     all_steps,
     branches,
     rule_of,
-    shift,
     solution_set,
     solution_sets,
-    touchdown_phase,
 )
 from gaitsweep.analysis.multilegged.stability import (
     characteristic_polynomial,
@@ -150,7 +148,7 @@ def test_numbers_of_the_models_page() -> None:
     printed, exact = wave_speed(0.4)
     assert float(printed) == pytest.approx(0.39317, abs=5e-6)
     assert float(exact) == pytest.approx(0.40203, abs=5e-6)
-    beta, kappa, m, m_B, _, a, g = OTHER
+    beta, kappa, m, m_B, _, a, g, *_ = OTHER
     equation_27 = (1 / (1 - beta) - m_B * g / (2 * kappa * a)) / (1 - (3 * m_B - m) * g / (2 * kappa * a))
     assert float(wavelength(OTHER)) == pytest.approx(equation_27, rel=1e-12)
 

@@ -13,12 +13,22 @@ import pandas as pd
 
 from gaitsweep.analysis.arclength import Places, Track
 from gaitsweep.analysis.newton import Conditions, Outcome, newton
-from gaitsweep.analysis.turning_points import changes, kinds, leaving, located, multipliers_of, turning
+from gaitsweep.analysis.turning_points import (
+    changes,
+    kinds,
+    leaving,
+    located,
+    multipliers_of,
+    turning,
+    turns,
+)
 from gaitsweep.engine.maps import Map, Points, Values
 
 # Cosine of the angle by which a branch may turn in a step, and corrections that make the next step longer.
 STRAIGHT, FEW = 0.95, 3
 LONGER, SHORTER = 1.4, 0.5
+# A branch has closed where it passes its start by less than this share of a step.
+NEAR_HOME = 0.75
 # Shares of the longest step that are tried where no step is short enough.
 LEAPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 
@@ -37,6 +47,7 @@ def continuation(
     longest: float = 0.08,
     shortest: float = 1e-4,
     most: int = 300,
+    shown: Sequence[str] | None = None,
 ) -> pd.DataFrame:
     """The branches of fixed points through n starts.
 
@@ -52,12 +63,13 @@ def continuation(
         step, longest, shortest: lengths of the first step, of the longest and of the shortest; in a length, the
             parameter counts as a share of its range, and coordinates in proportion to their size.
         most: points of one branch.
+        shown: the values that the table has beside the parameter; all that are given if not said.
 
     Returns:
         One record a point: row (the start's), point, parameter and other values, what the map observes there,
         drift_NAME for what is held, multiplier (the largest in size, with its parts multiplier_re and
         multiplier_im), unstable (how many are outside the unit circle), stable, special (fold, flip,
-        neimark_sacker, branch_point; kink: a step over a place where the map bends; or nothing), corrections, end (why the branch ends there, or
+        neimark_sacker, branch_point; corner: a fold at a bend of the map, where no multiplier is 1; kink: a step over a place where the map bends; or nothing), corrections, end (why the branch ends there, or
         nothing): range, closed, most, lost (no step is short enough, or the map is not defined beyond), or,
         where no fixed point was found at the start, an `Outcome`.
 
@@ -76,7 +88,8 @@ def continuation(
     held = Conditions.of(mapping, fix, found.images.kept)
     ready = np.flatnonzero(found.converged)
     track = Track.of(mapping, parameter, within, others, held, found.points.at)[ready]
-    book = _Book(mapping, parameter, {name: np.asarray(values[name]) for name in values}, n, held)
+    beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
+    book = _Book(mapping, parameter, beside, n, held)
     for row in np.flatnonzero(~found.converged):
         book.failed(int(row), float(at[row]), Outcome(int(found.outcome[row])).name)
     if ready.size:
@@ -129,7 +142,7 @@ def _follow(
             continue
         book.write(names[rows], mine, there, [""] * len(rows))
         places = places.merged(rows, there)
-        closed = _distance(mine, there, home[rows]) < 0.5 * length[rows]
+        closed = _distance(mine, there, home[rows]) < NEAR_HOME * length[rows]
         closed &= (book.counts(names[rows]) > 4) & (
             np.sum(mine.weights * there.tangent * home[rows].tangent, axis=1) > 0
         )
@@ -199,9 +212,7 @@ def _specials(
         good = np.flatnonzero(np.isfinite(where))
         if good.size:
             some, at = mine[good], places[good]
-            book.write(
-                names[rows[good]], some, at, ["fold"] * good.size if kind == "fold" else kinds(some, at)
-            )
+            book.write(names[rows[good]], some, at, (turns if kind == "fold" else kinds)(some, at))
 
 
 def _edge(track: Track, there: Places, outside: np.ndarray, names: np.ndarray, book: _Book) -> None:
@@ -251,6 +262,8 @@ class _Book:
         return {"row": row, "point": len(self._records[row]), self.parameter: parameter, **others}
 
     def write(self, rows: np.ndarray, track: Track, places: Places, special: Sequence[str]) -> None:
+        if not len(rows):
+            return
         found = multipliers_of(track, places)
         for k, row in enumerate(rows):
             unstable = int(np.sum(np.abs(found[k]) > 1.0))

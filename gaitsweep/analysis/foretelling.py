@@ -1,9 +1,9 @@
 """Do the loads of the trot without feedback foretell the walk that comes of it once loads are fed back?
 
-The rule says that every gait comes of a trot by the loads on its feet. Against loads and shifts of one and the
-same gait this is hardly tested, since legs that swing one after the other are loaded unlike because of it. Here
-loads and tilt are those of a trot whose legs swing together, the shift that of the walk at the same parameters.
-Canters and gallops are left out: which of a pair's mirror images comes is the start's choice.
+The rule says that every gait comes of a trot by the loads on its feet. Against loads and shifts of one and
+the same gait this is hardly tested, since legs that swing one after the other are loaded unlike because of
+it. Here loads and tilt are those of a trot whose legs swing together, the shift that of the walk at the same
+parameters. Canters and gallops are left out: which of two mirror images comes is the start's choice.
 
     python -m gaitsweep.analysis.foretelling results/planar_quadruped_offset
 """
@@ -29,9 +29,9 @@ def foretelling(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
         feedback: the column of the feedback's gain, 0 in some rows.
 
     Returns:
-        One record for each set of parameters at which all rows without feedback trot and all rows with it come
-        to one walk: row (its number), what varies, gait (the walk), pair_number (0: the mean of both), delta
-        (of the walk, cycles), and the `MEASURES` that the table tells, of the trot.
+        One record for each set of parameters at which all rows without feedback trot and all rows with it
+        come to one walk: row (its number), what varies, gait (the walk), pair_number (0: the mean of both),
+        delta (of the walk, cycles), and the `MEASURES` that the table tells, of the trot.
 
     Raises:
         AnalysisError: a column is not there, or no row is without feedback.
@@ -39,7 +39,7 @@ def foretelling(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
     pairs = pairs_in(table)
     names = [name for name in MEASURES if name in pairs.columns]
     axes = [name for name in axes_of_pairs(pairs) if name not in REPEATS]
-    if feedback not in axes or not (pairs[feedback] == 0.0).any():
+    if feedback not in axes or 0.0 not in set(pairs[feedback]):
         raise AnalysisError(f"No row has {feedback} = 0: the table has to hold trots without feedback too.")
     places = [name for name in axes if name != feedback]
     without = pairs.loc[pairs[feedback] == 0.0]

@@ -26,6 +26,7 @@ from gaitsweep.analysis.records import AnalysisError, axes_of, require
 
 REPEATS = ("seed", "pair", "scatter")  # axes whose rows only repeat a case
 _DRAWS = 4000  # of the bootstrap
+_AT_ONCE = 2_000_000  # cases drawn at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,12 +156,26 @@ def _correlation(x: np.ndarray, y: np.ndarray, case: np.ndarray) -> tuple[float,
     sums = np.stack(
         [np.bincount(case, w, count) for w in (np.ones_like(x), x, y, x * x, y * y, x * y)], axis=1
     )
-    random = np.random.default_rng(0)
-    drawn = random.multinomial(count, np.full(count, 1.0 / count), size=_DRAWS) @ sums
+    drawn = np.concatenate(
+        [_counts(count, draws, number) @ sums for number, draws in enumerate(_parts(count))]
+    )
     r = _pearson(sums.sum(axis=0)[None])[0]
     tails = 50.0 * (1.0 - LEVEL)
     low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
     return float(r), float(low), float(high)
+
+
+def _parts(count: int) -> list[int]:
+    """The draws of a bootstrap over so many cases, in parts that take little memory."""
+    most = max(_AT_ONCE // count, 1)
+    return [min(most, _DRAWS - done) for done in range(0, _DRAWS, most)]
+
+
+def _counts(count: int, draws: int, seed: int) -> np.ndarray:
+    """How often each of `count` cases comes in each of some draws of as many, (draws, count)."""
+    drawn = np.random.default_rng(seed).integers(count, size=(draws, count))
+    drawn += count * np.arange(draws)[:, None]
+    return np.bincount(drawn.ravel(), minlength=draws * count).reshape(draws, count)
 
 
 def _pearson(sums: np.ndarray) -> np.ndarray:

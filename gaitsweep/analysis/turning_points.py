@@ -12,6 +12,8 @@ from gaitsweep.analysis.floquet import multipliers
 # Share of its size at a step's ends to which what changes sign is brought down.
 NEAR = 1e-7
 MOST_TRIALS = 40
+# How fast the parameter, as a share of its range, may still change along a branch at a fold.
+FLAT = 1e-3
 # A multiplier whose imaginary part is below this share of its size counts as real.
 REAL = 1e-6
 
@@ -79,6 +81,12 @@ def located(
         narrow = high[rows] - low[rows] < 1e-12 * length[rows]
         going[rows] = found & (np.abs(value) > target[rows]) & ~narrow
     return best, where
+
+
+def turns(track: Track, places: Places) -> list[str]:
+    """What each place is where the parameter turns back: "fold", or "corner" where the map bends."""
+    smooth = np.abs(turning(track, places)) < FLAT * (track.high - track.low)
+    return np.where(smooth, "fold", "corner").tolist()
 
 
 def kinds(track: Track, places: Places) -> list[str]:

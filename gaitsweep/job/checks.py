@@ -14,7 +14,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Ramp, Staircase, Trace, moved_by
+from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Continuation, Ramp, Staircase, Trace, moved_by
 from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000
@@ -57,7 +57,7 @@ def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
         if complaint is not None:
             complaints.append(complaint)
             wrong.add(name)
-    if isinstance(run, Ramp | Staircase | Trace) and run.parameter is not None:
+    if isinstance(run, Ramp | Staircase | Trace | Continuation) and run.parameter is not None:
         complaints.extend(_check_path(plan, subject, run))
     return complaints
 
@@ -66,6 +66,8 @@ def check_run(run: object) -> list[Complaint]:
     """Complaints about a run whose own fields do not fit each other."""
     if isinstance(run, Trace):
         return _check_trace(run)
+    if isinstance(run, Continuation):
+        return _check_continuation(run)
     return _check_stairs(run) if isinstance(run, Staircase) else []
 
 
@@ -90,6 +92,15 @@ def _check_way(run: Trace) -> list[Complaint]:
     if run.after_cycles:
         text = f"is {run.after_cycles}, but {run.parameter} moves from the start: use run.hold."
         return [Complaint(("run", "after_cycles"), text)]
+    return []
+
+
+def _check_continuation(run: Continuation) -> list[Complaint]:
+    if run.path[0] == run.path[1]:
+        return [Complaint(("run", "path", 1), f"is {run.path[1]:g}, as where the branch starts.")]
+    if not run.shortest <= run.step <= run.longest:
+        text = f"is {run.step:g}, but must lie between run.shortest, {run.shortest:g}, and run.longest, "
+        return [Complaint(("run", "step"), f"{text}{run.longest:g}.")]
     return []
 
 
@@ -151,7 +162,7 @@ def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: 
     return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
-def _check_path(plan: Plan, subject: Subject, run: Ramp | Staircase | Trace) -> list[Complaint]:
+def _check_path(plan: Plan, subject: Subject, run: Ramp | Staircase | Trace | Continuation) -> list[Complaint]:
     moving, path = str(run.parameter), run.path or []
     quantity = subject.parameters[moving]
     complaints = []

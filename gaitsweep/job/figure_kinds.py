@@ -12,6 +12,7 @@ from gaitsweep.job.figure_part import NAME as _NAME
 from gaitsweep.job.figure_part import TITLE as _TITLE
 from gaitsweep.job.figure_part import FigurePart as _Figure
 from gaitsweep.job.gait_figures import GaitRamp, GaitSeries, LoadingRule, NineGaits, SpeedGaits
+from gaitsweep.job.multilegged_figures import DriftLaw, GaitShares
 from gaitsweep.job.numbers import Flag, Positive, Real, Stem, Text, word
 from gaitsweep.job.runs import Part
 
@@ -134,6 +135,22 @@ class Branches(_Figure):
     name: Stem | None = Field(default=None, description=_NAME)
 
 
+class Continuation(_Figure):
+    """Branches of steady gaits over a parameter, stable and unstable, with their folds."""
+
+    runs: ClassVar[tuple[str, ...]] = ("continuation",)
+    column_fields: ClassVar[tuple[str, ...]] = ("hue",)
+    observable_fields: ClassVar[tuple[str, ...]] = ("y",)
+    kind: Literal["continuation"] = Field(description="continuation: branches of steady gaits, and their folds")
+    y: Text = Field(description="observable of the model")
+    hue: Text | None = Field(default=None, description="column of another parameter, shown by colour")
+    intervals: dict[Text, Annotated[list[Real], Field(min_length=2, max_length=2)]] = Field(
+        default_factory=dict, description="ranges of the parameter to show beside, by name, two numbers each"
+    )
+    title: Text | None = Field(default=None, description=_TITLE)
+    name: Stem | None = Field(default=None, description=_NAME)
+
+
 class GaitMap(_Figure):
     """Which gaits are stable over two varied quantities, each from several starts."""
 
@@ -142,17 +159,6 @@ class GaitMap(_Figure):
     kind: Literal["gait_map"] = Field(description="gait_map: the gaits that several starts settle in")
     x: Text = Field(description="column along the horizontal axis")
     y: Text = Field(description="column along the vertical axis")
-    hue: Text = Field(default="gait", description="column of the gait")
-    title: Text | None = Field(default=None, description=_TITLE)
-    name: Stem | None = Field(default=None, description=_NAME)
-
-
-class DriftLaw(_Figure):
-    """Cycles that chains with unequal ends take, against the law of their drift."""
-
-    runs: ClassVar[tuple[str, ...]] = ("settle",)
-    column_fields: ClassVar[tuple[str, ...]] = ("hue",)
-    kind: Literal["drift_law"] = Field(description="drift_law: cycles until settled over unequal end masses")
     hue: Text = Field(default="gait", description="column of the gait")
     title: Text | None = Field(default=None, description=_TITLE)
     name: Stem | None = Field(default=None, description=_NAME)
@@ -206,8 +212,10 @@ Figure = Annotated[
     | Hysteresis
     | ReturnMaps
     | Branches
+    | Continuation
     | GaitMap
     | DriftLaw
+    | GaitShares
     | BasinMeasures
     | Shock
     | SpeedGaits
@@ -226,8 +234,10 @@ FIGURES: Mapping[str, type[Part]] = MappingProxyType(
         "hysteresis": Hysteresis,
         "return_map": ReturnMaps,
         "branches": Branches,
+        "continuation": Continuation,
         "gait_map": GaitMap,
         "drift_law": DriftLaw,
+        "gait_shares": GaitShares,
         "basin_measures": BasinMeasures,
         "shock": Shock,
         "speed_gaits": SpeedGaits,

@@ -9,7 +9,7 @@ from gaitsweep.contract import Model
 from gaitsweep.job.complaints import Complaint
 from gaitsweep.job.figure_kinds import Figure, Hysteresis
 from gaitsweep.job.gait_figures import GaitRamp
-from gaitsweep.job.runs import Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
+from gaitsweep.job.runs import Continuation, Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
 
 
 def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
@@ -23,11 +23,19 @@ def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
         moving = [] if run.parameter is None else ["pass", run.parameter]
         return ["row", *axes, *moving, "t", *(quantity.name for quantity in model.signals), "status"]
     observed = [f"{quantity.name}_n" for quantity in model.observables]
+    if isinstance(run, Continuation):
+        return ["row", *axes, "point", run.parameter, *observed, *branch_columns(run)]
     if isinstance(run, Staircase):
         head = ["stair", "pass", run.parameter, "t", "crossing", "settled", "status"]
         return ["row", *axes, *head, *observed, "gait", *(quantity.name for quantity in model.traits)]
     moving = ["pass", run.parameter] if isinstance(run, Ramp) else []
     return ["row", *axes, "crossing", *moving, "t", "status", *observed]
+
+
+def branch_columns(run: Continuation) -> list[str]:
+    """What a continuation's table says of a point, beside where it is."""
+    found = ["multiplier", "multiplier_re", "multiplier_im", "unstable", "stable", "special", "corrections"]
+    return ["time", *(f"drift_{name}" for name in run.fix), *found, "end", "status"]
 
 
 def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], run: Run) -> list[Complaint]:

@@ -23,7 +23,7 @@ from gaitsweep.job.numbers import (
 MOST_SAMPLES = 10_000_000  # of a row's trace
 MOST_STAIRS = 10_000  # of a staircase
 MOST_COARSE = 1024  # cells a side
-MOVING = ("ramp", "staircase", "trace")  # kinds of runs that may move a `parameter` along a `path`
+MOVING = ("ramp", "staircase", "trace", "continuation")  # kinds of runs that may move a `parameter` along a `path`
 
 
 class Part(BaseModel):
@@ -142,12 +142,40 @@ class Staircase(Part):
     )
 
 
+class Continuation(Part):
+    """Follow the fixed points of each row's return map along one parameter, stable or not."""
+
+    kind: Literal["continuation"] = Field(
+        description="continuation: the steady gaits along a parameter, stable and unstable, around folds"
+    )
+    parameter: Text = Field(description="the model's parameter along which a branch is followed")
+    path: list[Real] = Field(
+        min_length=2, max_length=2, description="where the branch starts, and the other end of its range"
+    )
+    settle: CountOrZero = Field(
+        default=100, description="cycles before the search for the first fixed point begins"
+    )
+    fix: list[Text] = Field(
+        default=[], description="conserved quantities to hold as they are after `settle` cycles"
+    )
+    step: Positive = Field(
+        default=0.02, description="length of the first step, as a share of the range where only that moves"
+    )
+    longest: Positive = Field(default=0.08, description="length of the longest step")
+    shortest: Positive = Field(
+        default=1e-4, description="length below which a step is given up, and a leap tried"
+    )
+    most: Count = Field(default=300, description="points of a branch")
+
+
 def moved_by(run: object) -> str | None:
     """The parameter that a run moves, where there is one."""
-    return run.parameter if isinstance(run, Ramp | Staircase | Trace) else None
+    return run.parameter if isinstance(run, Ramp | Staircase | Trace | Continuation) else None
 
 
-Run = Annotated[Settle | Hold | Trace | Ramp | ReturnMap | Staircase, Field(discriminator="kind")]
+Run = Annotated[
+    Settle | Hold | Trace | Ramp | ReturnMap | Staircase | Continuation, Field(discriminator="kind")
+]
 
 
 class Numerics(Part):

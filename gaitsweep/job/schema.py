@@ -24,6 +24,7 @@ from gaitsweep.job.numbers import Stem, Text
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
 from gaitsweep.job.runs import (
+    Continuation,
     EngineChoice,
     Hold,
     Numerics,
@@ -174,6 +175,7 @@ _OWNERS = {
     "ramp": Owner("run (ramp)", Ramp, "run"),
     "return_map": Owner("run (return_map)", ReturnMap, "run"),
     "staircase": Owner("run (staircase)", Staircase, "run"),
+    "continuation": Owner("run (continuation)", Continuation, "run"),
     "numerics": Owner("numerics", Numerics),
     "engine": Owner("engine", EngineChoice),
     # a figure's kind may be a run's too (return_map), hence the prefix

@@ -14,12 +14,14 @@ from gaitsweep.plot.basin import basin
 from gaitsweep.plot.basin_measures import basin_measures
 from gaitsweep.plot.branches import branches
 from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.continuation import continuation
 from gaitsweep.plot.cycles import cycles
 from gaitsweep.plot.drift_law import drift_law
 from gaitsweep.plot.footprints import footprints
 from gaitsweep.plot.gait_map import gait_map
 from gaitsweep.plot.gait_ramp import gait_ramp
 from gaitsweep.plot.gait_series import gait_series
+from gaitsweep.plot.gait_shares import gait_shares_figure as gait_shares
 from gaitsweep.plot.hysteresis import hysteresis
 from gaitsweep.plot.loading_rule import loading_rule
 from gaitsweep.plot.nine_gaits import nine_gaits
@@ -34,6 +36,7 @@ __all__ = [
     "basin",
     "basin_measures",
     "branches",
+    "continuation",
     "cycles",
     "draw",
     "drift_law",
@@ -41,6 +44,7 @@ __all__ = [
     "gait_map",
     "gait_ramp",
     "gait_series",
+    "gait_shares",
     "hysteresis",
     "loading_rule",
     "nine_gaits",
@@ -59,8 +63,10 @@ KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
         "hysteresis": hysteresis,
         "return_map": return_map,
         "branches": branches,
+        "continuation": continuation,
         "gait_map": gait_map,
         "drift_law": drift_law,
+        "gait_shares": gait_shares,
         "basin_measures": basin_measures,
         "shock": shock,
         "speed_gaits": speed_gaits,

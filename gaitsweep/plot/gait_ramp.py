@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.gait_tables import gaits_along
+from gaitsweep.analysis.gait_spells import gaits_along
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, axis_label, column, rows_where, written
 from gaitsweep.plot.gait_looks import COLOURS, NAMES, ORDER

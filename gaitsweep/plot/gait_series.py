@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gaitsweep.analysis.gait_tables import FLEXORS, gaits_along, gaits_in, spells
+from gaitsweep.analysis.gait_spells import gaits_along, spells
+from gaitsweep.analysis.gait_tables import FLEXORS, gaits_in
 from gaitsweep.analysis.nine_gaits import LEGS
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, rows_where, written

@@ -10,9 +10,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gaitsweep.analysis.multilegged.gaits import SHORTEST, segments
 from gaitsweep.analysis.multilegged.chain import Chain
-from gaitsweep.expression import ExpressionError, evaluate
+from gaitsweep.analysis.multilegged.chain_of_table import chain_of
+from gaitsweep.analysis.multilegged.gaits import SHORTEST, segments
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import (
     FAILED,
@@ -178,23 +178,3 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | Non
     ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST]
     order = [_PSI.index(name.removesuffix("_end")) for name in axes]
     return ends[:, :, order], None
-
-
-def chain_of(table: pd.DataFrame) -> Chain:
-    """The parameters of the theory that a table was made with: its columns, its job's, Table 1's."""
-    job = table.attrs.get("job")
-    given = dict(job.get("params") or {}) if isinstance(job, Mapping) else {}
-    given |= {
-        name: float(table[name].iloc[0]) for name in (*Chain._fields, "m_B") if name in table and len(table)
-    }
-    numbers = {"m_B": 0.9, **Chain()._asdict()}
-    numbers |= {name: float(value) for name, value in given.items() if isinstance(value, int | float)}
-    if "m_B" in given:
-        numbers |= {name: numbers["m_B"] for name in ("m_1", "m_end") if name not in given}
-    for name, value in given.items():
-        if isinstance(value, str) and name in numbers:
-            try:
-                numbers[name] = float(evaluate(value, numbers))
-            except ExpressionError as error:
-                raise PlotError(f"The job's {name} cannot be read: {error}") from error
-    return Chain(**{name: numbers[name] for name in Chain._fields})

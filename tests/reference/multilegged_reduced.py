@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitsweep.analysis.multilegged.chain import Chain, amplitudes, springs, touchdown_phase
 from gaitsweep.analysis.multilegged.obstacle import obstacle_problem
-from gaitsweep.analysis.multilegged.solution_sets import Chain, touchdown_phase
 
 Array = NDArray[np.float64]
 TURN = 2.0 * np.pi
@@ -24,12 +24,13 @@ TURN = 2.0 * np.pi
 def _gaps(N: int, chain: Chain) -> Callable[[Array], tuple[jax.Array, jax.Array]]:
     """Jitted: phases (n, N+1) to x - l (m) of each leg, and whether it is in the landing segment."""
     masses = jnp.array([chain.m_1, *[chain.m] * (N - 1), chain.m_end])
-    slope = chain.a / ((1 - chain.beta) * jnp.pi)
+    slope = amplitudes(N, chain) / ((1 - chain.beta) * jnp.pi)
+    kappa = springs(N, chain)
 
     def gap(phi: jax.Array) -> tuple[jax.Array, jax.Array]:
         swing = jnp.minimum(phi - 2 * chain.beta * jnp.pi, TURN - phi)
         length = 1.0 - slope * jnp.clip(swing, 0.0, None)
-        x, _ = obstacle_problem(length, masses, chain.kappa, chain.g)
+        x, _ = obstacle_problem(length, masses, kappa, chain.g)
         return x - length, (phi >= (1 + chain.beta) * jnp.pi) & (phi < TURN)
 
     return jax.jit(jax.vmap(gap))

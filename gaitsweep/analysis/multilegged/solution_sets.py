@@ -73,12 +73,12 @@ def all_steps(N: int, chain: Chain) -> Steps:
     stance = 2.0 * chain.beta * jnp.pi
     into = takeoffs(N, chain)
     # lags of pairs in front of the boundary, none of the last, and of those behind it, none of the first
-    direct = psi_B - jnp.concatenate([into.front, psi_B[None]])
-    retrograde = psi_B - jnp.concatenate([psi_B[None], into.rear])
+    direct = psi_B - jnp.concatenate([into.front, psi_B[None]])[None]
+    retrograde = psi_B - jnp.concatenate([psi_B[None], into.rear])[None]
     # leg k of set A touches between two neighbours in takeoff, eq. (20)
-    ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front]), 0.0)
+    ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front])[None], 0.0)
     over = jnp.zeros(len(sets)).at[0].set(into.last).at[-1].set(into.first)
-    low = jnp.where(is_A, direct[np.maximum(k - 2, 0)], psi_B)
+    low = jnp.where(is_A, direct[0, np.maximum(k - 2, 0)], psi_B)
     return Steps(
         fixed=jnp.where(side > 0, direct, jnp.where(side < 0, -retrograde, 0.0)) - ratio * psi_B,
         slope=np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0) + ratio,

@@ -1,0 +1,141 @@
+"""Branches of fixed points over a parameter, stable and unstable ones, with what happens along them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, described, is_angle
+
+_STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
+_MARKS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
+_WORDS = {
+    "corner": "fold at a bend of the map",
+    "neimark_sacker": "Neimark-Sacker",
+    "branch_point": "branch point",
+}
+
+
+def continuation(
+    table: pd.DataFrame,
+    *,
+    y: str,
+    x: str | None = None,
+    hue: str | None = None,
+    intervals: Mapping[str, Sequence[float]] | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Branches over a parameter: solid where stable, broken where not, folds and the like marked.
+
+    A thin dotted line leads over a place where the map bends or jumps, and the branch with it.
+
+    Args:
+        table: a continuation's table.
+        y: what the map observes (delta_13).
+        x: the column of the parameter; the one that the table's job moves if not given.
+        hue: column of another parameter that differs between branches, shown by colour.
+        intervals: by name, ranges (low, high) of x to show beside, as found in another way.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    name = column(table, y, ("_n", ""))
+    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
+        column(table, each)
+    table = table.dropna(subset=[name]).sort_values(["row", "point"], kind="stable")
+    with style.canvas(style.COLUMN + 1.6, 3.4, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, name, 36))
+        if not len(table):
+            style.message(axes, "no fixed point was found")
+            return figure
+        colours = _colours(table, hue)
+        for low, high in (intervals or {}).values():
+            axes.axvspan(low, high, color=_BESIDE, lw=0, zorder=0)
+        for row, branch in table.groupby("row", sort=True):
+            _draw(axes, branch, x, name, colours.get(row))
+        if is_angle(table, name):
+            style.angle_ticks(axes, "y")
+        if hue is not None:
+            shades = mpl.cm.ScalarMappable(_span(table, hue), "viridis")
+            figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
+        handles = _key(table, list(intervals or {}), hue is not None)
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _span(table: pd.DataFrame, hue: str) -> Normalize:
+    low, high = float(table[hue].min()), float(table[hue].max())
+    return Normalize(low, high if high > low else low + 1.0)
+
+
+def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
+    """A colour for each row, where colour shows another parameter."""
+    if hue is None:
+        return {}
+    shades, span = mpl.colormaps["viridis"], _span(table, hue)
+    return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}
+
+
+def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None:
+    """One branch: its pieces, solid, broken or dotted, and its marks."""
+    at, value = branch[x].to_numpy(float), branch[y].to_numpy(float)
+    if is_angle(branch, y):
+        value = value[0] + np.concatenate([[0.0], np.cumsum((np.diff(value) + np.pi) % (2 * np.pi) - np.pi)])
+    special = branch["special"].fillna("").to_numpy(str)
+    stable = branch["stable"].to_numpy(bool)
+    # a piece between two points is as stable as its end that is no turning point
+    plain = ~np.isin(special, list(_MARKS))
+    pieces = [
+        "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
+        for k in range(len(at) - 1)
+    ]
+    start = 0
+    for kind, group in itertools.groupby(pieces):
+        end = start + len(list(group))
+        look: dict[str, Any] = {"zorder": 2, "lw": 1.4}
+        if kind == "kink":
+            look |= {"color": colour or "#555555", "ls": ":", "lw": 0.8}
+        else:
+            look |= {"color": colour or (_STABLE if kind else _UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
+        axes.plot(at[start : end + 1], value[start : end + 1], **look)
+        start = end
+    for kind, mark in _MARKS.items():
+        here = special == kind
+        axes.plot(at[here], value[here], mark, ms=4.5, color="black", mfc="white", zorder=3)
+
+
+def _key(table: pd.DataFrame, beside: list[str], coloured: bool) -> list[Line2D | Patch]:
+    stable = table["stable"].to_numpy(bool)
+    shade = (lambda _: "#333333") if coloured else (lambda colour: colour)
+    handles: list[Line2D | Patch] = []
+    if stable.any():
+        handles.append(Line2D([], [], color=shade(_STABLE), lw=1.4, label="stable"))
+    if not stable.all():
+        handles.append(Line2D([], [], color=shade(_UNSTABLE), lw=1.4, ls=(0, (4, 2)), label="unstable"))
+    special = set(table["special"].fillna(""))
+    if "kink" in special:
+        handles.append(
+            Line2D([], [], color="#555555", lw=0.8, ls=":", label="over a bend or jump of the map")
+        )
+    handles += [
+        Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=_WORDS.get(kind, kind))
+        for kind, mark in _MARKS.items()
+        if kind in special
+    ]
+    handles += [Patch(color=_BESIDE, label=name) for name in beside]
+    return handles
