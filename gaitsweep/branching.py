@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from gaitsweep.analysis.branches_on_the_way import Steps
 from gaitsweep.analysis.continuation import continuation
 from gaitsweep.contract import Status
 from gaitsweep.engine.return_map import ReturnMap
@@ -80,10 +81,7 @@ def branches_of(ready: Prepared, first: int, last: int) -> pd.DataFrame:
         begin=begin,
         towards=1 if end > begin else -1,
         fix=run.fix,
-        step=run.step,
-        longest=run.longest,
-        shortest=run.shortest,
-        most=run.most,
+        steps=Steps(run.step, run.longest, run.shortest, run.most),
         shown=(),
     )
     row = table["row"].to_numpy(np.int64)

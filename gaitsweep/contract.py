@@ -115,7 +115,7 @@ class Chart(abc.ABC):
 
     @abc.abstractmethod
     def place(self, params: Params, at: jax.Array, like: State) -> State:
-        """The state on the section with the coordinates `at` (n,) and the modes of `like`, a state near it."""
+        """The state on the section with the coordinates `at` (n,) and the modes of `like`, which is near."""
 
     def holds(self, params: Params, state: State) -> jax.Array:
         """Whether a state just after a crossing is one that `place` can give."""

@@ -48,8 +48,8 @@ def test_around_a_fold() -> None:
     )
     folds = table[table["special"] == "fold"]
     assert len(folds) == 1
-    assert abs(folds["r"].iloc[0]) < 1e-8
-    assert abs(folds["x"].iloc[0]) < 1e-4  # r is flat there: x to the square root of r's error
+    assert abs(folds["r"].to_numpy()[0]) < 1e-8
+    assert abs(folds["x"].to_numpy()[0]) < 1e-4  # r is flat there: x to the square root of r's error
     np.testing.assert_allclose(table["x"] ** 2, table["r"], atol=1e-8)
     np.testing.assert_allclose(table["multiplier_re"], 1.0 - 2.0 * table["x"], atol=1e-7)
     assert table.loc[table["x"] > 1e-3, "stable"].all()
@@ -77,7 +77,7 @@ def test_many_branches_over_a_second_parameter() -> None:
         np.testing.assert_allclose(folds, [expected, -expected][: len(folds)], atol=1e-8)
         flips = branch.loc[branch["special"] == "flip", "x"].to_numpy()
         np.testing.assert_allclose(flips, np.sqrt((2.0 + each) / 3.0) * np.array([-1.0, 1.0]), atol=1e-6)
-        assert branch["end"].iloc[-1] == "range"
+        assert branch["end"].tolist()[-1] == "range"
 
 
 def test_a_row_does_not_depend_on_the_others() -> None:
@@ -102,7 +102,8 @@ def test_over_a_jump_of_the_map() -> None:
     table = continuation(mapping, mapping.points([[0.5]]), {}, parameter="r", within=(0.5, 1.5))
     assert table["end"].iloc[-1] == "range"
     below, above = table[table["x"] <= 1.025], table[table["x"] > 1.025]
-    assert len(below) and len(above)
+    assert len(below)
+    assert len(above)
     np.testing.assert_allclose(below["x"], below["r"], atol=1e-8)
     np.testing.assert_allclose(above["x"], above["r"] + 0.05, atol=1e-8)
 
@@ -147,9 +148,11 @@ def test_figure_of_branches() -> None:
     )
     figure = draw(table, x="r", y="x", intervals={"lost in holds": (-0.1, 0.1)})
     lines = figure.axes[0].get_lines()
-    styles = [(to_hex(line.get_color()), line.get_linestyle()) for line in lines if len(line.get_xdata()) > 1]
+    styles = [
+        (to_hex(line.get_color()), line.get_linestyle()) for line in lines if np.size(line.get_xdata()) > 1
+    ]
     assert styles == [("#0072b2", "-"), ("#d55e00", "--")]
-    marks = [line for line in lines if line.get_marker() == "o" and len(line.get_xdata())]
+    marks = [line for line in lines if line.get_marker() == "o" and np.size(line.get_xdata())]
     assert len(marks) == 1
     a = np.array([0.25, 1.0])
     many = continuation(

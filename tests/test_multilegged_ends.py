@@ -1,4 +1,4 @@
-"""Chains whose ends have springs and amplitudes of their own: statics, drift, and the one gait that is left."""
+"""Chains whose ends have springs and amplitudes of their own: statics, drift, and the gait that is left."""
 
 from __future__ import annotations
 

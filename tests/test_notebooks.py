@@ -15,9 +15,9 @@ SECONDS_OF_A_CELL = 300
 
 # What a notebook's text says, over the names that its cells leave behind.
 CLAIMS = {
-    # Each limit is the text's, a trace's sampling (0.04 rad), or what the full model's legs and ground give way
-    # by (0.11 rad in the paper, 1e-4 of a period); slow walking leaves 4e-4 of the defective pair of 2/3, where
-    # Table 1's omega leaves 0.15.
+    # Each limit is the text's, a trace's sampling (0.04 rad), or by how much the full model's legs and ground
+    # give way (0.11 rad in the paper, 1e-4 of a period). The defective pair of 2/3 is met to 4e-4 in slow
+    # walking, and to 0.15 at Table 1's omega.
     "multilegged_tour.ipynb": """
 assert np.abs(on_section[-1] - on_section[-10]).max() < 0.02
 assert np.abs(on_section[-1, [0, 2]] - [1.13, 5.29]).max() < 0.05  # a source wave

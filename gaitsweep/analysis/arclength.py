@@ -25,8 +25,8 @@ TOLERANCE = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """Where n branches are: points, drifts (n, k), the parameter (n,), and the unit tangents (n, size + k + 1)
-    on which they go; `images` with derivatives there; `corrections` (n,) that it took to get there."""
+    """Where n branches are: points, drifts (n, k), the parameter (n,), and the unit tangents on which they go
+    (n, size + k + 1); `images` with derivatives there; `corrections` (n,) that it took to get there."""
 
     points: Points
     drift: np.ndarray
@@ -102,7 +102,7 @@ class Track:
     def first(
         self, points: Points, drift: np.ndarray, parameter: np.ndarray, sign: np.ndarray | float
     ) -> Places:
-        """Branches that start at fixed points, towards larger values of the parameter (`sign` 1) or smaller."""
+        """Branches that start at fixed points, where the parameter rises (`sign` 1) or falls (-1)."""
         images = self.evaluated(points, parameter)
         towards = np.zeros_like(self.weights)
         towards[:, -1] = sign

@@ -21,7 +21,7 @@ def multipliers(jacobian: np.ndarray, gradients: np.ndarray | None = None) -> np
     if gradients is not None and gradients.shape[-2]:
         normals = gradients[None] if gradients.ndim == 2 else gradients
         matrices = np.stack([_within(a, g) for a, g in zip(matrices, normals, strict=True)])
-    found = np.linalg.eigvals(matrices).astype(complex)
+    found = np.asarray(np.linalg.eigvals(matrices), complex)
     # conjugates are of one size: the one above the axis comes first
     order = np.lexsort((-found.imag, -np.round(np.abs(found), 12)), axis=-1)
     found = np.take_along_axis(found, order, axis=-1)

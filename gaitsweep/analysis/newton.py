@@ -2,8 +2,8 @@
 
 Where the map conserves something, fixed points are not alone: they form lines, on which Newton's equations
 have no one solution. Then what is conserved is held at a value, and for each such condition there is an
-unknown more, the `drift`: how much of it a cycle adds. It is zero where the quantity is conserved exactly, and
-measures by how much it is not where that is only nearly so (Munoz-Almaraz et al. 2003, Physica D 181).
+unknown more, the `drift`: how much of it a cycle adds. It is zero where the quantity is conserved exactly,
+and measures by how much it is not where that is only nearly so (Munoz-Almaraz et al. 2003, Physica D 181).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from gaitsweep import nearmiss
 from gaitsweep.engine.maps import Images, Map, Points, Values, shorter
 
-# Steps tried in a row, each half as long as the one before, where the map is not defined or the residual grows.
+# Halvings of a step that leads to where the map is not defined, or the residual larger.
 HALVINGS = 6
 # By how much a step may raise the residual and still be taken.
 PATIENCE = 4.0
@@ -44,7 +44,7 @@ class Outcome(enum.IntEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Conditions:
-    """The conserved quantities that are held, by their places among those of a map, and at which values (n, k)."""
+    """The conserved quantities that are held: their places among those of a map, and their values (n, k)."""
 
     which: tuple[int, ...]
     values: np.ndarray
@@ -154,44 +154,66 @@ def newton(
     Raises:
         ValueError: `fix` names what the map does not conserve.
     """
-    held_values = mapping.complete(values, len(starts))
-    images = mapping.linearised(starts, held_values)
-    held = Conditions.of(mapping, fix, images.kept)
-    n, k = len(starts), len(held.which)
-    points, drift = starts, np.zeros((n, k))
-    residual = _norm(residuals(mapping, points, drift, images, held), points.at)
-    outcome = np.where(images.sound, Outcome.not_converged, Outcome.left)
-    outcome[images.sound & (residual <= tolerance)] = Outcome.converged
-    iterations = np.zeros(n, int)
+    search = _Search(mapping, starts, mapping.complete(values, len(starts)), fix, tolerance)
     for _ in range(most):
-        rows = np.flatnonzero(outcome == Outcome.not_converged)
+        rows = np.flatnonzero(search.outcome == Outcome.not_converged)
         if not rows.size:
             break
-        iterations[rows] += 1
-        step, solved = _steps(mapping, points[rows], drift[rows], images[rows], held[rows])
-        outcome[rows[~solved]] = Outcome.singular
+        search.step(rows)
+    return FixedPoints(
+        search.points, search.drift, search.residual, search.iterations, search.outcome, search.images
+    )
+
+
+class _Search:
+    """Where the searches of n starts are."""
+
+    def __init__(
+        self,
+        mapping: Map,
+        starts: Points,
+        values: dict[str, np.ndarray],
+        fix: Sequence[str] | Mapping[str, object],
+        tolerance: float,
+    ) -> None:
+        self.mapping, self.values, self.tolerance = mapping, values, tolerance
+        self.points, self.images = starts, mapping.linearised(starts, values)
+        self.held = Conditions.of(mapping, fix, self.images.kept)
+        n = len(starts)
+        self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
+        self.residual = _norm(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
+        self.outcome = np.where(self.images.sound, Outcome.not_converged, Outcome.left)
+        self.outcome[self.images.sound & (self.residual <= tolerance)] = Outcome.converged
+
+    def step(self, rows: np.ndarray) -> None:
+        """One step of the searches `rows`, each shortened until the map is defined where it leads."""
+        self.iterations[rows] += 1
+        step, solved = _steps(
+            self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows]
+        )
+        self.outcome[rows[~solved]] = Outcome.singular
         rows, step = rows[solved], step[solved]
-        share, waiting = 1.0, np.ones(rows.size, bool)
-        for turn in range(HALVINGS + 1):
-            mine = rows[waiting]
-            if not mine.size:
+        for halvings in range(HALVINGS + 1):
+            if not rows.size:
                 break
-            trial, more = _moved(mapping, points[mine], drift[mine], images[mine], share * step[waiting])
-            there = mapping.linearised(trial, {name: each[mine] for name, each in held_values.items()})
-            norm = _norm(residuals(mapping, trial, more, there, held[mine]), trial.at)
-            taken = there.sound & ((norm < PATIENCE * residual[mine]) | (norm <= tolerance))
-            if turn == HALVINGS:
-                outcome[mine[~there.sound]] = Outcome.left
-                taken = there.sound
-            done = mine[taken]
-            points = points.merged(done, trial[taken])
-            drift[done], residual[done] = more[taken], norm[taken]
-            images = images.merged(done, there[taken])
-            waiting[np.flatnonzero(waiting)[taken]] = False
-            share *= 0.5
-        fixed = (outcome == Outcome.not_converged) & (residual <= tolerance)
-        outcome[fixed] = Outcome.converged
-    return FixedPoints(points, drift, residual, iterations, outcome, images)
+            taken = self._tried(rows, 0.5**halvings * step, last=halvings == HALVINGS)
+            rows, step = rows[~taken], step[~taken]
+        self.outcome[rows] = Outcome.left
+        fixed = (self.outcome == Outcome.not_converged) & (self.residual <= self.tolerance)
+        self.outcome[fixed] = Outcome.converged
+
+    def _tried(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
+        """Which of these steps are taken: those that lead to a smaller residual, the last wherever they can."""
+        trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
+        images = self.mapping.linearised(trial, {name: each[rows] for name, each in self.values.items()})
+        miss = residuals(self.mapping, trial, drift, images, self.held[rows])
+        norm = _norm(miss, trial.at)
+        taken = images.sound & (last | (norm < PATIENCE * self.residual[rows]) | (norm <= self.tolerance))
+        done = rows[taken]
+        self.points = self.points.merged(done, trial[taken])
+        self.images = self.images.merged(done, images[taken])
+        self.drift[done], self.residual[done] = drift[taken], norm[taken]
+        return taken
 
 
 def _steps(
@@ -208,7 +230,7 @@ def _steps(
 def _moved(
     mapping: Map, points: Points, drift: np.ndarray, images: Images, step: np.ndarray
 ) -> tuple[Points, np.ndarray]:
-    """Points and drifts a step on; near the image, so that they have the modes which the map gave it."""
+    """Points and drifts a step on; near the image, so that they have the modes that it has."""
     size = points.at.shape[1]
     back = mapping.apart(points.at, images.points.at)
     return Points(images.points.at + back + step[:, :size], images.points.like), drift + step[:, size:]

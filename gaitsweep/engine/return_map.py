@@ -19,7 +19,7 @@ import numpy as np
 from gaitsweep import nearmiss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.flight import Flight, Way
+from gaitsweep.engine.flight import Way
 from gaitsweep.engine.leaves import numbers_of, with_numbers
 from gaitsweep.engine.maps import Map, Points, Values
 from gaitsweep.engine.section_map import crossing_of

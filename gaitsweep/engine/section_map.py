@@ -69,7 +69,7 @@ def flown(flight: Flight) -> Crossing:
 
 @lru_cache(maxsize=16)
 def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Crossing:
-    """The function `(params, state) -> (t, state, way)` up to the next crossing, to be differentiated forward.
+    """The function `(params, state) -> (t, state, way)` up to the next crossing, differentiable forward.
 
     Args:
         model, numerics: what is integrated and how. In steps of fixed length nothing is located: states

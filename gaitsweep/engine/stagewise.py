@@ -1,9 +1,10 @@
 """Classic Runge-Kutta with located events, one evaluation of the flow at a time.
 
-The same arithmetic as an attempt of `rk4`, in small pieces: the rates at two mid-points, at an end, and at the
-trial that they make, where the event logic then decides. A program of this is a fifth as long, which is what
-counts where it is differentiated and compiled as straight-line code. No evaluation is made twice: the rates at
-a trial that is accepted are those at the next state, and where a trial is taken back, those at the state stay.
+The same arithmetic as an attempt of `rk4`, in small pieces: the rates at two mid-points, at an end, and at
+the trial that they make, where the event logic then decides. A program of this is a fifth as long, which is
+what counts where it is differentiated and compiled as straight-line code. No evaluation is made twice: the
+rates at a trial that is accepted are those at the next state, and where a trial is taken back, those at the
+state stay.
 """
 
 from __future__ import annotations

@@ -162,7 +162,9 @@ def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: 
     return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
-def _check_path(plan: Plan, subject: Subject, run: Ramp | Staircase | Trace | Continuation) -> list[Complaint]:
+def _check_path(
+    plan: Plan, subject: Subject, run: Ramp | Staircase | Trace | Continuation
+) -> list[Complaint]:
     moving, path = str(run.parameter), run.path or []
     quantity = subject.parameters[moving]
     complaints = []

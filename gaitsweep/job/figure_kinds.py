@@ -141,7 +141,9 @@ class Continuation(_Figure):
     runs: ClassVar[tuple[str, ...]] = ("continuation",)
     column_fields: ClassVar[tuple[str, ...]] = ("hue",)
     observable_fields: ClassVar[tuple[str, ...]] = ("y",)
-    kind: Literal["continuation"] = Field(description="continuation: branches of steady gaits, and their folds")
+    kind: Literal["continuation"] = Field(
+        description="continuation: branches of steady gaits, and their folds"
+    )
     y: Text = Field(description="observable of the model")
     hue: Text | None = Field(default=None, description="column of another parameter, shown by colour")
     intervals: dict[Text, Annotated[list[Real], Field(min_length=2, max_length=2)]] = Field(

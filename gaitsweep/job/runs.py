@@ -23,7 +23,8 @@ from gaitsweep.job.numbers import (
 MOST_SAMPLES = 10_000_000  # of a row's trace
 MOST_STAIRS = 10_000  # of a staircase
 MOST_COARSE = 1024  # cells a side
-MOVING = ("ramp", "staircase", "trace", "continuation")  # kinds of runs that may move a `parameter` along a `path`
+# kinds of runs that may move a `parameter` along a `path`
+MOVING = ("ramp", "staircase", "trace", "continuation")
 
 
 class Part(BaseModel):

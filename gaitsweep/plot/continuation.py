@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -71,7 +72,7 @@ def continuation(
         if is_angle(table, name):
             style.angle_ticks(axes, "y")
         if hue is not None:
-            shades = mpl.cm.ScalarMappable(_span(table, hue), "viridis")
+            shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
         handles = _key(table, list(intervals or {}), hue is not None)
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
@@ -79,7 +80,8 @@ def continuation(
 
 
 def _span(table: pd.DataFrame, hue: str) -> Normalize:
-    low, high = float(table[hue].min()), float(table[hue].max())
+    values = table[hue].to_numpy(float)
+    low, high = float(values.min()), float(values.max())
     return Normalize(low, high if high > low else low + 1.0)
 
 

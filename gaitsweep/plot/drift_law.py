@@ -23,9 +23,9 @@ ENDS = {
 def drift_law(table: pd.DataFrame, *, of: str = "m", hue: str = "gait", title: str | None = None) -> Figure:
     """Cycles until settled over the asymmetry of the ends, and the worst case of eqs. (30)-(32).
 
-    For each pair of ends and each gait the most and the median number of cycles of its starts; pairs of equal
-    ends, which keep all their gaits, are left out, and so are starts that come to none of them. Unequal masses are drawn over their difference, which the
-    drift is proportional to; others over the drift itself.
+    For each pair of ends and each gait the most and the median number of cycles of its starts. Pairs of equal
+    ends, which keep all their gaits, are left out, and so are starts that come to none of them. Unequal
+    masses are drawn over their difference, which the drift is proportional to; others over the drift itself.
 
     Args:
         table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.

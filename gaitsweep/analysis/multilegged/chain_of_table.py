@@ -45,9 +45,8 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     """The theory's parameters with L and m_B, numbers or (n,); arguments and errors as for `chains_of`."""
     job = table.attrs.get("job")
     given: dict[str, Any] = dict(job.get("params") or {}) if isinstance(job, Mapping) else {}
-    given |= {
-        str(name): sets[name].to_numpy(float) for name in sets.columns if len(sets) and _known(str(name))
-    }
+    varied = [str(name) for name in sets.columns if len(sets) and _known(str(name))]
+    given |= {name: sets[name].to_numpy(float) for name in varied}
     plain = {name: value for name, value in Chain()._asdict().items() if name not in _FORMULAS}
     values: dict[str, Any] = {"m_B": 0.9, "L": 1.0, **plain}
     values |= {name: value for name, value in given.items() if not isinstance(value, str)}

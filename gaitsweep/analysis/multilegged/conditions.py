@@ -62,20 +62,16 @@ def wave_conditions(N: int, chain: Chain, L: Scalar = 1.0) -> tuple[Conditions, 
     weights = jnp.full(N + 1, segment * chain.m * chain.g)
     weights = weights.at[0].set(segment * chain.m_1 * chain.g).at[-1].set(segment * chain.m_end * chain.g)
     landing, length = 1.0 - D / segment, 1.0 - jnp.max(a) / L
-    both = (
-        (into.front, into.last, k, a, weights),
-        (into.rear[::-1], into.first, k[::-1], a[::-1], weights[::-1]),
-    )
-    return tuple(  # type: ignore[return-value]
-        Conditions(
-            _least_takeoff(front, end, segment), _least_load(front, springs_, a_, w, D), landing, length
-        )
-        for front, end, springs_, a_, w in both
-    )
+    waves = []
+    for neighbours, end, way in ((into.front, into.last, 1), (into.rear, into.first, -1)):
+        takeoff = _least_takeoff(neighbours, end, segment)
+        load = _least_load(neighbours[::way], k[::way], a[::way], weights[::way], D)
+        waves.append(Conditions(takeoff, load, landing, length))
+    return waves[0], waves[1]
 
 
 def _least_takeoff(front: jax.Array, end: jax.Array, segment: jax.Array) -> jax.Array:
-    """The least of how far neighbours are from both ends of their takeoff; 0 is allowed at the chain's end."""
+    """The least that neighbours are from both ends of their takeoff; 0 is allowed at the chain's end."""
     inside = jnp.minimum(jnp.min(front), segment - jnp.max(front))
     return jnp.minimum(inside, segment - end) / segment
 

@@ -21,7 +21,7 @@ GAITS = ("direct", "source", "retrograde")
 def gait_shares(
     table: pd.DataFrame, parameters: Sequence[str] | None = None, *, level: float = LEVEL
 ) -> pd.DataFrame:
-    """For each set of parameters the shares of the three gaits, with intervals, and whether they should exist.
+    """For each set of parameters the shares of the three gaits, with intervals, and whether they can exist.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set.

@@ -104,10 +104,8 @@ def locked_state(chain: Chain) -> jax.Array:
     """
     k, a = springs(3, chain), amplitudes(3, chain)
     ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))
-    D = chain.m * shift(ends)
-    taking_off = 0.5 * (a[0] + a[-1]) / chain.a * D - 0.5 * (jnp.asarray(chain.m_1) + chain.m_end) * shift(
-        ends
-    )
+    D, end_mass = chain.m * shift(ends), 0.5 * (jnp.asarray(chain.m_1) + chain.m_end)
+    taking_off = 0.5 * (a[0] + a[-1]) / chain.a * D - end_mass * shift(ends)
     psi_1 = 2.0 * chain.beta * jnp.pi + D + taking_off
     return jnp.stack([psi_1, jnp.zeros_like(psi_1), TWO_PI - psi_1])
 
