@@ -46,7 +46,7 @@ def test_around_a_fold() -> None:
     table = continuation(
         FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(-0.5, 2.0), begin=0.9, towards=-1
     )
-    folds = table[table["special"] == "fold"]
+    folds = table.query("special == 'fold'")
     assert len(folds) == 1
     assert abs(folds["r"].to_numpy()[0]) < 1e-8
     assert abs(folds["x"].to_numpy()[0]) < 1e-4  # r is flat there: x to the square root of r's error

@@ -104,13 +104,14 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
 
 def test_solution_set_takes_the_theory_from_the_jobs_parameters() -> None:
     table = settle_table()
-    assert chain_of(table) == Chain()
+    even = {"kappa_1": 100.0, "kappa_end": 100.0, "a_1": 0.4, "a_end": 0.4}
+    assert chain_of(table) == Chain(**even)
     table.attrs["job"] = {
         "params": {"beta": 0.7, "m_B": 0.8, "m_1": "m_B", "m_end": "m_B", "sigma": "2*sqrt(kappa)"}
     }
-    assert chain_of(table) == Chain(beta=0.7, m_1=0.8, m_end=0.8)
+    assert chain_of(table) == Chain(beta=0.7, m_1=0.8, m_end=0.8, **even)
     table.attrs["job"] = {"params": {"m_B": 0.7}}
-    assert chain_of(table) == Chain(m_1=0.7, m_end=0.7)
+    assert chain_of(table) == Chain(m_1=0.7, m_end=0.7, **even)
 
 
 def test_solution_set_says_why_it_has_no_lines() -> None:

@@ -171,7 +171,7 @@ def test_place_and_read_are_each_others_inverse(chain: ReturnMap, settled: Point
 
 
 def test_coordinates_of_the_quadruped_leave_out_where_it_stands() -> None:
-    """46 numbers that a walk to another place and heading does not change, and from which the state follows."""
+    """46 numbers that another place and heading do not change, and from which the state follows."""
     model = WaistQuadruped()
     chart, params = model.chart(), scalars(model)
     assert chart is not None

@@ -121,7 +121,7 @@ BAD = [
     (
         {},
         {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
-        ["needs a run of settle, not of stair"],
+        ["needs a run of settle or hold, not of stair"],
     ),
 ]
 

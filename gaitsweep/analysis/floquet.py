@@ -23,7 +23,7 @@ def multipliers(jacobian: np.ndarray, gradients: np.ndarray | None = None) -> np
         matrices = np.stack([_within(a, g) for a, g in zip(matrices, normals, strict=True)])
     found = np.asarray(np.linalg.eigvals(matrices), complex)
     # conjugates are of one size: the one above the axis comes first
-    order = np.lexsort((-found.imag, -np.round(np.abs(found), 12)), axis=-1)
+    order = np.lexsort((-np.imag(found), -np.round(np.abs(found), 12)), axis=-1)
     found = np.take_along_axis(found, order, axis=-1)
     return found[0] if single else found
 

@@ -203,7 +203,7 @@ class _Search:
         self.outcome[fixed] = Outcome.converged
 
     def _tried(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
-        """Which of these steps are taken: those that lead to a smaller residual, the last wherever they can."""
+        """Which of these steps are taken: those that lead to a smaller residual; the last wherever it can."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         images = self.mapping.linearised(trial, {name: each[rows] for name, each in self.values.items()})
         miss = residuals(self.mapping, trial, drift, images, self.held[rows])

@@ -78,7 +78,8 @@ class Job(Part):
         description="axes by name, zip and sample groups; they multiply, the last varies fastest",
     )
     run: Run = Field(
-        description="what is done with each row (kind: settle, hold, trace, ramp, return_map or staircase)"
+        description="what is done with each row (kind: settle, hold, trace, ramp, return_map, staircase or "
+        "continuation)"
     )
     numerics: Numerics = Field(default_factory=Numerics, description="how trajectories are integrated")
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")

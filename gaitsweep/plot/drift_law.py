@@ -87,4 +87,4 @@ def _pairs(table: pd.DataFrame, kept: pd.DataFrame, head: str, tail: str, hue: s
     by_mass = head == "m_1"
     drifts = [abs(float(drift(each))) for each in chains]
     pairs["apart"] = np.abs(pairs[tail] - pairs[head]).round(9) if by_mass else np.round(drifts, 9)
-    return pairs[pairs["apart"] > EQUAL]
+    return rows_where(pairs, pairs["apart"] > EQUAL)

@@ -61,11 +61,12 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     """Cells where the sets lie on a grid, else a point for each set; sets that share a cell are averaged."""
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
     across, up = np.unique(shares[x]), np.unique(shares[y])
-    if not (on_grid(across) and on_grid(up)):
+    full = len(shares) >= 0.5 * len(across) * len(up)
+    if not (full and on_grid(across) and on_grid(up)):
         size = float(np.clip(4e3 / len(shares), 3.0, 20.0))
         return axes.scatter(shares[x], shares[y], c=shares[gait], s=size, linewidths=0, **look)
-    cells = shares.groupby([y, x])[gait].mean().unstack()
-    return axes.pcolormesh(cell_edges(across), cell_edges(up), cells.to_numpy(), **look)
+    cells = shares.pivot_table(index=y, columns=x, values=gait, aggfunc="mean").to_numpy(float)
+    return axes.pcolormesh(cell_edges(across), cell_edges(up), cells, **look)
 
 
 def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:

@@ -6,8 +6,8 @@ phase by which neighbour j has gone into its takeoff segment (0 while it stands)
 
     D = sum of (w_j t_j) + (1 - beta) pi m_i g / (a_i sum of kappa_j),
 
-where w_j = kappa_j a_j / (a_i sum of kappa_j), over the neighbours j, kappa_j being the spring to neighbour j.
-In a uniform chain w_j is 1/2, or 1 at an end.
+where w_j = kappa_j a_j / (a_i sum of kappa_j), over the neighbours j, kappa_j being the spring to it. In a
+uniform chain w_j is 1/2, or 1 at an end.
 """
 
 from __future__ import annotations

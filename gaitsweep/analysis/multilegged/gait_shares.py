@@ -40,8 +40,8 @@ def gait_shares(
     names = set_columns(table) if parameters is None else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
-    sets = wide.index.to_frame(index=False)
-    most_without = _none_of(int(counted["of"].min()), level)
+    sets = pd.DataFrame(wide.index.to_frame(index=False))
+    most_without = _none_of(int(counted["of"].to_numpy().min()), level)
     for gait in GAITS:
         for part, column, otherwise in (
             ("fraction", gait, 0.0),
@@ -51,7 +51,7 @@ def gait_shares(
             there = (part, gait) in wide.columns
             sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if there else otherwise
     sets["elsewhere"] = (1.0 - sets[list(GAITS)].sum(axis=1)).clip(lower=0.0).round(12)
-    return sets.assign(**_conditions(table, sets[names]))
+    return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
 
 def set_columns(table: pd.DataFrame) -> list[str]:

@@ -81,7 +81,7 @@ def all_steps(N: int, chain: Chain) -> Steps:
     low = jnp.where(is_A, direct[0, np.maximum(k - 2, 0)], psi_B)
     return Steps(
         fixed=jnp.where(side > 0, direct, jnp.where(side < 0, -retrograde, 0.0)) - ratio * psi_B,
-        slope=np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0) + ratio,
+        slope=ratio + np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0),
         low=low,
         high=jnp.maximum(jnp.where(is_A, psi_B, stance + over), low),
     )
