@@ -13,6 +13,7 @@ from scipy.optimize import linprog
 from sweeping import run_rows, scalars
 
 from gaitsweep.analysis.multilegged.chain import Chain, end_resets, springs
+from gaitsweep.analysis.multilegged.conditions import wave_conditions
 from gaitsweep.analysis.multilegged.conserved import drift, total
 from gaitsweep.analysis.multilegged.gaits import GAITS
 from gaitsweep.analysis.multilegged.obstacle import balance, obstacle_problem
@@ -36,6 +37,7 @@ TURN = 2.0 * np.pi
 # ends that differ in all but m/(kappa a), by which they touch: nothing drifts
 MATCHED = Chain(m_1=0.81, kappa_1=108.0, a_1=0.3375, m_end=1.045, kappa_end=95.0, a_end=0.4950)
 SOFT_TAIL = Chain(kappa_end=92.0)
+TOO_SOFT = Chain(kappa_end=80.0)  # its leg 3 would bear less than nothing when leg 2 touches
 SHORT_HEAD = Chain(a_1=0.37, a_end=0.42)
 UNLIKE = Chain(m_1=0.85, kappa_1=104.0, kappa_end=97.0, a_1=0.42, a_end=0.39)
 
@@ -136,17 +138,41 @@ def test_the_linear_map_knows_the_ends() -> None:
 
 
 def test_unlike_ends_leave_one_gait() -> None:
-    model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE), 32
+    """The gait of the end that resets by more; none of the three where `wave_conditions` do not hold."""
+    model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE, TOO_SOFT), 24
     recorder = Settle(model, max_cycles=2500, tolerance=1e-6)
     params = {name: np.repeat(values, n) for name, values in params_of(*chains).items()}
-    run = run_rows(model, recorder, columns(3 * n), params=params, numerics=STEPS, engine="kernel", lanes=96)
+    run = run_rows(model, recorder, columns(4 * n), params=params, numerics=STEPS, engine="kernel", lanes=96)
     assert np.all(run.status == Status.settled)
     for number, chain in enumerate(chains):
         mine = slice(number * n, (number + 1) * n)
         tail = float(drift(chain)) > 0.0
         end = solution_set(3, Branch("B", 2) if tail else Branch("direct", 3), chain, section=1)[-1]
-        assert {GAITS[g] for g in run.labels["gait"][mine]} == {"retrograde" if tail else "direct"}
+        found = {GAITS[g] for g in run.labels["gait"][mine]}
+        if not bool(wave_conditions(3, chain)[int(tail)].hold):
+            assert chain is TOO_SOFT
+            assert found == {"none"}
+            continue
+        assert found == {"retrograde" if tail else "direct"}
         assert np.abs(wrapped(run.last[mine, :3] - np.asarray(end))).max() < 1e-4
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from([3, 4, 8]),
+    *(st.floats(*ends) for ends in ((0.05, 0.95), (5.0, 300.0), (0.2, 3.0), (0.1, 1.5), (0.1, 1.2))),
+)
+def test_conditions_of_uniform_chains_are_the_papers(
+    N: int, beta: float, kappa: float, m: float, share: float, a: float
+) -> None:
+    """m/2 < m_B < m, and m_B g/kappa < a < L: by the load and the phase of each leg in takeoff."""
+    edges = (share - 0.5, share - 1.0, share * m * 9.8 / (kappa * a) - 1.0, a - 1.0)
+    if min(map(abs, edges)) < 1e-9:
+        return  # on an edge rounding decides
+    chain = Chain(beta, kappa, m, share * m, share * m, a)
+    expected = 0.5 < share < 1.0 and share * m * 9.8 / kappa < a < 1.0
+    for wave in wave_conditions(N, chain):
+        assert bool(wave.hold) == expected, wave
 
 
 def test_springs_of_the_theory_are_the_models() -> None:

@@ -44,7 +44,7 @@ def repertoire(
     name = np.where(fell, "", table[gait].astype(str))
     number = table.groupby(keys, sort=False, observed=True).ngroup().to_numpy()
     count = int(number.max(initial=-1)) + 1
-    found = table.drop_duplicates(keys)[keys].reset_index(drop=True)
+    found = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
     found["rows"] = np.bincount(number, minlength=count)
     found["fell"] = np.bincount(number[fell], minlength=count)
     for each in ("unsteady", *CHART):
@@ -54,6 +54,5 @@ def repertoire(
         shown = np.isin(name, members)
         medians = table.loc[shown, speed].groupby(number[shown]).median()
         found[f"speed_{kind}"] = medians.reindex(range(count)).to_numpy()
-    speeds = found[["speed_walk", "speed_trot", "speed_canter", "speed_gallop"]].to_numpy()
-    found["in_order"] = np.all(np.diff(speeds, axis=1) > 0.0, axis=1)
-    return found
+    speeds = np.stack([found[f"speed_{kind}"] for kind in ("walk", "trot", "canter", "gallop")], axis=1)
+    return found.assign(in_order=np.all(np.diff(speeds, axis=1) > 0.0, axis=1))

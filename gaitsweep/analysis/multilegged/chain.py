@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 TWO_PI = 2.0 * jnp.pi
-Scalar = jax.Array | float
+Scalar = jax.Array | np.ndarray | float
 
 
 class Chain(NamedTuple):
@@ -74,7 +75,7 @@ def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
     amplitude; eqs. (31), (32)."""
     head = _shift(chain, _or(chain.kappa_1, chain.kappa), _or(chain.a_1, chain.a))
     tail = _shift(chain, _or(chain.kappa_end, chain.kappa), _or(chain.a_end, chain.a))
-    return chain.m_1 * head, chain.m_end * tail
+    return jnp.asarray(chain.m_1 * head), jnp.asarray(chain.m_end * tail)
 
 
 def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
@@ -96,7 +97,7 @@ def touchdown_phase(chain: Chain) -> jax.Array:
 
 def lag(chain: Chain) -> jax.Array:
     """delta, rad: the lag between inner neighbours of a wave, reset aside; second row of eq. (17)."""
-    return 2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain)
+    return jnp.asarray(2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain))
 
 
 class Takeoffs(NamedTuple):

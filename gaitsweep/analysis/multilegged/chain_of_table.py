@@ -23,7 +23,7 @@ def chain_of(table: pd.DataFrame) -> Chain:
         AnalysisError: the job's parameters cannot be read.
     """
     chain = chains_of(table, table.head(1))
-    return Chain(*(float(np.ravel(value)[0]) for value in chain))
+    return Chain(*(float(np.asarray(value, float).flat[0]) for value in chain))
 
 
 def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:

@@ -57,7 +57,7 @@ def wave_conditions(N: int, chain: Chain, L: Scalar = 1.0) -> tuple[Conditions, 
     Source: sec. 2.1 of the paper for uniform chains; eq. (12) with the load of a leg in takeoff for others.
     """
     k, a, D = springs(N, chain), amplitudes(N, chain), reset(chain)
-    segment = (1.0 - chain.beta) * jnp.pi
+    segment = jnp.asarray((1.0 - chain.beta) * jnp.pi)
     into = takeoffs(N, chain)
     weights = jnp.full(N + 1, segment * chain.m * chain.g)
     weights = weights.at[0].set(segment * chain.m_1 * chain.g).at[-1].set(segment * chain.m_end * chain.g)

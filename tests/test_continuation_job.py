@@ -1,0 +1,61 @@
+"""A continuation as a job: its rows, its table, its refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.job import Job, JobError
+
+RUN = {"kind": "continuation", "parameter": "restitution", "path": [0.2, 0.8], "settle": 5}
+
+
+def job(**changes) -> Job:
+    fields = {
+        "name": "hops",
+        "model": "toy_model:Toy",
+        "vary": {"stiffness": [4.0, 9.0]},
+        "run": RUN,
+        "numerics": {"method": "rk4", "dt": 1e-2},
+        "figures": [{"kind": "continuation", "y": "launch_1", "hue": "stiffness"}],
+    }
+    return Job(**{**fields, **changes})
+
+
+def test_table_of_branches(tmp_path: Path) -> None:
+    """The toy's launch speed u* = kick/(1 - r), kick = w/4 of the stiffness w^2, with multiplier r."""
+    table = gs.load(gs.run(job(), out=tmp_path).path)
+    assert set(table["row"]) == {0, 1}
+    for row, stiffness in ((0, 4.0), (1, 9.0)):
+        branch = table[table["row"] == row]
+        assert np.all(branch["stiffness"] == stiffness)
+        r = np.asarray(branch["restitution"])
+        assert r[0] == 0.2
+        assert r[-1] == 0.8
+        np.testing.assert_allclose(branch["launch_1_n"], 0.25 * np.sqrt(stiffness) / (1.0 - r), rtol=1e-8)
+        np.testing.assert_allclose(branch["multiplier_re"], r, atol=1e-8)
+        assert branch["end"].tolist()[-1] == "range"
+        assert set(branch["status"]) == {"complete"}
+    assert (tmp_path / "figures" / "continuation.png").exists()
+
+
+def test_refusals() -> None:
+    for run, words in (
+        ({**RUN, "path": [0.2, 0.2]}, "as where the branch starts"),
+        ({**RUN, "path": [0.2, 1.5]}, "restitution|must be"),
+        ({**RUN, "step": 0.5}, "must lie between run.shortest"),
+        ({**RUN, "parameter": "restitutio"}, "did you mean restitution"),
+    ):
+        with pytest.raises(JobError, match=words):
+            job(run=run)
+    with pytest.raises(JobError, match="which needs a run of continuation"):
+        job(run={"kind": "settle"})
+    with pytest.raises(JobError, match="fix"):
+        job(run={**RUN, "fix": ["E"]})
+    with pytest.raises(JobError, match="semi_implicit"):
+        job(model="waist_quadruped", vary=None, run={**RUN, "parameter": "f", "path": [2.0, 3.0]},
+            numerics={"method": "semi_implicit", "dt": 2e-4},
+            figures=[{"kind": "continuation", "y": "delta_13"}])  # fmt: skip
