@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from gait_traces import ends, trace_of
 
+from gaitsweep.analysis.body_oscillation import body_oscillation
 from gaitsweep.analysis.foretelling import foretelling
 from gaitsweep.analysis.loading_rule import MEASURES, loading_rule, pairs_in
 from gaitsweep.analysis.records import AnalysisError
@@ -116,3 +117,16 @@ def test_a_trots_loads_foretell_the_walk() -> None:
     assert 9.0 not in set(foretelling(pd.concat([trots, walks], ignore_index=True))["sigma"])
     with pytest.raises(AnalysisError, match="k2 = 0"):
         foretelling(walks)
+
+
+def test_how_often_the_body_pitches_in_a_cycle() -> None:
+    trace = trace_of("trot", period=0.37)
+    cycles = trace["t"] / 0.37
+    trace["pitch"] = 0.3 + 0.02 * np.sin(2 * np.pi * cycles + 1.0) + 0.005 * np.cos(4 * np.pi * cycles)
+    trace.insert(1, "sigma", 0.5)
+    found = body_oscillation(trace).iloc[0]
+    # whole cycles end between samples of 2 ms, 16 cycles of 185 samples
+    assert found["once"] == pytest.approx(0.02, abs=1e-4)
+    assert found["twice"] == pytest.approx(0.005, abs=1e-4)
+    assert found["gait"] == "trot"
+    assert body_oscillation(trace.assign(u_f_RH=-1.0)).empty
