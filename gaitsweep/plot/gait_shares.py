@@ -51,7 +51,7 @@ def gait_shares_figure(
             axes.set_title(gait if gait in GAITS else "none of these")
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
-        panels[0].set_ylabel(described(table, y, 36))
+        panels[0].set_ylabel(described(table, y, 24))
         assert drawn is not None
         figure.colorbar(drawn, ax=panels, label="share of starts", shrink=0.9)
     return figure
