@@ -37,10 +37,13 @@ def test_stable_and_unstable_fixed_points() -> None:
 
 
 def test_outcomes() -> None:
-    """No fixed point at r < 0; a flat residual at x = 0; a start where the map is not defined."""
-    starts = FOLD.points(np.array([[0.7], [0.0], [np.nan], [0.5]]))
-    found = newton(FOLD, starts, {"r": np.array([-0.2, 0.25, 0.25, 0.25])})
-    expected = [Outcome.not_converged, Outcome.singular, Outcome.left, Outcome.converged]
+    """No fixed point at r < 0; a flat residual at x = 0, over which a cycle of the map leads; two that have
+    met; a start where the map is not defined; a start that is a fixed point."""
+    starts = FOLD.points(np.array([[0.7], [0.0], [0.0], [np.nan], [0.5]]))
+    found = newton(FOLD, starts, {"r": np.array([-0.2, 0.25, 0.0, 0.25, 0.25])})
+    expected = [
+        Outcome.not_converged, Outcome.converged, Outcome.singular, Outcome.left, Outcome.converged,
+    ]  # fmt: skip
     assert found.outcome.tolist() == expected
     assert all(Outcome(code).sentence for code in found.outcome)
 

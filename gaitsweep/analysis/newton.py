@@ -20,6 +20,8 @@ from gaitsweep.engine.maps import Images, Map, Points, Values, shorter
 
 # Halvings of a step that leads to where the map is not defined, or the residual larger.
 HALVINGS = 6
+# Condition of Newton's equations, coordinates in proportion to their sizes, from which they are singular.
+SINGULAR = 1e11
 # By how much a step may raise the residual and still be taken.
 PATIENCE = 4.0
 # Numbers count in proportion to their size, but not below this (in their unit).
@@ -32,7 +34,7 @@ class Outcome(enum.IntEnum):
     converged = 0, "A fixed point was found."
     not_converged = 1, "The steps allowed were not enough."
     left = 2, "The search left the points whose trajectories come back to the section."
-    singular = 3, "The equations have no one solution: hold what the map conserves."
+    singular = 3, "A fixed point that is not alone was found: hold what the map conserves."
 
     sentence: str
 
@@ -183,24 +185,29 @@ class _Search:
         self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
         self.residual = _norm(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
         self.outcome = np.where(self.images.sound, Outcome.not_converged, Outcome.left)
-        self.outcome[self.images.sound & (self.residual <= tolerance)] = Outcome.converged
+        self._found()
 
     def step(self, rows: np.ndarray) -> None:
         """One step of the searches `rows`, each shortened until the map is defined where it leads."""
         self.iterations[rows] += 1
-        step, solved = _steps(
+        step, _ = _steps(
             self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows]
         )
-        self.outcome[rows[~solved]] = Outcome.singular
-        rows, step = rows[solved], step[solved]
         for halvings in range(HALVINGS + 1):
             if not rows.size:
                 break
             taken = self._tried(rows, 0.5**halvings * step, last=halvings == HALVINGS)
             rows, step = rows[~taken], step[~taken]
         self.outcome[rows] = Outcome.left
-        fixed = (self.outcome == Outcome.not_converged) & (self.residual <= self.tolerance)
-        self.outcome[fixed] = Outcome.converged
+        self._found()
+
+    def _found(self) -> None:
+        """Tell which searches are at a fixed point, and at one that stands alone."""
+        rows = np.flatnonzero((self.outcome == Outcome.not_converged) & (self.residual <= self.tolerance))
+        if rows.size:
+            some = self.points[rows], self.drift[rows], self.images[rows], self.held[rows]
+            alone = _steps(self.mapping, *some)[1]
+            self.outcome[rows] = np.where(alone, Outcome.converged, Outcome.singular)
 
     def _tried(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
         """Which of these steps are taken: those that lead to a smaller residual; the last wherever it can."""
@@ -219,10 +226,20 @@ class _Search:
 def _steps(
     mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Newton's step (n, size + k) of each point, and whether its equations have one solution."""
+    """The next step (n, size + k) of each search, and whether its equations have one solution.
+
+    Where they have not, as far from any fixed point where directions do not feel each other, the step is a
+    cycle of the map.
+    """
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
-    solved = np.linalg.cond(matrix) < 1e13
+    size = points.at.shape[1]
+    scale = np.ones_like(miss)
+    scale[:, :size] = sizes(points.at)
+    scaled = matrix * scale[:, None, :] / scale[:, :, None]
+    finite = np.isfinite(scaled).all(axis=(1, 2))
+    solved = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0)) < SINGULAR
     step = np.zeros_like(miss)
+    step[:, :size] = mapping.apart(images.points.at, points.at)
     step[solved] = np.linalg.solve(matrix[solved], -miss[solved, :, None])[:, :, 0]
     return step, solved
 
