@@ -236,7 +236,7 @@ def _steps(
     scale = np.ones_like(miss)
     scale[:, :size] = sizes(points.at)
     scaled = matrix * scale[:, None, :] / scale[:, :, None]
-    finite = np.isfinite(scaled).all(axis=(1, 2))
+    finite = np.all(np.isfinite(scaled), axis=(1, 2))
     solved = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0)) < SINGULAR
     step = np.zeros_like(miss)
     step[:, :size] = mapping.apart(images.points.at, points.at)
