@@ -1,7 +1,8 @@
 """What a model gives to the engine, and the result codes that the engine gives back.
 
 A model is a set of pure JAX functions of *one* trajectory; batching is the engine's business alone.
-This module imports nothing of gaitsweep, so that a user's model needs nothing but JAX and this file.
+This module imports nothing of gaitsweep, so that a user's model needs nothing but JAX and this file
+(and `gaitsweep/skeleton.py`, if it is to be drawn).
 """
 
 from __future__ import annotations
@@ -11,11 +12,14 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+if TYPE_CHECKING:
+    from gaitsweep.skeleton import Skeleton
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: what changes along a trajectory, modes included
@@ -63,33 +67,6 @@ class Quantity:
     circular: bool = False
     symbol: str = ""
     source: str = ""
-
-
-@dataclasses.dataclass(frozen=True)
-class Limb:
-    """A limb as it is drawn: `points` (n, k, 3) m from its root to its foot, over n samples.
-
-    Limbs of one `pair` share a colour; `far`: on the left side, away from who looks, and so drawn lighter.
-    """
-
-    name: str
-    points: np.ndarray
-    pair: int = 0
-    far: bool = False
-
-
-@dataclasses.dataclass(frozen=True)
-class Skeleton:
-    """A body as it is drawn, over n samples; x forward, y to the left, z up from the ground, m.
-
-    `limbs`, the first that of the signal contact_1; `bodies` (n, k, 3), each filled to the hull of its
-    points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know besides.
-    """
-
-    limbs: tuple[Limb, ...]
-    bodies: tuple[np.ndarray, ...] = ()
-    springs: tuple[np.ndarray, ...] = ()
-    note: str = ""
 
 
 class Chart(abc.ABC):

@@ -10,12 +10,12 @@ import pytest
 from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
 
 from gaitsweep import models
-from gaitsweep.contract import Skeleton
 from gaitsweep.job import Job
 from gaitsweep.models.waist_quadruped.mechanics import Mechanics
 from gaitsweep.motion import read_motion
 from gaitsweep.plot.animation import Clip
 from gaitsweep.plot.side_view import heading, turned
+from gaitsweep.skeleton import Skeleton
 
 
 @pytest.mark.parametrize("name", models.names())

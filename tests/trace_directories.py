@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import models
-from gaitsweep.contract import Skeleton
 from gaitsweep.job import Job
 from gaitsweep.models.waist_quadruped.mechanics import HIP, KNEE
+from gaitsweep.skeleton import Skeleton
 from gaitsweep.table import ResultDirectory
 
 CYCLE = 0.4  # s, the quadruped's

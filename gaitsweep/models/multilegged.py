@@ -18,12 +18,13 @@ import numpy as np
 
 from gaitsweep.analysis.multilegged.gaits import GAITS, classify
 from gaitsweep.analysis.multilegged.obstacle import obstacle_problem
-from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Skeleton
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates
 from gaitsweep.dynamics.compliant_ground import ground_force
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import neighbour_force
 from gaitsweep.models.multilegged_chart import MultileggedChart
 from gaitsweep.models.multilegged_drawing import skeleton
+from gaitsweep.skeleton import Skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
 # Leg 1 starts pressed in by a picometre (1e-7 N), so that rounding does not decide whether it touches.

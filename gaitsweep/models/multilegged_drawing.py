@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gaitsweep.contract import Limb, Skeleton
+from gaitsweep.skeleton import Limb, Skeleton
 
 # In leg lengths: how far apart neighbours are drawn (the model's masses only move up and down), their size.
 _APART, _HALF = 0.6, 0.075

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from gaitsweep.contract import Skeleton
 from gaitsweep.plot import style
 from gaitsweep.plot.footfalls import Footfalls
 from gaitsweep.plot.side_view import SideView, bounds
+from gaitsweep.skeleton import Skeleton
 
 _WIDE = 8.0  # inches that any picture is wide, so that its text keeps its share of it
 _CYCLES_SHOWN = 2.0

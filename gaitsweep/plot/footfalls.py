@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from gaitsweep.contract import Limb
 from gaitsweep.plot.footprints import spells
 from gaitsweep.plot.side_view import limb_colours
+from gaitsweep.skeleton import Limb
 
 _BAR = 0.66
 _MOST_NAMES = 16  # beyond, only some limbs are named

@@ -18,9 +18,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
 
-from gaitsweep.contract import Skeleton
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.side_view import bounds, limb_colours
+from gaitsweep.skeleton import Skeleton
 
 BACKENDS = ("egl", "osmesa")  # ways to OpenGL without a display, the first that works is taken
 _PATIENCE = 90.0  # s for a picture; the first one waits for Python and MuJoCo to load

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 
-from gaitsweep.contract import Limb, Skeleton
 from gaitsweep.plot.ground import Ground
+from gaitsweep.skeleton import Limb, Skeleton
 
 # A metre to the left is drawn so far (m) to the right and up.
 _ASIDE = np.array([0.28, 0.22])

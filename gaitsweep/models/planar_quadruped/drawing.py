@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from gaitsweep.analysis.nine_gaits import LEGS
-from gaitsweep.contract import Limb, Skeleton
 from gaitsweep.models.planar_quadruped.bodies import edited
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
+from gaitsweep.skeleton import Limb, Skeleton
 
 NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right hind"}
 _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

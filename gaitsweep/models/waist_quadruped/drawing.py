@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from gaitsweep.contract import Limb, Skeleton
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
+from gaitsweep.skeleton import Limb, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
 # Corners of a box in halves of its size; a quarter is left out next to the waist, so that its spring shows.

@@ -1,0 +1,34 @@
+"""What a model gives to be drawn: its limbs, bodies and springs at the instants of a trace."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Limb:
+    """A limb as it is drawn: `points` (n, k, 3) m from its root to its foot, over n samples.
+
+    Limbs of one `pair` share a colour; `far`: on the left side, away from who looks, and so drawn lighter.
+    """
+
+    name: str
+    points: np.ndarray
+    pair: int = 0
+    far: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Skeleton:
+    """A body as it is drawn, over n samples; x forward, y to the left, z up from the ground, m.
+
+    `limbs`, the first that of the signal contact_1; `bodies` (n, k, 3), each filled to the hull of its
+    points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know besides.
+    """
+
+    limbs: tuple[Limb, ...]
+    bodies: tuple[np.ndarray, ...] = ()
+    springs: tuple[np.ndarray, ...] = ()
+    note: str = ""
