@@ -11,7 +11,7 @@ from gait_traces import crossings_of, ends, trace_of, traces
 
 import gaitsweep as gs
 from gaitsweep.analysis.gait_spells import gaits_along, spells
-from gaitsweep.analysis.gait_tables import gaits_in
+from gaitsweep.analysis.gait_tables import gaits_counted, gaits_in
 from gaitsweep.analysis.nine_gaits import CHART, LEGS, family, signs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.swing_onsets import gait_of
@@ -33,6 +33,17 @@ def test_all_gaits_in_a_trace_with_what_varies_beside() -> None:
     # onsets lie on the samples' straight lines, so that they are found to rounding
     np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
     np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9)
+
+
+def test_gaits_counted_over_what_varies() -> None:
+    """Nine rows, one of each gait, at two places with a seed each; each row counts once."""
+    found = gaits_in(traces()).drop(columns="sigma")
+    found.insert(1, "k2", np.arange(9) // 5 * 0.08)
+    found.insert(2, "seed", np.arange(9))
+    counted = gaits_counted(found)
+    assert list(counted["k2"]) == [0.0, 0.08]
+    assert list(counted.drop(columns="k2").sum(axis=1)) == [5, 4]
+    assert list(gaits_counted(found.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
 
 
 def test_of_another_model_the_signals_are_named() -> None:

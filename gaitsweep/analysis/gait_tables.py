@@ -1,7 +1,11 @@
-"""The gait of each row of any table of a four-legged model."""
+"""The gait of each row of any table of a four-legged model, and how many rows show which.
+
+python -m gaitsweep.analysis.gait_tables results/planar_quadruped_onsets --window 15 24
+"""
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -62,6 +66,27 @@ def gaits_in(
     return found
 
 
+def gaits_counted(found: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
+    """How many rows show each gait, one line for each set of what varies but the `repeats`.
+
+    Args:
+        found: what `gaits_in` gives.
+        repeats: columns in which rows of one set differ.
+
+    Raises:
+        AnalysisError: a column is not there.
+    """
+    require(found, "row", "gait", "cycles")
+    columns = list(found.columns)
+    places = [name for name in columns[1 : columns.index("cycles")] if name not in repeats]
+    gaits = found["gait"].astype(str)
+    shown = [name for name in GAITS if name in set(gaits)]
+    counts = {name: (gaits == name).astype(int) for name in shown}
+    if not places:
+        return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
+    return pd.DataFrame(found[places].assign(**counts).groupby(places, as_index=False).sum())
+
+
 def onsets_of(
     table: pd.DataFrame,
     *,
@@ -113,3 +138,23 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
     }
     return found
+
+
+def main() -> None:
+    from gaitsweep.table import load
+
+    parser = argparse.ArgumentParser(description="How many rows show which gait, over what varies.")
+    parser.add_argument("directory", help="a result directory: crossings, a trace or ends")
+    parser.add_argument(
+        "--window", nargs=2, type=float, default=(-math.inf, math.inf), help="begin and end, s"
+    )
+    parser.add_argument(
+        "--threshold", type=float, default=THRESHOLD, help="largest shift that is none, cycles"
+    )
+    given = parser.parse_args()
+    found = gaits_in(load(given.directory), window=tuple(given.window), thresholds=(given.threshold,))
+    print(gaits_counted(found).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()
