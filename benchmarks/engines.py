@@ -22,7 +22,8 @@ from .rivals.starts import Array, Row, errors, reference_crossings
 
 # Table 1, complete
 TABLE_1 = {
-    "beta": 0.8, "kappa": 100.0, "sigma": 20.0, "m": 1.0, "m_B": 0.9, "m_1": 0.9, "m_end": 0.9, "a": 0.4,
+    "beta": 0.8, "kappa": 100.0, "kappa_1": 100.0, "kappa_end": 100.0, "sigma": 20.0,
+    "m": 1.0, "m_B": 0.9, "m_1": 0.9, "m_end": 0.9, "a": 0.4, "a_1": 0.4, "a_end": 0.4,
     "L": 1.0, "K": 1e5, "D": 2.0 * math.sqrt(1e5), "omega": 0.4, "tau": 0.5, "g": 9.8, "clamp": 0.0,
 }  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+import jax
 import numpy as np
 import pandas as pd
 
@@ -87,10 +88,27 @@ def branches_of(ready: Prepared, first: int, last: int) -> pd.DataFrame:
     row = table["row"].to_numpy(np.int64)
     axes = {name: each[row] for name, each in plan.columns(first, last).items()}
     renamed = {q.name: f"{q.name}_n" for q in plan.model.observables}
-    found = table["stable"].notna() if "stable" in table else np.zeros(len(table), bool)
+    found = table["stable"].notna().to_numpy() if "stable" in table else np.zeros(len(table), bool)
+    moved = {name: np.broadcast_to(each, (last - first,))[row] for name, each in values.items()}
+    moved[run.parameter] = table[run.parameter].to_numpy(float)
+    table["gait"] = _gaits(mapping, moved, table, found)
     status = np.where(found, Status.complete.name, Status.cycle_limit.name)
     table = table.rename(columns=renamed).assign(row=row + first, **axes)
     table["status"] = pd.Categorical(status, categories=STATUSES)
     for name in ("special", "end"):
         table[name] = pd.Categorical(table[name].fillna(""))
     return table.reindex(columns=table_columns(plan.model, plan.names, run))
+
+
+def _gaits(
+    mapping: ReturnMap, values: dict[str, np.ndarray], table: pd.DataFrame, found: np.ndarray
+) -> pd.Categorical:
+    """The gait of each record, "none" or nothing where there is no fixed point."""
+    model = mapping.model
+    codes = np.full(len(table), model.gaits.index("none") if "none" in model.gaits else -1)
+    if found.any():
+        held = mapping.complete({name: each[found] for name, each in values.items()}, int(found.sum()))
+        seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in model.observables}
+        label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
+        codes[found] = np.asarray(label(held, seen))
+    return pd.Categorical.from_codes(codes.tolist(), categories=list(model.gaits))

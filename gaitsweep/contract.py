@@ -113,7 +113,7 @@ class Model(abc.ABC):
 
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
-    gaits: ClassVar[tuple[str, ...]]  # what `label` indexes
+    gaits: ClassVar[tuple[str, ...]]  # what `label` indexes; "none" stands for what is no gait of these
 
     @property
     def precisions(self) -> tuple[str, ...]:

@@ -244,8 +244,13 @@ def _hash(job: Job, model: Model, **chosen: Any) -> str:
 
 def _quantities(model: Model) -> dict[str, dict[str, Any]]:
     """Unit, meaning and symbol of what the table's columns hold, for whoever reads it and for its figures."""
-    return {
-        q.name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
+    named = {
         # a start stands in the table by its own name, an observable with _end or _n
-        for q in (*model.parameters, *model.observables, *model.signals, *model.traits, *model.starts)
+        **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
+        **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.traits)},
+        **{q.name: q for q in model.starts},
+    }
+    return {
+        name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}
+        for name, q in named.items()
     }

@@ -86,6 +86,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     ),
     (2, "model: toy_model:Toi", ["line 2", "toy_model has no Toi", "did you mean Toy?"]),
     (2, "model: toy_modell:Toy", ["line 2", "toy_modell does not import"]),
+    (2, "model: tests/toy_model.py:Toy", ["line 2", "write toy_model:Toy."]),
     (2, "model: toy_model:Params", ["line 2", "is not a model", "HybridModel or SteppedModel"]),
     (2, "model: toy_model:flight_time", ["line 2", "is not a model"]),
     (2, "model: toy_model:HybridModel", ["line 2", "not a whole model", "flow"]),
@@ -272,6 +273,8 @@ LINES: list[tuple[int, str, list[str]]] = [
     (7, "numerics: {dt: small}", ["line 7", "numerics.dt", "small is not known here"]),
     (7, "numerics: {dT: 1e-3}", ["line 7", "numerics.dT", "did you mean dt?"]),
     (7, "numerics: {method: euler}", ["line 7", "numerics.method", "Allowed: rk4"]),
+    (7, "numerics: {method: stabilised}", ["line 7", "linear in the state", "Allowed: rk4."]),
+    (7, "numerics: {method: semi_implicit}", ["line 7", "toy does not have", "Allowed: rk4."]),
     (7, "numerics: {precision: float16}", ["line 7", "numerics.precision", "Allowed: float64, float32"]),
     (7, "numerics: {event_tolerance: 1}", ["line 7", "numerics.event_tolerance is 1 s", "below numerics.dt"]),
     (7, "numerics: 3", ["line 7", "numerics is 3", "Allowed: dt, method"]),
@@ -489,6 +492,36 @@ MODELS = [
         "    def __post_init__(self):\n        raise ValueError('N must be even')\n",
         ["structure is refused by", "N must be even"],
     ),
+    (
+        "import toy_model\nclass Own(toy_model.Toy):\n"
+        "    def flow(self, params, state):\n        return {'hieght': state.speed}\n",
+        ["its function flow gives a rate of hieght", "did you mean height?"],
+    ),
+    (
+        "import toy_model\nclass Own(toy_model.Toy):\n"
+        "    def guards(self, params, state):\n        return -state.height[0]\n",
+        ["its function guards gives ()", "(n,)"],
+    ),
+    (
+        "import toy_model\nclass Own(toy_model.Toy):\n"
+        "    def failed(self, params, state):\n        return bool(state.height[0] > 2)\n",
+        ["its function failed raises TracerBoolConversionError", "Use jnp.where in place of if"],
+    ),
+    (
+        "import toy_model\nclass Own(toy_model.Toy):\n"
+        "    def observe(self, params, state):\n        return {'launch': state.launch[0]}\n",
+        ["its function observe does not give launch_1", "it gives launch."],
+    ),
+    (
+        "import dataclasses\nimport toy_model\n"
+        "class Own(toy_model.Toy):\n    def jump(self, params, state, fired):\n"
+        "        return dataclasses.replace(state, bounces=state.bounces.sum())\n",
+        ["its function jump gives bounces the shape (), but init gives it (1,)."],
+    ),
+    (
+        "import toy_model\nclass Own(toy_model.Toy):\n    __hash__ = None\n",
+        ["cannot be hashed", "frozen dataclass"],
+    ),
 ]
 
 
@@ -507,6 +540,21 @@ def test_a_namesake_is_not_simulated_instead(tmp_path: Path) -> None:
     written(tmp_path, "x = 1", "toy_model.py")
     message = refused(written(tmp_path, GOOD))
     assert "line 2: model is toy_model:Toy, but a module toy_model is loaded from" in message
+
+
+def test_a_model_that_was_edited_is_loaded_anew(tmp_path: Path) -> None:
+    """A notebook's next cell runs what the file says now, and hears of it where that is wrong."""
+    source = "import toy_model\nclass Own(toy_model.Toy):\n    name = 'before'\n"
+    written(tmp_path, source, "own_edited.py")
+    path = written(tmp_path, "name: a\nmodel: own_edited:Own\nrun: {kind: settle}\n")
+    first = load_job(path).plan.model
+    assert (first.name, load_job(path).plan.model) == ("before", first)
+    written(tmp_path, source.replace("before", "afterwards"), "own_edited.py")
+    assert load_job(path).plan.model.name == "afterwards"
+    written(tmp_path, "class Own(", "own_edited.py")
+    for _ in range(2):
+        with pytest.raises(JobError, match="own_edited does not import: SyntaxError"):
+            load_job(path)
 
 
 def test_several_things_at_once(tmp_path: Path) -> None:

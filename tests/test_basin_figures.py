@@ -38,6 +38,20 @@ def test_measures_over_panels() -> None:
     np.testing.assert_allclose(entropies.lines[0].get_xdata(), [2.0, 3.0, 4.5])
 
 
+def test_many_panels_are_told_apart_by_a_bar() -> None:
+    def gait(x: np.ndarray, y: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return (x + np.sin(y) > p).astype(int)
+
+    many = grid_table((40, 40), gait, panels=list(np.linspace(2.0, 4.0, 8)))
+    figure = draw("basin_measures", many, panels="p")
+    rendered(figure)
+    uncertain = figure.axes[2]
+    assert uncertain.get_legend() is None
+    (bar,) = uncertain.child_axes
+    assert [text.get_text() for text in bar.get_xticklabels()] == ["$p$ = 2", "$p$ = 4"]
+    assert "slopes" in uncertain.texts[0].get_text()
+
+
 def test_measures_of_attractors() -> None:
     """Grouped and followed from the settled states: the same shares as the labels'."""
     rendered(draw("basin_measures", table(), hue="attractor", panels="p"))

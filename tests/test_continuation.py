@@ -133,10 +133,13 @@ def test_with_a_condition() -> None:
 
 
 def test_a_start_without_a_fixed_point() -> None:
-    table = continuation(FOLD, FOLD.points([[0.5], [0.5]]), {}, parameter="r", within=(0.1, 1.0))
-    failing = continuation(FOLD, FOLD.points([[0.0]]), {}, parameter="r", within=(0.1, 1.0))
-    assert failing["end"].tolist() == ["singular"]
-    assert set(table["row"]) == {0, 1}
+    """Branches that begin at the fold itself, or where r < 0 leaves none, say so; one beside them goes on."""
+    starts, begin = FOLD.points([[0.0], [0.7], [0.5]]), np.array([0.0, -0.2, 0.1])
+    table = continuation(FOLD, starts, {}, parameter="r", within=(-0.2, 1.0), begin=begin)
+    ends = table.groupby("row")["end"].agg("last").tolist()
+    assert ends == ["singular", "not_converged", "range"]
+    assert table["row"].value_counts()[[0, 1]].tolist() == [1, 1]
+    assert table.loc[table["row"] < 2, "stable"].isna().all()
     with pytest.raises(ValueError, match="two numbers that differ"):
         continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(1.0, 1.0))
 
@@ -159,3 +162,8 @@ def test_figure_of_branches() -> None:
         CUSP, CUSP.points([[-1.3]] * 2), {"a": a}, parameter="r", within=(-2.0, 2.0), begin=-1.0
     )
     assert len(draw(many, x="r", y="x", hue="a").axes) == 2  # the second is the colour bar
+    named = many.assign(gait=np.where(many["a"] == 1.0, "walk", "trot"))
+    figure = draw(named, x="r", y="x", hue="gait")
+    assert {"walk", "trot"} <= {text.get_text() for text in figure.legends[0].get_texts()}
+    shown = {to_hex(line.get_color()) for line in figure.axes[0].get_lines() if line.get_marker() == "None"}
+    assert len(shown) == 2

@@ -39,6 +39,7 @@ def test_table_of_branches(tmp_path: Path) -> None:
         np.testing.assert_allclose(branch["multiplier_re"], r, atol=1e-8)
         assert branch["end"].tolist()[-1] == "range"
         assert set(branch["status"]) == {"complete"}
+    assert table["gait"].dtype == "category"
     assert (tmp_path / "figures" / "continuation.png").exists()
 
 

@@ -157,24 +157,6 @@ def test_unlike_ends_leave_one_gait() -> None:
         assert np.abs(wrapped(run.last[mine, :3] - np.asarray(end))).max() < 1e-4
 
 
-@settings(max_examples=60)
-@given(
-    st.sampled_from([3, 4, 8]),
-    *(st.floats(*ends) for ends in ((0.05, 0.95), (5.0, 300.0), (0.2, 3.0), (0.1, 1.5), (0.1, 1.2))),
-)
-def test_conditions_of_uniform_chains_are_the_papers(
-    N: int, beta: float, kappa: float, m: float, share: float, a: float
-) -> None:
-    """m/2 < m_B < m, and m_B g/kappa < a < L: by the load and the phase of each leg in takeoff."""
-    edges = (share - 0.5, share - 1.0, share * m * 9.8 / (kappa * a) - 1.0, a - 1.0)
-    if min(map(abs, edges)) < 1e-9:
-        return  # on an edge rounding decides
-    chain = Chain(beta, kappa, m, share * m, share * m, a)
-    expected = 0.5 < share < 1.0 and share * m * 9.8 / kappa < a < 1.0
-    for wave in wave_conditions(N, chain):
-        assert bool(wave.hold) == expected, wave
-
-
 def test_springs_of_the_theory_are_the_models() -> None:
     for model in (Multilegged(5), MultileggedReduced(5)):
         params = scalars(model, **{name: float(each[0]) for name, each in params_of(UNLIKE).items()})

@@ -39,3 +39,21 @@ def test_drift_law_of_a_table_without_unequal_ends_says_so() -> None:
     assert "no row with unequal ends" in figure.axes[0].texts[0].get_text()
     with pytest.raises(plot.PlotError, match="m_end"):
         plot.drift_law(table().drop(columns="m_end"))
+
+
+def test_drift_law_of_any_ends_is_drawn_over_the_drift() -> None:
+    """Springs and amplitudes in one table: 0.9 b (10/9 - 1) for the softer spring, by hand."""
+    ends = pd.DataFrame(
+        {"kappa_1": [90.0, 100.0, 100.0], "kappa_end": 100.0, "a_1": 0.4, "a_end": [0.4, 0.48, 0.4]}
+    )
+    rows = ends.assign(gait="direct", cycles=[800, 500, 60], status="settled")
+    rows = rows.assign(**{f"psi_{i}_end": 0.0 for i in (1, 2, 3)})
+    (axes,) = plot.draw("drift_law", rows, of="ends").axes
+    (law,) = axes.get_lines()
+    b = 0.2 * np.pi * 9.8 / (100.0 * 0.4)
+    drifts = [0.9 * b / 9.0, 0.9 * b / 6.0]  # equal ends are left out
+    assert np.asarray(law.get_xdata(), float) == pytest.approx(drifts, abs=1e-8)
+    with pytest.raises(plot.PlotError, match="no column of an end"):
+        plot.drift_law(rows.drop(columns=["kappa_1", "a_end"]), of="ends")
+    with pytest.raises(plot.PlotError, match="one of m, kappa, a, ends"):
+        plot.drift_law(rows, of="springs")

@@ -37,6 +37,7 @@ def test_shares_stand_beside_the_conditions() -> None:
     ]  # fmt: skip
     for name in ("conditions", "direct_hold", "retrograde_hold"):
         assert shares[name].tolist() == [False, True, False]
+    assert shares["source_hold"].tolist() == [False, True, True]  # above m it is left, for N = 3
     # Wilson's interval of 2 in 4 by hand, z = 1.96: 0.5 -+ 0.35
     assert shares["source_low"][1] == pytest.approx(0.15, abs=1e-3)
     assert shares["source_high"][1] == pytest.approx(0.85, abs=1e-3)
@@ -72,3 +73,19 @@ def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
     assert np.asarray(across[-1].get_ydata())[0] == pytest.approx(9.8 / 0.4)
     with pytest.raises(plot.PlotError, match="m_b"):
         plot.draw("gait_shares", some, x="m_b")
+
+
+def test_a_map_of_scattered_sets_shows_the_nearest_one() -> None:
+    sets = np.random.default_rng(2).uniform([0.3, 20.0], [1.2, 200.0], (60, 2))
+    gait = np.where(sets[:, 0] < 0.6, "direct", "source")
+    rows = pd.DataFrame({"m_B": sets[:, 0], "kappa": sets[:, 1], "psi_1": 0.0, "gait": gait})
+    rows = rows.assign(status="settled", **{f"psi_{i}_end": 0.0 for i in (1, 2, 3)})
+    direct, *_ = plot.draw("gait_shares", rows, x="m_B", y="kappa").axes
+    mesh = direct.collections[0]
+    corners = np.asarray(mesh.get_coordinates())
+    for (m_B, kappa), name in zip(sets, gait, strict=True):
+        column = min(np.searchsorted(corners[0, :, 0], m_B) - 1, 239)
+        row = min(np.searchsorted(corners[:, 0, 1], kappa) - 1, 239)
+        # a place is a 240th of the map; of 60 sets none has another so near
+        shown = np.asarray(mesh.get_array()).reshape(240, 240)[max(row, 0), max(column, 0)]
+        assert shown == (name == "direct")

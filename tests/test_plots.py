@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import plot
@@ -40,6 +41,25 @@ def test_basin_names_axes_panels_and_shares() -> None:
     cells = figure.axes[0].collections[0].get_facecolor().reshape(4, 4, 4)
     assert (cells[:, 0] == to_rgba(COLOURS["direct"])).all()
     assert (cells[:, 1:3] == to_rgba(COLOURS["retrograde"])).all()
+
+
+def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_called() -> None:
+    """A model's own gaits have no colour of their own, and come in another order in each panel."""
+    table = settle_table()
+    names = {"direct": "hop", "source": "skip", "retrograde": "jump"}
+    table["gait"] = table["gait"].cat.rename_categories(names)
+    table = table[(table["psi_3"] > 2.0) | (table["psi_1"] > TURN / 2)]  # the first panel begins with a jump
+    figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
+    rendered(figure)
+    key = {text.split()[0]: patch.get_facecolor() for text, patch in _key(figure)}
+    first, second = (axes.collections[0].get_facecolor().reshape(4, -1, 4) for axes in figure.axes[:2])
+    assert tuple(first[0, 0]) == tuple(second[0, 2]) == key["jump"]
+    assert tuple(second[0, 0]) == key["hop"]
+    assert tuple(first[0, 1]) == tuple(second[0, 3]) == key["skip"]
+
+
+def _key(figure: Figure) -> list[tuple[str, Patch]]:
+    return list(zip(texts(figure), figure.legends[0].get_patches(), strict=True))
 
 
 def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None:

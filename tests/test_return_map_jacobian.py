@@ -160,6 +160,16 @@ def test_jacobian_of_the_chain(chain: ReturnMap, settled: Points) -> None:
     np.testing.assert_allclose(found.slope, chain.apart(*ends) / (2.0 * step), rtol=0, atol=2e-6)
 
 
+def test_images_without_derivatives_are_the_same(chain: ReturnMap, settled: Points) -> None:
+    """Through a kernel of their own, in any number; how they were filled up does not matter."""
+    found, images = chain.linearised(settled, {}), chain.images(settled, {})
+    np.testing.assert_allclose(images.points.at, found.points.at, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(images.kept_jacobian, found.kept_jacobian)
+    assert np.isnan(images.jacobian).all()
+    one = chain.images(settled[np.array([1])], {})
+    np.testing.assert_array_equal(one.points.at[0], images.points.at[1])
+
+
 def test_place_and_read_are_each_others_inverse(chain: ReturnMap, settled: Points) -> None:
     chart, params = chain.chart, scalars(Multilegged())
     for k in range(len(settled)):

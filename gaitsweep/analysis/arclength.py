@@ -3,6 +3,10 @@
 The unknowns of each branch are a point's coordinates, the drifts of what is held, and the parameter. A branch
 is followed by its arclength, so that it goes around folds, where the parameter turns back (Keller 1977).
 Coordinates count by their sizes at the branch's start, the parameter by the width of its range.
+
+A derivative costs as much as the images of as many points as there are coordinates. So a step is corrected by
+images: with the derivative where it began, brought up to date by what they tell (Broyden 1965, Math. Comp.
+19:577); and it is differentiated once, where it ends.
 """
 
 from __future__ import annotations
@@ -12,11 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaitsweep.analysis.newton import Conditions, matrices, residuals, sizes
+from gaitsweep.analysis.held import Conditions
+from gaitsweep.analysis.newton import matrices, norms, residuals, sizes
 from gaitsweep.engine.maps import Images, Map, Points
 
 # Corrections of one step, beyond which it is tried again with half its length.
-MOST_CORRECTIONS = 8
+MOST_CORRECTIONS = 12
 # By how much a correction may raise what is left to correct before the step is given up.
 PATIENCE = 5.0
 # Of its size, by which a coordinate may not be fixed.
@@ -113,61 +118,66 @@ class Track:
         """Places a `length` (n,) farther on along their branches, and whether they were found (n,)."""
         goal = length[:, None] * places.tangent
         normal = self.weights * places.tangent
-        return self._corrected(places, goal, normal, np.sum(normal * goal, axis=1))
+        return self._found(places, goal, normal, np.sum(normal * goal, axis=1))
 
     def at(self, places: Places, parameter: np.ndarray) -> tuple[Places, np.ndarray]:
         """Places of the branches near these where the parameter has a value (n,), and whether found (n,)."""
         share = (parameter - places.parameter) / places.tangent[:, -1]
         normal = np.zeros_like(self.weights)
         normal[:, -1] = 1.0
-        return self._corrected(places, share[:, None] * places.tangent, normal, parameter - places.parameter)
+        return self._found(places, share[:, None] * places.tangent, normal, parameter - places.parameter)
+
+    def _found(
+        self, places: Places, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
+    ) -> tuple[Places, np.ndarray]:
+        """Places near `places` + `guess` (n, m) where normal . change = goal, and whether found (n,)."""
+        points, change, count = self._corrected(places, guess, normal, goal)
+        rows = np.flatnonzero(count)
+        if not rows.size:
+            return places, count > 0
+        size = points.at.shape[1]
+        track, before, change = self[rows], places[rows], change[rows]
+        parameter, drift = before.parameter + change[:, -1], before.drift + change[:, size:-1]
+        images = track.evaluated(points[rows], parameter)
+        tangent = track.tangents(images, before.tangent)
+        found = Places(points[rows], drift, parameter, tangent, images, count[rows])
+        return places.merged(rows, found), count > 0
 
     def _corrected(
         self, places: Places, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
-    ) -> tuple[Places, np.ndarray]:
-        """Newton's method from `places` + `guess` (n, m) in the plane normal . change = goal."""
+    ) -> tuple[Points, np.ndarray, np.ndarray]:
+        """The points there, how far they are (n, m), and the corrections taken (n,), 0 if not found."""
         n, size = places.points.at.shape
-        change = guess.copy()
-        found, done = places, np.zeros(n, bool)
-        going, before_it = np.ones(n, bool), np.full(n, np.inf)
+        change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
         points = Points(places.points.at + change[:, :size], places.points.like)
-        for count in range(1, MOST_CORRECTIONS + 1):
+        norm, step = np.full(n, np.inf), np.zeros_like(guess)
+        matrix = self._bordered(places.images, normal)
+        for taken in range(1, MOST_CORRECTIONS + 1):
             rows = np.flatnonzero(going)
             if not rows.size:
                 break
-            track, before = self[rows], places[rows]
-            drift = before.drift + change[rows, size:-1]
-            parameter = before.parameter + change[rows, -1]
-            images = track.evaluated(points[rows], parameter)
-            miss = residuals(self.mapping, points[rows], drift, images, track.held)
+            track, some = self[rows], points[rows]
+            parameter = places.parameter[rows] + change[rows, -1]
+            images = self.mapping.images(some, {**track.values, self.parameter: parameter})
+            drift = places.drift[rows] + change[rows, size:-1]
+            miss = residuals(self.mapping, some, drift, images, track.held)
             off = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]
-            scale = np.ones_like(miss)
-            scale[:, :size] = sizes(points.at[rows])
-            with np.errstate(invalid="ignore"):
-                norm = np.max(np.abs(miss) / scale, axis=1)
-            sound = images.sound & np.isfinite(norm) & (norm <= PATIENCE * before_it[rows])
-            before_it[rows] = norm
-            fixed = sound & (norm <= TOLERANCE) & (np.abs(off) <= 1e-9)
-            if fixed.any():
-                mine, some = rows[fixed], track[np.flatnonzero(fixed)]
-                tangent = some.tangents(images[fixed], before.tangent[fixed])
-                corrections = np.full(mine.size, count)
-                place = Places(
-                    points[mine], drift[fixed], parameter[fixed], tangent, images[fixed], corrections
-                )
-                found, done[mine], going[mine] = found.merged(mine, place), True, False
-            going[rows[~sound]] = False
-            rest = np.flatnonzero(sound & ~fixed)
+            now = norms(miss, some.at)
+            good = images.sound & np.isfinite(now) & (now <= PATIENCE * norm[rows])
+            fixed = good & (now <= TOLERANCE) & (np.abs(off) <= 1e-9)
+            count[rows[fixed]], going[rows[fixed | ~good]] = taken, False
+            norm[rows] = now
+            rest = np.flatnonzero(good & ~fixed)
             if rest.size:
-                mine, some = rows[rest], track[rest]
-                full = some._bordered(images[rest], normal[mine])
-                right = -np.concatenate([miss[rest], off[rest, None]], axis=1)
-                step = np.linalg.solve(full, right[:, :, None])[:, :, 0]
-                change[mine] += step
-                back = self.mapping.apart(points.at[mine], images.points.at[rest])
-                moved = images.points.at[rest] + back + step[:, :size]
-                points = points.merged(mine, Points(moved, images[rest].points.like))
-        return found, done
+                mine, miss = rows[rest], np.concatenate([miss, off[:, None]], axis=1)[rest]
+                if taken > 1:
+                    matrix[mine] += _told(track[rest].weights, step[mine], miss)
+                step[mine] = np.linalg.solve(matrix[mine], -miss[:, :, None])[:, :, 0]
+                change[mine] += step[mine]
+                back = self.mapping.apart(some.at[rest], images.points.at[rest])
+                moved = images.points.at[rest] + back + step[mine, :size]
+                points = points.merged(mine, Points(moved, images.points[rest].like))
+        return points, change, count
 
     def _bordered(self, images: Images, row: np.ndarray) -> np.ndarray:
         """The matrices (n, m, m) of Newton's equations over all unknowns, with a last `row` (n, m)."""
@@ -179,3 +189,14 @@ class Track:
         full[:, images.slope.shape[1] : m, m] = images.kept_slope[:, self.held.which]
         full[:, m] = row
         return full
+
+
+def _at(places: Places, change: np.ndarray) -> Points:
+    return Points(places.points.at + change[:, : places.points.at.shape[1]], places.points.like)
+
+
+def _told(weights: np.ndarray, step: np.ndarray, miss: np.ndarray) -> np.ndarray:
+    """What steps (n, m) that still miss by so much tell of their matrices, (n, m, m)."""
+    row = np.where(weights > 0.0, weights, 1.0) * step
+    row /= np.sum(row * step, axis=1)[:, None]
+    return miss[:, :, None] * row[:, None, :]

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.arclength import Places, Track
-from gaitsweep.analysis.newton import Conditions
+from gaitsweep.analysis.held import Conditions
 from gaitsweep.analysis.turning_points import multipliers_of
 from gaitsweep.engine.maps import Map
 

@@ -21,7 +21,7 @@ from gaitsweep.analysis.turning_points import (
 from gaitsweep.engine.maps import Points
 
 # Cosine of the angle by which a branch may turn in a step, and corrections that make the next step longer.
-STRAIGHT, FEW = 0.95, 3
+STRAIGHT, FEW = 0.95, 6
 LONGER, SHORTER = 1.4, 0.5
 # A branch has closed where it passes its start by less than this share of a step, after so many points.
 NEAR_HOME, AWAY = 0.75, 4
@@ -172,7 +172,8 @@ def _beyond(track: Track, here: Places, length: float) -> tuple[Places, np.ndarr
     size = here.points.at.shape[1]
     starts = Points(here.points.at + change[:, :size], here.points.like)
     fix = {track.mapping.conserved[k].name: track.held.values[:, i] for i, k in enumerate(track.held.which)}
-    found = newton(track.mapping, starts, {**track.values, track.parameter: parameter}, fix=fix)
+    values = {**track.values, track.parameter: parameter}
+    found = newton(track.mapping, starts, values, fix=fix, most=10)
     good = np.flatnonzero(found.converged)
     if not good.size:
         return here, found.converged

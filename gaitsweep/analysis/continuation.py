@@ -14,7 +14,8 @@ import pandas as pd
 from gaitsweep.analysis.arclength import Track
 from gaitsweep.analysis.branch_records import Book
 from gaitsweep.analysis.branches_on_the_way import OnTheWay, Steps
-from gaitsweep.analysis.newton import Conditions, Outcome, newton
+from gaitsweep.analysis.held import Conditions
+from gaitsweep.analysis.newton import Outcome, newton
 from gaitsweep.engine.maps import Map, Points, Values
 
 

@@ -15,8 +15,8 @@ from typing import Self
 
 import numpy as np
 
-from gaitsweep import nearmiss
-from gaitsweep.engine.maps import Images, Map, Points, Values, shorter
+from gaitsweep.analysis.held import Conditions
+from gaitsweep.engine.maps import Images, Map, Points, Values
 
 # Halvings of a step that leads to where the map is not defined, or the residual larger.
 HALVINGS = 6
@@ -42,41 +42,6 @@ class Outcome(enum.IntEnum):
         outcome = int.__new__(cls, number)
         outcome._value_, outcome.sentence = number, sentence
         return outcome
-
-
-@dataclasses.dataclass(frozen=True)
-class Conditions:
-    """The conserved quantities that are held: their places among those of a map, and their values (n, k)."""
-
-    which: tuple[int, ...]
-    values: np.ndarray
-    circular: np.ndarray
-
-    @classmethod
-    def of(cls, mapping: Map, fix: Sequence[str] | Mapping[str, object], kept: np.ndarray) -> Conditions:
-        """Those named by `fix`, at its values or, where it has none, as they are in `kept` (n, all of them).
-
-        Raises:
-            ValueError: a name that the map does not conserve.
-        """
-        names = [quantity.name for quantity in mapping.conserved]
-        for name in fix:
-            if name not in names:
-                raise ValueError(f"{name} is not conserved by this map{nearmiss.suggestion(name, names)}")
-        which = tuple(names.index(name) for name in fix)
-        values = kept[:, which].copy()
-        if isinstance(fix, Mapping):
-            for place, given in enumerate(fix.values()):
-                if given is not None:
-                    values[:, place] = np.asarray(given, np.float64)
-        return cls(which, values, np.array([mapping.conserved[k].circular for k in which], bool))
-
-    def __getitem__(self, rows: np.ndarray) -> Conditions:
-        return dataclasses.replace(self, values=self.values[rows])
-
-    def missed(self, kept: np.ndarray) -> np.ndarray:
-        """How far the quantities are from where they are held, (n, k)."""
-        return shorter(kept[:, self.which] - self.values, self.circular)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,7 +148,7 @@ class _Search:
         self.held = Conditions.of(mapping, fix, self.images.kept)
         n = len(starts)
         self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
-        self.residual = _norm(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
+        self.residual = norms(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
         self.outcome = np.where(self.images.sound, Outcome.not_converged, Outcome.left)
         self._found()
 
@@ -210,16 +175,21 @@ class _Search:
             self.outcome[rows] = np.where(alone, Outcome.converged, Outcome.singular)
 
     def _tried(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
-        """Which of these steps are taken: those that lead to a smaller residual; the last wherever it can."""
+        """Which of these steps are taken: those that lead to a smaller residual; the last wherever it can.
+
+        Images decide: a derivative costs as much as the images of as many points as there are coordinates.
+        """
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
-        images = self.mapping.linearised(trial, {name: each[rows] for name, each in self.values.items()})
-        miss = residuals(self.mapping, trial, drift, images, self.held[rows])
-        norm = _norm(miss, trial.at)
+        values = {name: each[rows] for name, each in self.values.items()}
+        images = self.mapping.images(trial, values)
+        norm = norms(residuals(self.mapping, trial, drift, images, self.held[rows]), trial.at)
         taken = images.sound & (last | (norm < PATIENCE * self.residual[rows]) | (norm <= self.tolerance))
-        done = rows[taken]
-        self.points = self.points.merged(done, trial[taken])
-        self.images = self.images.merged(done, images[taken])
-        self.drift[done], self.residual[done] = drift[taken], norm[taken]
+        kept = np.flatnonzero(taken)
+        if kept.size:
+            done, trial = rows[kept], trial[kept]
+            images = self.mapping.linearised(trial, {name: each[kept] for name, each in values.items()})
+            self.points, self.images = self.points.merged(done, trial), self.images.merged(done, images)
+            self.drift[done], self.residual[done] = drift[kept], norm[kept]
         return taken
 
 
@@ -253,7 +223,8 @@ def _moved(
     return Points(images.points.at + back + step[:, :size], images.points.like), drift + step[:, size:]
 
 
-def _norm(miss: np.ndarray, at: np.ndarray) -> np.ndarray:
+def norms(miss: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The largest share, of its size, by which a coordinate is not fixed, (n,); infinite where it is NaN."""
     scale = np.ones_like(miss)
     scale[:, : at.shape[1]] = sizes(at)
     with np.errstate(invalid="ignore"):

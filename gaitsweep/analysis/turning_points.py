@@ -11,6 +11,8 @@ from gaitsweep.analysis.floquet import multipliers
 
 # Share of its size at a step's ends to which what changes sign is brought down.
 NEAR = 1e-7
+# Share of the step to which the place is narrowed down where the map bends, and nothing goes through zero.
+NARROW = 1e-6
 MOST_TRIALS = 40
 # How fast the parameter, as a share of its range, may still change along a branch at a fold.
 FLAT = 1e-3
@@ -78,7 +80,7 @@ def located(
         other = ~same & found
         high[rows[other]], above[rows[other]] = at[other], value[other]
         below[rows[other]] *= 0.5
-        narrow = high[rows] - low[rows] < 1e-12 * length[rows]
+        narrow = high[rows] - low[rows] < NARROW * length[rows]
         going[rows] = found & (np.abs(value) > target[rows]) & ~narrow
     return best, where
 

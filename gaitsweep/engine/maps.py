@@ -15,9 +15,10 @@ import numpy as np
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.flight import Way
 
-# Points evaluated together: more are taken in turns, fewer are filled up to a power of two, so that few
-# sizes are ever compiled.
-MOST_TOGETHER = 64
+# Points evaluated together: more are taken in turns, fewer are filled up to the next of these numbers by
+# repeating the last, which costs kernels nothing; so few sizes are ever compiled.
+TOGETHER = (1, 8, 64)
+MOST_TOGETHER = TOGETHER[-1]
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 
@@ -51,9 +52,9 @@ class Images:
     """What a map makes of n points.
 
     `points` the images; `way` (n,) how each was reached, a `Way`; `observed` (n,) by name; `kept` (n, k) the
-    conserved quantities of the points themselves. Where they were asked for, the derivatives over the points'
-    coordinates and over a parameter: `jacobian` (n, size, size) and `slope` (n, size) of the images,
-    `kept_jacobian` (n, k, size) and `kept_slope` (n, k).
+    conserved quantities of the points themselves, and `kept_jacobian` (n, k, size) their derivative over the
+    points' coordinates. Where they were asked for, the other derivatives: `jacobian` (n, size, size) of the
+    images (else NaN), and over a parameter `slope` (n, size) and `kept_slope` (n, k) (else 0).
     """
 
     points: Points
@@ -126,7 +127,7 @@ class Map(abc.ABC):
         found = []
         for first in range(0, len(points), MOST_TOGETHER):
             count = min(MOST_TOGETHER, len(points) - first)
-            room = 1 << (count - 1).bit_length()
+            room = next(size for size in TOGETHER if size >= count)
             order = np.minimum(first + np.arange(room), first + count - 1)
             some = points[order]
             given = program({name: each[order] for name, each in held.items()}, some.at, some.like)
@@ -163,7 +164,8 @@ def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
             slopes, found = jax.jacfwd(moved, has_aux=True)(x)
         else:
             _, found = moved(x)
-            slopes = jnp.zeros((0, 0))
+            kept = jax.jacfwd(lambda at: mapping.kept(values, at))(at)
+            slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), kept])
         return (*found, slopes)
 
     return jax.jit(jax.vmap(one))

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from gaitsweep.job.branch_figures import Continuation, StableRanges
 from gaitsweep.job.figure_part import NAME as _NAME
 from gaitsweep.job.figure_part import TITLE as _TITLE
 from gaitsweep.job.figure_part import FigurePart as _Figure
@@ -135,24 +136,6 @@ class Branches(_Figure):
     name: Stem | None = Field(default=None, description=_NAME)
 
 
-class Continuation(_Figure):
-    """Branches of steady gaits over a parameter, stable and unstable, with their folds."""
-
-    runs: ClassVar[tuple[str, ...]] = ("continuation",)
-    column_fields: ClassVar[tuple[str, ...]] = ("hue",)
-    observable_fields: ClassVar[tuple[str, ...]] = ("y",)
-    kind: Literal["continuation"] = Field(
-        description="continuation: branches of steady gaits, and their folds"
-    )
-    y: Text = Field(description="observable of the model")
-    hue: Text | None = Field(default=None, description="column of another parameter, shown by colour")
-    intervals: dict[Text, Annotated[list[Real], Field(min_length=2, max_length=2)]] = Field(
-        default_factory=dict, description="ranges of the parameter to show beside, by name, two numbers each"
-    )
-    title: Text | None = Field(default=None, description=_TITLE)
-    name: Stem | None = Field(default=None, description=_NAME)
-
-
 class GaitMap(_Figure):
     """Which gaits are stable over two varied quantities, each from several starts."""
 
@@ -215,6 +198,7 @@ Figure = Annotated[
     | ReturnMaps
     | Branches
     | Continuation
+    | StableRanges
     | GaitMap
     | DriftLaw
     | GaitShares
@@ -237,6 +221,7 @@ FIGURES: Mapping[str, type[Part]] = MappingProxyType(
         "return_map": ReturnMaps,
         "branches": Branches,
         "continuation": Continuation,
+        "stable_ranges": StableRanges,
         "gait_map": GaitMap,
         "drift_law": DriftLaw,
         "gait_shares": GaitShares,

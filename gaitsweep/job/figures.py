@@ -35,7 +35,7 @@ def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
 def branch_columns(run: Continuation) -> list[str]:
     """What a continuation's table says of a point, beside where it is."""
     found = ["multiplier", "multiplier_re", "multiplier_im", "unstable", "stable", "special", "corrections"]
-    return ["time", *(f"drift_{name}" for name in run.fix), *found, "end", "status"]
+    return ["gait", "time", *(f"drift_{name}" for name in run.fix), *found, "end", "status"]
 
 
 def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], run: Run) -> list[Complaint]:

@@ -16,8 +16,9 @@ class DriftLaw(FigurePart):
     runs: ClassVar[tuple[str, ...]] = ("settle",)
     column_fields: ClassVar[tuple[str, ...]] = ("hue",)
     kind: Literal["drift_law"] = Field(description="drift_law: cycles until settled over unequal ends")
-    of: Annotated[Literal["m", "kappa", "a"], word("m", "kappa", "a")] = Field(
-        default="m", description="what differs between head and tail: masses, end springs or amplitudes"
+    of: Annotated[Literal["m", "kappa", "a", "ends"], word("m", "kappa", "a", "ends")] = Field(
+        default="m",
+        description="what differs between head and tail: masses, end springs, amplitudes; ends: any of these",
     )
     hue: Text = Field(default="gait", description="column of the gait")
     title: Text | None = Field(default=None, description=TITLE)

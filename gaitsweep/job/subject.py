@@ -14,6 +14,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
 from gaitsweep.job.complaints import Complaint, Path, found
 from gaitsweep.job.numbers import Refused, read_flag, read_number, read_real, read_text, read_whole
+from gaitsweep.models.conformity import fault
 
 _RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
 
@@ -135,6 +136,8 @@ def _instance(
             return None, [
                 Complaint(("model",), f"is {name}, which has a quantity named {each}, {reason}: rename it.")
             ]
+    if name not in models.names() and (wrong := fault(model)) is not None:
+        return None, [Complaint(("model",), f"is {name}, {wrong}")]
     return Subject(model, shape, parameters, starts), []
 
 

@@ -6,9 +6,11 @@ import importlib
 import importlib.machinery
 import inspect
 import sys
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 
 from gaitsweep import nearmiss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
@@ -20,6 +22,8 @@ _REGISTRY = {
     "waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped",
 }
 _OWN = "a model of your own is written package.module:attribute"
+# when the files of users' modules were written, and their sizes, as they were loaded
+_WRITTEN: weakref.WeakKeyDictionary[ModuleType, tuple[int, int]] = weakref.WeakKeyDictionary()
 
 
 class ModelError(LookupError):
@@ -49,6 +53,9 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
             f"is {name}, which is not a known model{nearmiss.suggestion(name, names())} Or {_OWN}."
         )
     module_name, _, attribute = path.partition(":")
+    if module_name.endswith(".py"):
+        written = f"{Path(module_name).stem}:{attribute}"
+        raise ModelError(f"is {name}, but a file is named without its folder and ending: write {written}.")
     if not all(part.isidentifier() for part in module_name.split(".")) or not attribute.isidentifier():
         raise ModelError(f"is {name}, which cannot be read; {_OWN}.")
     module = _import(name, module_name, [*folders, Path.cwd()] if own else [])
@@ -80,6 +87,8 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
     try:
         with _importable(folders):
             module = importlib.import_module(module_name)
+            if folders:
+                module = _as_written(module)
     except (
         Exception,
         SystemExit,
@@ -88,6 +97,19 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
             f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
         ) from error
     _refuse_namesake(name, module_name, folders)
+    return module
+
+
+def _as_written(module: ModuleType) -> ModuleType:
+    """The user's module, loaded anew where its file has changed, as it does while a notebook is open."""
+    file = getattr(module, "__file__", None)
+    if file is None or module.__name__ == "__main__":
+        return module
+    about = Path(file).stat()
+    now = (about.st_mtime_ns, about.st_size)
+    if _WRITTEN.get(module, now) != now:
+        module = importlib.reload(module)
+    _WRITTEN[module] = now
     return module
 
 

@@ -51,7 +51,7 @@ PARAMETERS = (
     _positive("m", "kg", "mass of each inner leg's segment", 1.0, "m", _TABLE_1),
     _positive("m_B", "kg", "mass of both end segments", 0.9, "m_B", _TABLE_1),
     _positive("m_1", "kg", "mass of the head's segment", "m_B", "m_1", _EQ_31),
-    _positive("m_end", "kg", "mass of the tail's segment, m_{N+1}", "m_B", "m_{N+1}", _EQ_32),
+    _positive("m_end", "kg", "mass of the tail's segment", "m_B", "m_{N+1}", _EQ_32),
     _positive("a", "m", "amplitude of the leg's shortening", 0.4, "a", _TABLE_1),
     _positive("a_1", "m", "amplitude of the first leg's shortening", "a", "a_1", _EQ_31),
     _positive("a_end", "m", "amplitude of the last leg's shortening", "a", "a_{N+1}", _EQ_32),

@@ -29,6 +29,7 @@ from gaitsweep.plot.return_map import return_map
 from gaitsweep.plot.shock import shock
 from gaitsweep.plot.solution_set import solution_set
 from gaitsweep.plot.speed_gaits import speed_gaits
+from gaitsweep.plot.stable_ranges import stable_ranges
 
 __all__ = [
     "KINDS",
@@ -52,6 +53,7 @@ __all__ = [
     "shock",
     "solution_set",
     "speed_gaits",
+    "stable_ranges",
 ]
 
 KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
@@ -64,6 +66,7 @@ KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
         "return_map": return_map,
         "branches": branches,
         "continuation": continuation,
+        "stable_ranges": stable_ranges,
         "gait_map": gait_map,
         "drift_law": drift_law,
         "gait_shares": gait_shares,

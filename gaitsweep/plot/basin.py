@@ -30,6 +30,8 @@ from gaitsweep.plot.columns import (
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
 
+_Looks = tuple[dict[str, str], dict[str, str]]  # colour and marker of each outcome, the same in all panels
+
 
 def basin(
     table: pd.DataFrame,
@@ -73,10 +75,11 @@ def basin(
         parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
         shown = outcome(table, hue)
         names = categories(table, hue, shown)
+        looks = style.colours(names), style.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
         for axes, value, part in zip(grid, values, parts, strict=False):
-            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits)
+            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits, looks)
             image = drawn or image
             if panels:
                 axes.set_title(written(table, panels, value))
@@ -87,7 +90,9 @@ def basin(
             figure.colorbar(image, ax=list(grid), label=axis_label(table, hue), shrink=0.8)
             names = [name for name in names if name in (NOT_SETTLED, FAILED)]
         if names:
-            _legend(figure, [shown.loc[part.index] for part in parts], names, symbol(table, panels or hue))
+            _legend(
+                figure, [shown.loc[part.index] for part in parts], names, looks, symbol(table, panels or hue)
+            )
     return figure
 
 
@@ -105,7 +110,16 @@ def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns:
             axes.set_aspect("equal")
 
 
-def _cells(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.Series, limits: tuple | None):
+def _cells(
+    axes: Axes,
+    part: pd.DataFrame,
+    x: str,
+    y: str,
+    hue: str,
+    shown: pd.Series,
+    limits: tuple | None,
+    looks: _Looks,
+):
     """Draw one panel; returns what a colour scale is read from, for a numeric hue."""
     part = rows_where(part, part[x].notna() & part[y].notna())
     if not len(part):
@@ -115,7 +129,7 @@ def _cells(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.S
     regular = on_grid(across) and on_grid(up) and len(part) >= 0.02 * len(across) * len(up)
     shown = shown.loc[part.index]
     if not regular:
-        return _points(axes, part, x, y, hue, shown, limits)
+        return _points(axes, part, x, y, hue, shown, limits, looks)
     if part.duplicated([x, y]).any():
         raise PlotError(
             f"Several rows have the same {x} and {y}: another quantity varies too. Name it as `panels`, or "
@@ -128,14 +142,22 @@ def _cells(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.S
         cells = np.full((len(up), len(across)), np.nan)
         cells[at] = part[hue].where(~shown.isin([FAILED]))
         return axes.pcolormesh(*edges, cells, cmap="viridis", vmin=limits[0], vmax=limits[1], rasterized=True)
-    colour = style.colours(shown.unique())
     cells = np.zeros((len(up), len(across), 4))
-    cells[at] = np.array([to_rgba(colour[name]) for name in shown])
+    cells[at] = np.array([to_rgba(looks[0][name]) for name in shown])
     axes.pcolormesh(*edges, cells, rasterized=True)
     return None
 
 
-def _points(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.Series, limits: tuple | None):
+def _points(
+    axes: Axes,
+    part: pd.DataFrame,
+    x: str,
+    y: str,
+    hue: str,
+    shown: pd.Series,
+    limits: tuple | None,
+    looks: _Looks,
+):
     """Starts that lie on no grid, one point each."""
     size = float(np.clip(4e3 / len(part), 2.0, 30.0))
     if limits is not None:
@@ -143,16 +165,16 @@ def _points(axes: Axes, part: pd.DataFrame, x: str, y: str, hue: str, shown: pd.
         return axes.scatter(
             part[x], part[y], c=colour, s=size, cmap="viridis", vmin=limits[0], vmax=limits[1]
         )
-    palette, marker = style.colours(shown.unique()), style.markers(shown.unique())
+    palette, marker = looks
     for name in shown.unique():
         mine = rows_where(part, shown == name)
         axes.scatter(mine[x], mine[y], c=palette[name], marker=marker[name], s=size, linewidths=0.6)
     return None
 
 
-def _legend(figure: Figure, parts: list[pd.Series], names: list[str], panels: str) -> None:
+def _legend(figure: Figure, parts: list[pd.Series], names: list[str], looks: _Looks, panels: str) -> None:
     """Below the panels: each outcome with its share, panel by panel where they are few."""
-    colour = style.colours(names)
+    colour, _ = looks
     apart = parts if 1 < len(parts) <= _PANELS_A_ROW else [pd.concat(parts)]
     handles = []
     for name in names:

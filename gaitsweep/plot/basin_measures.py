@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
@@ -19,7 +20,8 @@ from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 
-_MOST_NAMED = 6  # lines that a legend names
+_MOST_NAMED = 6  # lines that a legend names; of more a bar shows the shades
+_SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 
 
 def basin_measures(
@@ -121,7 +123,8 @@ def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
 
 def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
     values = list(measured.panels[panels]) if panels else [None]
-    shades = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(values)))
+    many = len(values) > _MOST_NAMED
+    shades = _SHADES(np.linspace(0.0, 1.0, len(values)))
     for number, value in enumerate(values):
         mine = _of(measured.uncertainty, panels, value)
         mine = rows_where(mine, mine["uncertain"] > 0.0)
@@ -129,8 +132,7 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         slope = f"slope {exponent:.3f}" if np.isfinite(exponent) else "no slope"
         label = f"{written(table, panels, value)}, {slope}" if panels else slope
         look = {"color": shades[number], "marker": style.SPARE_MARKERS[number % len(style.SPARE_MARKERS)]}
-        ends = number in (0, len(values) - 1)  # of many, which run from dark to light
-        named = label if ends or len(values) <= _MOST_NAMED else None
+        named = None if many else label
         axes.loglog(mine["eps"], mine["uncertain"], label=named, markersize=3.5, linewidth=0.7, **look)
     axes.set_xlabel(
         rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
@@ -140,5 +142,22 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(ScalarFormatter())
         axis.set_minor_formatter(NullFormatter())
-    if axes.get_legend_handles_labels()[0]:
+    if many and panels:
+        _shades_of(axes, table, measured.panels, panels)
+    elif axes.get_legend_handles_labels()[0]:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
+
+
+def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:
+    """A bar of the lines' shades, from the first value of the panels' column to the last, and the slopes."""
+    values = list(measured[panels])
+    bar = axes.inset_axes((0.1, -0.36, 0.8, 0.05))
+    bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_SHADES, aspect="auto", vmin=0.0, vmax=1.0)
+    bar.set_yticks([])
+    ends = (0, len(values) - 1)
+    bar.set_xticks(ends, [written(table, panels, values[end]) for end in ends])
+    bar.tick_params(length=0)
+    slopes = measured["exponent"].to_numpy(float)
+    if np.isfinite(slopes).any():
+        text = f"slopes {np.nanmin(slopes):.3f} to {np.nanmax(slopes):.3f}"
+        axes.text(0.04, 0.96, text, transform=axes.transAxes, ha="left", va="top", fontsize=7.5)

@@ -20,8 +20,8 @@ from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle
 
 _STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
-_MARKS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
-_WORDS = {
+LOOKS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
+WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
     "branch_point": "branch point",
@@ -45,7 +45,7 @@ def continuation(
         table: a continuation's table.
         y: what the map observes (delta_13).
         x: the column of the parameter; the one that the table's job moves if not given.
-        hue: column of another parameter that differs between branches, shown by colour.
+        hue: column of another parameter that differs between branches, or of the gait, shown by colour.
         intervals: by name, ranges (low, high) of x to show beside, as found in another way.
         title: text above the figure.
 
@@ -71,12 +71,24 @@ def continuation(
             _draw(axes, branch, x, name, colours.get(row))
         if is_angle(table, name):
             style.angle_ticks(axes, "y")
-        if hue is not None:
+        handles = _key(table, list(intervals or {}), hue is not None)
+        if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
-        handles = _key(table, list(intervals or {}), hue is not None)
+        elif hue is not None:
+            named = style.colours(list(dict.fromkeys(_names(table, hue).values())))
+            handles = [Line2D([], [], color=named[name], lw=1.4, label=name) for name in named] + handles
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
+
+
+def _numbers(table: pd.DataFrame, hue: str) -> bool:
+    return bool(pd.api.types.is_numeric_dtype(table[hue]))
+
+
+def _names(table: pd.DataFrame, hue: str) -> dict[Any, str]:
+    """What each row is for the most part."""
+    return {row: str(branch[hue].astype(str).mode().iloc[0]) for row, branch in table.groupby("row")}
 
 
 def _span(table: pd.DataFrame, hue: str) -> Normalize:
@@ -86,9 +98,13 @@ def _span(table: pd.DataFrame, hue: str) -> Normalize:
 
 
 def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
-    """A colour for each row, where colour shows another parameter."""
+    """A colour for each row, where colour shows another parameter or the gait."""
     if hue is None:
         return {}
+    if not _numbers(table, hue):
+        names = _names(table, hue)
+        named = style.colours(list(dict.fromkeys(names.values())))
+        return {row: named[name] for row, name in names.items()}
     shades, span = mpl.colormaps["viridis"], _span(table, hue)
     return {row: shades(span(float(branch[hue].iloc[0]))) for row, branch in table.groupby("row")}
 
@@ -101,7 +117,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
     # a piece between two points is as stable as its end that is no turning point
-    plain = ~np.isin(special, list(_MARKS))
+    plain = ~np.isin(special, list(LOOKS))
     pieces = [
         "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
         for k in range(len(at) - 1)
@@ -116,7 +132,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
             look |= {"color": colour or (_STABLE if kind else _UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
         axes.plot(at[start : end + 1], value[start : end + 1], **look)
         start = end
-    for kind, mark in _MARKS.items():
+    for kind, mark in LOOKS.items():
         here = special == kind
         axes.plot(at[here], value[here], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
@@ -135,8 +151,8 @@ def _key(table: pd.DataFrame, beside: list[str], coloured: bool) -> list[Line2D 
             Line2D([], [], color="#555555", lw=0.8, ls=":", label="over a bend or jump of the map")
         )
     handles += [
-        Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=_WORDS.get(kind, kind))
-        for kind, mark in _MARKS.items()
+        Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=WORDS.get(kind, kind))
+        for kind, mark in LOOKS.items()
         if kind in special
     ]
     handles += [Patch(color=_BESIDE, label=name) for name in beside]

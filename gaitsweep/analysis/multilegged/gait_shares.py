@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.basin_fractions import fractions
 from gaitsweep.analysis.multilegged.chain import Chain
 from gaitsweep.analysis.multilegged.chain_of_table import chains_of, parameters_of
-from gaitsweep.analysis.multilegged.conditions import wave_conditions
+from gaitsweep.analysis.multilegged.conditions import source_conditions, wave_conditions
 from gaitsweep.analysis.proportions import LEVEL, wilson
 from gaitsweep.analysis.records import axes_of
 
@@ -31,8 +33,8 @@ def gait_shares(
     Returns:
         A row for each set: the parameters; for each gait its share, NAME_low and NAME_high; `elsewhere`, the
         share of starts in none of them; `conditions`: whether the paper's m/2 < m_B < m (of the end that
-        touches by more) and m g/kappa < a < L hold; `direct_hold`, `retrograde_hold`: whether all conditions
-        of `wave_conditions` do.
+        touches by more) and m g/kappa < a < L hold; `direct_hold`, `source_hold`, `retrograde_hold`: whether
+        the wave is a motion of the chain (`existence`).
 
     Raises:
         AnalysisError: a column is not there, or the job's parameters cannot be read.
@@ -64,21 +66,40 @@ def _none_of(starts: int, level: float) -> float:
     return float(wilson(np.zeros(1), np.array([starts]), level)[1][0])
 
 
+def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
+    """Whether each gait is a motion of the chain, as `wave_conditions` and `source_conditions` say.
+
+    Args:
+        N: springs, 3 at least.
+        chains: n sets of parameters, fields (n,).
+        L: longest leg length, m, (n,).
+
+    Returns:
+        (n,) bool for each of GAITS; for the source wave, of any boundary leg.
+    """
+    return {gait: np.asarray(each) for gait, each in zip(GAITS, _hold(N, chains, L), strict=True)}
+
+
+@partial(jax.jit, static_argnums=0)
+def _hold(N: int, chains: Chain, L: np.ndarray) -> tuple[jax.Array, ...]:
+    def one(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
+        direct, retrograde = wave_conditions(N, chain, longest)
+        sources = [source_conditions(N, chain, k, longest).hold for k in range(3, N + 1)]
+        return direct.hold, jnp.any(jnp.stack(sources)), retrograde.hold
+
+    return jax.vmap(one)(chains, jnp.asarray(L))
+
+
+def springs_of(table: pd.DataFrame) -> int:
+    """N of a settle table of the chain."""
+    return sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
+
+
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray]:
     values, chains = parameters_of(table, sets), chains_of(table, sets)
-    springs = sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
     L = np.broadcast_to(values["L"], (len(sets),))
-
-    def one(chain: Chain, longest: jax.Array) -> tuple[jax.Array, jax.Array]:
-        direct, retrograde = wave_conditions(springs, chain, longest)
-        return direct.hold, retrograde.hold
-
-    direct, retrograde = jax.jit(jax.vmap(one))(chains, L)
     m_B = np.maximum(chains.m_1, chains.m_end)
     sag = np.asarray(chains.m) * chains.g / chains.kappa
     printed = (0.5 * np.asarray(chains.m) < m_B) & (m_B < chains.m) & (sag < chains.a) & (chains.a < L)
-    return {
-        "conditions": np.asarray(printed),
-        "direct_hold": np.asarray(direct),
-        "retrograde_hold": np.asarray(retrograde),
-    }
+    found = existence(springs_of(table), chains, L)
+    return {"conditions": np.asarray(printed), **{f"{gait}_hold": each for gait, each in found.items()}}

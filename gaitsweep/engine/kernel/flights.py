@@ -1,7 +1,8 @@
-"""Ways to the next crossing as a scalar kernel: each lane one state, and the derivative along one direction.
+"""Ways to the next crossing as scalar kernels: each lane one state, or a state and one direction.
 
 JAX sees a function with a derivative of its own (forward mode): all directions of a Jacobian are lanes of one
-call. The derivative is that of the same straight-line attempt, by JAX's own differentiation of it.
+call. The derivative is that of the same straight-line attempt, by JAX's own differentiation of it. Where only
+images are asked for, a kernel without derivatives is a third of the work.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class _Ends:
 @partial(jax.tree_util.register_dataclass, data_fields=["aloft", "rate"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
 class _Way:
-    """A way, and the `rate` of its numbers along one direction."""
+    """A way, and the `rate` of its numbers along one direction, or nothing."""
 
     aloft: Aloft
     rate: Any
@@ -49,9 +50,9 @@ class _Way:
 
 
 class _Lane:
-    """A flight and its derivative along one direction, as the functions that a kernel's chunk is made of.
+    """A flight, and its derivative along one direction, as the functions that a kernel's chunk is made of.
 
-    What is held are the parameters and their direction.
+    What is held are the parameters and their direction. A way without a rate has no derivative.
     """
 
     def __init__(self, flight: Flight) -> None:
@@ -63,6 +64,8 @@ class _Lane:
 
     def attempt(self, held: Any, way: _Way) -> _Way:
         (params, along), aloft = held, way.aloft
+        if not way.rate:
+            return _Way(self.flight.attempt(params, aloft), [])
 
         def moved(numbers: Any, moving: Any) -> Any:
             after = self.flight.attempt(with_numbers(params, numbers), with_numbers(aloft, moving))
@@ -91,16 +94,16 @@ class KernelFlights:
 
     def __init__(self, flight: Flight, params: Params, state: State) -> None:
         self.flight = flight
-        shapes = jax.eval_shape(self._opened, params, state)
-        held, carry = jax.eval_shape(self._still, *shapes)
-        self._chunk = chunk_of(_Lane(flight), held, carry)  # type: ignore[arg-type]
-        self._run = cpu.compiled(self._chunk, f"{flight.model.name}, way with derivative")
-        way = self._chunk.carry
+        opened = jax.eval_shape(self._opened, params, state)
+        self._shape = opened[1]
+        held, carry = jax.eval_shape(self._still, *opened)
+        self._plain = _Kernel(flight, held, carry, "way")
+        held, carry = jax.eval_shape(self._resting, *opened)
+        self._differentiated = _Kernel(flight, held, carry, "way with derivative")
         # what is read at a way's end: all of it, and the rates of the state's numbers and then of the time,
         # which come first in a carry
-        self._ends = [_slots(leaf) for leaf in jax.tree.leaves(way.aloft)]
-        self._rates = [_slots(leaf) for leaf in way.rate[: len(numbers_of(state)) + 1]]
-        self._shape = jax.eval_shape(lambda p, s: self._opened(p, s)[1], params, state)
+        self._ends = _slots(jax.tree.leaves(self._plain.way.aloft))
+        self._rates = _slots(self._differentiated.way.rate[: len(numbers_of(state)) + 1])
         self._function = jax.custom_jvp(self._value)
         self._function.defjvp(self._slope)
 
@@ -112,12 +115,16 @@ class KernelFlights:
 
     def _still(self, params: Params, aloft: Aloft) -> Any:
         """What a lane holds and carries, along no direction."""
+        return (params, []), _Way(aloft, [])
+
+    def _resting(self, params: Params, aloft: Aloft) -> Any:
+        """The same along a direction of zeros."""
         nothing = jax.tree.map(jnp.zeros_like, (numbers_of(params), numbers_of(aloft)))
         return (params, nothing[0]), _Way(aloft, nothing[1])
 
     def _value(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         held, carry = self._still(*self._opened(params, state))
-        flown = self._fly(vector((held, carry)), self._ends)
+        flown = self._fly(self._plain, vector((held, carry)), self._ends)
         aloft, at = [], 0
         for leaf in jax.tree.leaves(self._shape):
             size = int(np.prod(leaf.shape))
@@ -140,7 +147,7 @@ class KernelFlights:
             return numbers_of(aloft), aloft
 
         _, rate, aloft = jax.jvp(begun, (numbers_of(params), numbers_of(state)), (along, rate), has_aux=True)
-        flown = self._fly(vector(((params, along), _Way(aloft, rate))), self._rates)
+        flown = self._fly(self._differentiated, vector(((params, along), _Way(aloft, rate))), self._rates)
         pieces, at = [], 0
         for leaf in (*numbers_of(state), jnp.zeros(())):
             size = int(np.prod(jnp.shape(leaf)))
@@ -150,15 +157,23 @@ class KernelFlights:
         *numbers, t = pieces
         return value, (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
-    def _fly(self, slots: jax.Array, wanted: list[np.ndarray]) -> jax.Array:
-        """The wanted slots (n,) of a lane when its way has ended, from those that it begins with."""
-        read = np.concatenate(wanted)
+    def _fly(self, kernel: _Kernel, slots: jax.Array, read: np.ndarray) -> jax.Array:
+        """What stands in the slots `read` (n,) of a lane when its way has ended, from where it begins."""
         result = jax.ShapeDtypeStruct((read.size,), jnp.float64)
-        return jax.pure_callback(partial(self._flown, read), result, slots, vmap_method="legacy_vectorized")
+        return jax.pure_callback(partial(kernel, read), result, slots, vmap_method="legacy_vectorized")
 
-    def _flown(self, read: np.ndarray, slots: Any) -> np.ndarray:
+
+class _Kernel:
+    """Ways compiled for the CPU's cores, from what lanes hold and carry."""
+
+    def __init__(self, flight: Flight, held: Any, carry: Any, title: str) -> None:
+        self._chunk = chunk_of(_Lane(flight), held, carry)  # type: ignore[arg-type]
+        self._run = cpu.compiled(self._chunk, f"{flight.model.name}, {title}")
+        self.way: _Way = self._chunk.carry
+
+    def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
         slots = np.asarray(slots)
-        lanes = slots.reshape(-1, slots.shape[-1])
+        lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
         tiles = -(-len(lanes) // cpu.TILE)
         # the last tile is filled up with its own last lane, which costs nothing
         order = np.minimum(np.arange(tiles * cpu.TILE), len(lanes) - 1)
@@ -168,12 +183,19 @@ class KernelFlights:
         with ThreadPoolExecutor(_cores()) as pool:
             flat = room.reshape(tiles, -1)
             list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _LOOKS), range(tiles)))
-        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu.TILE, -1)[: len(lanes)]
+        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu.TILE, -1)[back]
         return found.reshape(*slots.shape[:-1], read.size)
 
 
-def _slots(leaf: Leaf) -> np.ndarray:
-    return np.arange(leaf.first, leaf.first + leaf.size)
+def _different(lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The lanes that differ, and for each (n,) which of them it is: points may have been filled up."""
+    seen: dict[bytes, int] = {}
+    back = np.array([seen.setdefault(lane.tobytes(), len(seen)) for lane in lanes])
+    return lanes[np.unique(back, return_index=True)[1]], back
+
+
+def _slots(leaves: list[Leaf]) -> np.ndarray:
+    return np.concatenate([np.arange(leaf.first, leaf.first + leaf.size) for leaf in leaves])
 
 
 def _cores() -> int:

@@ -34,8 +34,11 @@ def own_steps(name: str, model: Model) -> Steps | None:
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
     """Why a method does not suit a model in this precision, in words after the field's name, or None."""
+    linear = isinstance(model, HybridModel) and model.linear
     if METHODS[name].step is None and own_steps(name, model) is None:
-        located = ", ".join(other for other, method in METHODS.items() if method.step is not None)
+        located = ", ".join(
+            other for other, method in METHODS.items() if method.step and (linear or not method.linear_only)
+        )
         return f"is {name}, a step that {model.name} does not have. Allowed: {located}."
     if (reason := _steps_alone(name, model)) is not None:
         return reason
@@ -44,8 +47,12 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
         return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {own}."
     if not METHODS[name].linear_only:
         return None
-    general = ", ".join(other for other, method in METHODS.items() if not method.linear_only)
-    if not (isinstance(model, HybridModel) and model.linear):
+    general = ", ".join(
+        other
+        for other, method in METHODS.items()
+        if not method.linear_only and (method.step or own_steps(other, model) is not None)
+    )
+    if not linear:
         return (
             f"is {name}, which is right only where the flow between events is linear in the state, and "
             f"{model.name} does not say so of its own. Allowed: {general}."

@@ -1,0 +1,116 @@
+"""Where steady gaits are stable in a plane of two parameters, between the folds of their branches."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitsweep.analysis.stable_ranges import MARKS, edges
+from gaitsweep.analysis.stable_ranges import stable_ranges as ranges_of
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, described
+from gaitsweep.plot.continuation import LOOKS, WORDS
+
+_TOGETHER = "#009E73"  # as in a gait map of two gaits
+
+
+def stable_ranges(
+    table: pd.DataFrame, *, y: str, x: str | None = None, hue: str = "gait", title: str | None = None
+) -> Figure:
+    """The range of one parameter in which each gait is stable, over another that differs between branches.
+
+    An area for each gait, another colour where two are stable; its edges are marked by what ends the gait
+    there. An edge without a mark is where the branch was left or lost.
+
+    Args:
+        table: a continuation's table, a branch or more for each value of y.
+        y: the column of the parameter that differs between branches.
+        x: the column of the one along which they were followed; the one that the job moves if not given.
+        hue: the column of the gait.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    for name in (x, y, hue, "row", "point", "stable", "special", "end"):
+        column(table, name)
+    with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        areas = _areas(table.assign(gait=table[hue]), x, y)
+        if not areas:
+            style.message(axes, "no stable gait was found")
+            return figure
+        _draw(axes, areas)
+        figure.legend(handles=_key(areas), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
+    """The ranges of each gait that has a name, with the value `up` of y, in its order."""
+    up = dict(zip(table["row"], table[y], strict=True))
+    found = {}
+    for name in dict.fromkeys(ranges_of(table, x)["gait"]):
+        if name != "none":
+            area = edges(table, x, name)
+            found[name] = area.assign(up=[up[row] for row in area["row"]]).sort_values("up", kind="stable")
+    return found
+
+
+def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
+    colour = style.colours(list(areas))
+    for name, area in areas.items():
+        low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
+        axes.fill_betweenx(up, low, high, color=colour[name], alpha=0.3, lw=0)
+    for low, high, up in _overlaps(areas):
+        axes.fill_betweenx(up, low, high, color="white", lw=0)
+        axes.fill_betweenx(up, low, high, color=_TOGETHER, alpha=0.45, lw=0)
+    for name, area in areas.items():
+        for side in ("low", "high"):
+            at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
+            by = area[f"{side}_by"].to_numpy(str)
+            lost = by != "range"
+            axes.plot(np.where(lost, at, np.nan), up, color=colour[name], lw=1.2, zorder=3)
+            for mark in MARKS:
+                here = by == mark
+                look: dict[str, Any] = {"ms": 4.5, "color": colour[name], "mfc": "white", "zorder": 4}
+                axes.plot(at[here], up[here], LOOKS[mark], **look)
+
+
+def _overlaps(areas: dict[str, pd.DataFrame]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For each two gaits: low, high and up (n,) of where both are stable, NaN where they are not."""
+    names, found = list(areas), []
+    for number, one in enumerate(names):
+        for other in names[number + 1 :]:
+            both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
+            low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
+            high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
+            apart, up = high <= low, both["up"].to_numpy(float)
+            if not apart.all():
+                found.append((np.where(apart, np.nan, low), np.where(apart, np.nan, high), up))
+    return found
+
+
+def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
+    colour = style.colours(list(areas))
+    handles: list[Line2D | Patch] = [
+        Patch(facecolor=colour[name], alpha=0.3, label=f"{name} stable") for name in areas
+    ]
+    if _overlaps(areas):
+        handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label="both stable"))
+    every = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
+    look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
+    handles += [
+        Line2D([], [], marker=mark, label=WORDS.get(kind, kind), **look)
+        for kind, mark in LOOKS.items()
+        if kind in every
+    ]
+    return handles
