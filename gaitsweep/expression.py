@@ -19,6 +19,7 @@ import numpy as np
 import simpleeval
 
 from gaitsweep import nearmiss
+from gaitsweep.user_error import UserError
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
@@ -59,7 +60,7 @@ _WORDS: dict[type, str] = {
 }
 
 
-class ExpressionError(ValueError):
+class ExpressionError(UserError, ValueError):
     """An expression that cannot be read or evaluated; the message is a sentence that quotes it."""
 
 

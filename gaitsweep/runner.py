@@ -31,11 +31,12 @@ from gaitsweep.plot import draw
 from gaitsweep.recording import drive_of, frame_of, recorder_of
 from gaitsweep.refinement import refine, refines
 from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
+from gaitsweep.user_error import UserError
 
 RESULTS = Path("results")
 
 
-class RunError(Exception):
+class RunError(UserError):
     """A job cannot run here; the message is a sentence that says why and what to do."""
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from IPython.core.interactiveshell import InteractiveShell
 from nbclient import NotebookClient
 from nbformat import NotebookNode
 
@@ -148,3 +149,11 @@ def test_a_notebook_runs_and_its_claims_hold(
     )
     client.execute()
     assert not list(elsewhere.iterdir())  # a notebook leaves nothing where it is started
+
+
+def test_a_users_error_is_its_sentence_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    """IPython shows what went wrong, not the way through the package."""
+    shell = InteractiveShell.instance()
+    shell.run_cell("import gaitsweep as gs\ngs.load('nowhere')")
+    shown = capsys.readouterr().out.strip().splitlines()
+    assert len(shown) == 1 and shown[0].startswith("TableError: nowhere is no result directory")

@@ -7,6 +7,7 @@ import pandas as pd
 
 from gaitsweep import nearmiss
 from gaitsweep.contract import Status
+from gaitsweep.user_error import UserError
 
 FAILURES = frozenset(
     status.name for status in (Status.fell, Status.diverged, Status.not_a_number, Status.event_stall)
@@ -17,7 +18,7 @@ BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to
 _AFTER_AXES = ("stair", "crossing", "pass", "t", "status")
 
 
-class AnalysisError(ValueError):
+class AnalysisError(UserError, ValueError):
     """A table cannot be analysed so; the message is a sentence for the user."""
 
 

@@ -14,6 +14,7 @@ from gaitsweep.engine.lane import Given, RowDrive
 from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import Device, Values
+from gaitsweep.user_error import UserError
 
 # Looks of a kernel's recorder between two returns to the host, on each kind of device. On a CPU chunks are
 # short, since a row that has ended waits for the chunk's end; on a GPU what the host does after each counts.
@@ -30,7 +31,7 @@ class Lanes(Protocol):
     def run_chunk(self, looks: int) -> Given: ...
 
 
-class EngineError(Exception):
+class EngineError(UserError):
     """The engine that a job asks for cannot run it here; the message is a sentence."""
 
 

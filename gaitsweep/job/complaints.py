@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from gaitsweep import nearmiss
+from gaitsweep.user_error import UserError
 
 Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
 
@@ -38,7 +39,7 @@ class Complaint:
         return f"{where}: {what}" if where else what
 
 
-class JobError(Exception):
+class JobError(UserError):
     """A job that cannot be run: `complaints` has all that is wrong, the message the first few."""
 
     def __init__(self, complaints: Sequence[Complaint]) -> None:

@@ -14,6 +14,7 @@ from types import ModuleType
 
 from gaitsweep import nearmiss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
+from gaitsweep.user_error import UserError
 
 _REGISTRY = {
     "multilegged": "gaitsweep.models.multilegged:Multilegged",
@@ -26,7 +27,7 @@ _OWN = "a model of your own is written package.module:attribute"
 _WRITTEN: weakref.WeakKeyDictionary[ModuleType, tuple[int, int]] = weakref.WeakKeyDictionary()
 
 
-class ModelError(LookupError):
+class ModelError(UserError, LookupError):
     """A model that cannot be had; the message is a sentence that goes on from the model's name."""
 
 

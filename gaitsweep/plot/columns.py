@@ -13,6 +13,7 @@ import pandas as pd
 from gaitsweep import nearmiss
 from gaitsweep.analysis import outcomes
 from gaitsweep.analysis.circular import is_circular
+from gaitsweep.user_error import UserError
 
 SETTLED, UNSETTLED = outcomes.SETTLED, outcomes.UNSETTLED
 NOT_SETTLED, FAILED = outcomes.NOT_SETTLED, outcomes.FAILED
@@ -23,7 +24,7 @@ _UNITS = {"t": "s", "t_end": "s", "crossing": "", "cycles": ""}
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
 
 
-class PlotError(ValueError):
+class PlotError(UserError, ValueError):
     """A figure cannot be made from this table; the message is a sentence for the user."""
 
 

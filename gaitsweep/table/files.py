@@ -11,13 +11,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+from gaitsweep.user_error import UserError
+
 PARTIAL = ".partial"  # ends the hidden name under which a file is written
 LOCK_NAME = ".lock"
 
 _NO_LOCKS_HERE = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
 
 
-class TableError(Exception):
+class TableError(UserError):
     """A result directory is refused; the message is one sentence that says what to do instead."""
 
 
