@@ -156,4 +156,5 @@ def test_a_users_error_is_its_sentence_alone(capsys: pytest.CaptureFixture[str])
     shell = InteractiveShell.instance()
     shell.run_cell("import gaitsweep as gs\ngs.load('nowhere')")
     shown = capsys.readouterr().out.strip().splitlines()
-    assert len(shown) == 1 and shown[0].startswith("TableError: nowhere is no result directory")
+    assert len(shown) == 1
+    assert shown[0].startswith("TableError: nowhere is no result directory")
