@@ -499,6 +499,11 @@ MODELS = [
     ),
     (
         "import toy_model\nclass Own(toy_model.Toy):\n"
+        "    def init(self, params, start):\n        return dict(vars(super().init(params, start)))\n",
+        ["its function init gives dict, where it gives a frozen dataclass."],
+    ),
+    (
+        "import toy_model\nclass Own(toy_model.Toy):\n"
         "    def guards(self, params, state):\n        return -state.height[0]\n",
         ["its function guards gives ()", "(n,)"],
     ),

@@ -144,6 +144,22 @@ def test_a_start_without_a_fixed_point() -> None:
         continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(1.0, 1.0))
 
 
+def test_a_branch_that_comes_to_where_the_map_has_no_derivative() -> None:
+    """It is lost there, at x = sqrt(r) = .9, and harms no branch beside it."""
+
+    def edged(values, x):
+        # the root's derivative beyond its end is 0 times infinity
+        return fold(values, x) + 0.0 * jnp.sqrt(jnp.maximum(values["edge"] - x, 0.0))
+
+    mapping = PlainMap(edged, ("x",), (("r", 0.1), ("edge", 9.0)))
+    values = {"edge": np.array([0.9, 9.0])}
+    starts = mapping.points([[0.5], [0.5]])
+    table = continuation(mapping, starts, values, parameter="r", within=(0.25, 1.5))
+    assert table.groupby("row")["end"].agg("last").tolist() == ["lost", "range"]
+    assert 0.8 < table.query("row == 0")["x"].max() <= 0.9
+    np.testing.assert_allclose(table["x"] ** 2, table["r"], atol=1e-8)
+
+
 def test_figure_of_branches() -> None:
     """Solid where stable, broken where not, one mark for the fold."""
     table = continuation(

@@ -17,6 +17,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.return_map import ReturnMap, return_map
 from gaitsweep.job import load_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
+from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.stable_ranges import stable_ranges as draw
 
 SWEEPS = Path(__file__).parent.parent / "sweeps"
@@ -44,7 +45,7 @@ def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd
     assert set(direct["end"]) == {"", "most"}
     found = edges(direct, "m_B", "direct")
     assert found["row"].tolist() == [0, 1]
-    assert set(found["low_by"]) == {"range"}
+    assert set(found["low_by"]) == {"start"}
     assert set(found["high_by"]) == {"fold"}
     beyond = found["high"].to_numpy() / [1.0, 1.02] - 1.0
     assert np.all(beyond > 0.0)
@@ -76,6 +77,32 @@ def test_figure_of_stable_ranges(direct: pd.DataFrame) -> None:
     assert np.nanmin(drawn) > 0.99
 
 
+def test_figure_where_two_gaits_are_stable() -> None:
+    """Walk up to 2 and trot from 1 on, at two values of the other parameter; no gait at all is said."""
+    branch = pd.DataFrame({"point": range(3), "stable": True, "special": "", "end": ["", "", "lost"]})
+    parts = [
+        branch.assign(row=2 * k + trot, up=0.1 * k, gait=("walk", "trot")[trot], r=trot + np.arange(3.0))
+        for k in range(2)
+        for trot in range(2)
+    ]
+    table = pd.concat(parts, ignore_index=True)
+    figure = draw(table, x="r", y="up")
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named == ["walk stable", "trot stable", "both stable"]
+    both = figure.axes[0].collections[-1].get_paths()[0].vertices
+    assert [float(both[:, 0].min()), float(both[:, 0].max())] == [1.0, 2.0]
+    more = table.query("gait == 'walk'").assign(row=lambda t: t["row"] + 4)
+    beside = draw(pd.concat([table, more.assign(r=more["r"] + 1.5)]), x="r", y="up")
+    walk = beside.axes[0].collections[0].get_paths()[0].vertices
+    assert [float(walk[:, 0].min()), float(walk[:, 0].max())] == [0.0, 3.5]
+    with pytest.raises(PlotError, match=r"walk at up = 0: stable in ranges of r that lie apart"):
+        draw(pd.concat([table, more.assign(r=more["r"] + 5.0)]), x="r", y="up")
+    with pytest.raises(PlotError, match="not of numbers"):
+        draw(table, x="r", y="gait")
+    none = draw(table.assign(stable=False), x="r", y="up")
+    assert "no stable gait" in none.axes[0].texts[0].get_text()
+
+
 def test_pieces_of_branches() -> None:
     """Stable to a fold, unstable to a corner, stable again over a kink to the end of the range."""
     table = pd.DataFrame(
@@ -92,7 +119,7 @@ def test_pieces_of_branches() -> None:
     found = stable_ranges(table, "r")
     assert found["gait"].tolist() == ["trot", "walk"]
     assert found[["low", "high"]].to_numpy().tolist() == [[0.0, 2.0], [0.5, 3.0]]
-    assert found[["low_by", "high_by"]].to_numpy().tolist() == [["range", "fold"], ["corner", "range"]]
+    assert found[["low_by", "high_by"]].to_numpy().tolist() == [["start", "fold"], ["corner", "range"]]
     assert not len(stable_ranges(table.assign(stable=False), "r"))
     with pytest.raises(AnalysisError, match="speciel"):
         stable_ranges(table.rename(columns={"special": "speciel"}), "r")

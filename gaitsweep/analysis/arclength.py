@@ -11,6 +11,7 @@ images: with the derivative where it began, brought up to date by what they tell
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Sequence
 
@@ -101,7 +102,7 @@ class Track:
         full = self._bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
         last[:, -1] = 1.0
-        tangent = np.linalg.solve(full, last[:, :, None])[:, :, 0]
+        tangent = _solved(full, last)
         return tangent / np.sqrt(np.sum(self.weights * tangent**2, axis=1))[:, None]
 
     def first(
@@ -141,7 +142,10 @@ class Track:
         images = track.evaluated(points[rows], parameter)
         tangent = track.tangents(images, before.tangent)
         found = Places(points[rows], drift, parameter, tangent, images, count[rows])
-        return places.merged(rows, found), count > 0
+        # where the map has no derivative a branch cannot go on, and others beside it can
+        count[rows[~np.isfinite(tangent).all(axis=1)]] = 0
+        on = np.flatnonzero(count[rows])
+        return places.merged(rows[on], found[on]), count > 0
 
     def _corrected(
         self, places: Places, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
@@ -172,7 +176,7 @@ class Track:
                 mine, miss = rows[rest], np.concatenate([miss, off[:, None]], axis=1)[rest]
                 if taken > 1:
                     matrix[mine] += _told(track[rest].weights, step[mine], miss)
-                step[mine] = np.linalg.solve(matrix[mine], -miss[:, :, None])[:, :, 0]
+                step[mine] = _solved(matrix[mine], -miss)
                 change[mine] += step[mine]
                 back = self.mapping.apart(some.at[rest], images.points.at[rest])
                 moved = images.points.at[rest] + back + step[mine, :size]
@@ -191,8 +195,13 @@ class Track:
         return full
 
 
-def _at(places: Places, change: np.ndarray) -> Points:
-    return Points(places.points.at + change[:, : places.points.at.shape[1]], places.points.like)
+def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The solutions (n, m) of n systems, NaN of those that have none."""
+    found = np.full_like(right, np.nan)
+    for k in np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2))):
+        with contextlib.suppress(np.linalg.LinAlgError):
+            found[k] = np.linalg.solve(matrices[k], right[k])
+    return found
 
 
 def _told(weights: np.ndarray, step: np.ndarray, miss: np.ndarray) -> np.ndarray:

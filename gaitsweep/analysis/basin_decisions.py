@@ -56,7 +56,7 @@ class Nearest:
             raise ValueError("All points of attractors have one label, but an edge lies between two.")
 
     def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
-        which = np.minimum(pair, len(self._places) - 1)
+        which = _of_each(pair, len(self._places), "attractors")
         away = self.mapping.apart(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
         nearest = np.argmin(distance, axis=1)
@@ -115,7 +115,7 @@ class Gaits:
     def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
         if cycle < self.after:
             return np.full(len(pair), UNDECIDED)
-        which = np.minimum(pair, len(next(iter(self._held.values()))) - 1)
+        which = _of_each(pair, len(next(iter(self._held.values()))), "values")
         observed = {name: images.observed[name] for name in self._read}
         label = np.asarray(self._label({name: each[which] for name, each in self._held.items()}, observed))
         gaits = self.mapping.model.gaits
@@ -134,6 +134,15 @@ class Gaits:
     def _label(self) -> Callable[..., jax.Array]:
         mapping = self.mapping
         return jax.jit(jax.vmap(lambda v, o: mapping.model.label(mapping.params(v), o)["gait"]))
+
+
+def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
+    """Where each pair's is, of what is given for all at once or for each."""
+    if given > 1 and np.max(pair) >= given:
+        raise ValueError(
+            f"{what} are given for {given} pairs, but there are more: give one for each, or for all."
+        )
+    return pair if given > 1 else np.zeros_like(pair)
 
 
 def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> Images:

@@ -84,7 +84,7 @@ def gaits_counted(found: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")
     counts = {name: (gaits == name).astype(int) for name in shown}
     if not places:
         return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
-    return pd.DataFrame(found[places].assign(**counts).groupby(places, as_index=False).sum())
+    return pd.DataFrame(found[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
 
 
 def onsets_of(

@@ -34,7 +34,7 @@ class Outcome(enum.IntEnum):
     converged = 0, "A fixed point was found."
     not_converged = 1, "The steps allowed were not enough."
     left = 2, "The search left the points whose trajectories come back to the section."
-    singular = 3, "A fixed point that is not alone was found: hold what the map conserves."
+    singular = 3, "The equations have no one solution: hold what the map conserves."
 
     sentence: str
 
@@ -127,6 +127,7 @@ def newton(
         if not rows.size:
             break
         search.step(rows)
+    search.give_up()
     return FixedPoints(
         search.points, search.drift, search.residual, search.iterations, search.outcome, search.images
     )
@@ -166,13 +167,26 @@ class _Search:
         self.outcome[rows] = Outcome.left
         self._found()
 
+    def give_up(self) -> None:
+        """Tell which searches, of those that found nothing, have equations without one solution.
+
+        So it is near a line of points that are fixed but for a drift above the tolerance.
+        """
+        rows = np.flatnonzero(self.outcome == Outcome.not_converged)
+        self.outcome[rows[~self._alone(rows)]] = Outcome.singular
+
     def _found(self) -> None:
         """Tell which searches are at a fixed point, and at one that stands alone."""
         rows = np.flatnonzero((self.outcome == Outcome.not_converged) & (self.residual <= self.tolerance))
-        if rows.size:
-            some = self.points[rows], self.drift[rows], self.images[rows], self.held[rows]
-            alone = _steps(self.mapping, *some)[1]
-            self.outcome[rows] = np.where(alone, Outcome.converged, Outcome.singular)
+        self.outcome[rows] = np.where(self._alone(rows), Outcome.converged, Outcome.singular)
+
+    def _alone(self, rows: np.ndarray) -> np.ndarray:
+        """Where the equations have one solution, for the searches `rows`."""
+        if not rows.size:
+            return np.zeros(0, bool)
+        return _steps(self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows])[
+            1
+        ]
 
     def _tried(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
         """Which of these steps are taken: those that lead to a smaller residual; the last wherever it can.
@@ -198,8 +212,7 @@ def _steps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The next step (n, size + k) of each search, and whether its equations have one solution.
 
-    Where they have not, as far from any fixed point where directions do not feel each other, the step is a
-    cycle of the map.
+    Where they have not, which also happens far from any fixed point, the step is a cycle of the map.
     """
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
     size = points.at.shape[1]

@@ -25,8 +25,9 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
 
     Returns:
         One record a piece: row, gait (the commonest on it, where the table has it), low and high (the
-        parameter's), low_by and high_by (a mark's name; kink beside a bend or jump of the map; range, most,
-        closed or lost where the branch ends; or nothing, where stability changes unmarked).
+        parameter's), low_by and high_by (a mark's name; kink beside a bend or jump of the map; start where
+        the branch begins; range, most, closed or lost where it ends; or nothing, where stability changes
+        unmarked).
 
     Raises:
         AnalysisError: a column is not there.
@@ -89,6 +90,6 @@ def _by(special: np.ndarray, end: np.ndarray, k: int) -> str:
     if end[k]:
         return str(end[k])
     if k == 0:
-        return "range"
+        return "start"
     beside = special[k : k + 2]
     return "kink" if "kink" in beside else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -52,6 +53,8 @@ def _fault(model: Model) -> str | None:
 def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
     state = _given("init", model.init, params, {quantity.name: _NUMBER for quantity in model.starts})
+    if not dataclasses.is_dataclass(state):
+        raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
     events = _events(model, params, state)
     _alike("jump", state, _given("jump", model.jump, params, state, events))
     _scalar("section", _given("section", model.section, params, state, events))

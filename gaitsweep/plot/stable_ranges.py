@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.stable_ranges import MARKS, edges
 from gaitsweep.analysis.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described
+from gaitsweep.plot.columns import PlotError, column, described
 from gaitsweep.plot.continuation import LOOKS, WORDS
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
@@ -26,21 +26,25 @@ def stable_ranges(
     """The range of one parameter in which each gait is stable, over another that differs between branches.
 
     An area for each gait, another colour where two are stable; its edges are marked by what ends the gait
-    there. An edge without a mark is where the branch was left or lost.
+    there. An edge without a mark is where the branch was left or lost, or where stability changes at a bend
+    or jump of the map or unmarked; one without a line is where branches begin, or leave their range.
 
     Args:
-        table: a continuation's table, a branch or more for each value of y.
+        table: a continuation's table. Where several branches have one gait at one value of y, the ranges in
+            which it is stable have to meet, and count as one.
         y: the column of the parameter that differs between branches.
         x: the column of the one along which they were followed; the one that the job moves if not given.
         hue: the column of the gait.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: a column is not there, y is not of numbers, or a gait's ranges at one value of y lie apart.
     """
     x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
     for name in (x, y, hue, "row", "point", "stable", "special", "end"):
         column(table, name)
+    if not pd.api.types.is_numeric_dtype(table[y]):
+        raise PlotError(f"y is {y}, which is not of numbers: the plane of two parameters has no such axis.")
     with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
@@ -61,8 +65,25 @@ def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
     for name in dict.fromkeys(ranges_of(table, x)["gait"]):
         if name != "none":
             area = edges(table, x, name)
-            found[name] = area.assign(up=[up[row] for row in area["row"]]).sort_values("up", kind="stable")
+            area = area.assign(up=[up[row] for row in area["row"]])
+            found[name] = pd.DataFrame(
+                [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
+            )
     return found
+
+
+def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
+    """The one range that the ranges of branches at one place make together."""
+    same = same.sort_values("low", kind="stable")
+    low, high = same["low"].to_numpy(float), same["high"].to_numpy(float)
+    reach = np.maximum.accumulate(high)
+    if np.any(low[1:] > reach[:-1]):
+        raise PlotError(
+            f"{what}: stable in ranges of {x} that lie apart, which are no one area. Draw fewer branches, or "
+            "the branches themselves (figures: continuation)."
+        )
+    last = same.iloc[int(np.argmax(high))]
+    return pd.Series({**same.iloc[0], "high": last["high"], "high_by": last["high_by"]})
 
 
 def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
@@ -77,7 +98,7 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
         for side in ("low", "high"):
             at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
             by = area[f"{side}_by"].to_numpy(str)
-            lost = by != "range"
+            lost = ~np.isin(by, ["start", "range"])
             axes.plot(np.where(lost, at, np.nan), up, color=colour[name], lw=1.2, zorder=3)
             for mark in MARKS:
                 here = by == mark
