@@ -173,6 +173,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
     assert abs(float(slope) - exact) < 1e-9 * exact
 
 
+@pytest.mark.slow
 def test_derivative_over_a_parameter_and_through_many_events() -> None:
     """The time of the sixth bounce over restitution and launch speed, against the closed form's slopes."""
     model = Toy()

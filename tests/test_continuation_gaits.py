@@ -36,6 +36,7 @@ def direct(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     return gs.load(gs.run(job, out=tmp_path_factory.mktemp("direct")).path)
 
 
+@pytest.mark.slow
 def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd.DataFrame) -> None:
     """The paper's condition m_B < m, of its theory for omega -> 0, is a fold of the full model's branch.
 

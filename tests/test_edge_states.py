@@ -221,6 +221,7 @@ def test_what_is_refused() -> None:
         Gaits(return_map(Landscape()), {}, after=5, only=["neer"])
 
 
+@pytest.mark.slow
 def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
     """Of starts with psi_2 = 0 the theory knows that they come to the locked state; all others leave it.
 

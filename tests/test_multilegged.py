@@ -90,6 +90,7 @@ def test_points_of_the_paper(point, gait: str, end) -> None:
     assert abs(period - 15.3609) < 2e-3
 
 
+@pytest.mark.slow
 def test_settled_states_lie_on_the_analytic_sets() -> None:
     """Random starts settle in the three gaits, within .12 rad of (16)-(20), (24), (25) (the paper: 0.11)."""
     model = Multilegged()
@@ -203,6 +204,7 @@ def test_the_start_is_the_section() -> None:
         assert abs(load.sum() - (2 * 0.9 + 2 * 1.0) * 9.8) < 1e-3
 
 
+@pytest.mark.slow
 def test_jacobian_of_a_gait_cycle_against_central_differences() -> None:
     """All of the state after one gait cycle, and its duration, over psi, x, v and y: about 33 located events.
 

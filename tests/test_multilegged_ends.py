@@ -137,6 +137,7 @@ def test_the_linear_map_knows_the_ends() -> None:
         assert np.abs(found - linear_map(3, branch, s, MATCHED, section=1)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_unlike_ends_leave_one_gait() -> None:
     """The gait of the end that resets by more; none of the three where `wave_conditions` do not hold."""
     model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE, TOO_SOFT), 24

@@ -152,6 +152,7 @@ def test_derivatives_through_located_events_are_those_of_the_theory() -> None:
         assert np.abs(np.asarray(jacobian(psi)) - linear_map(3, branch, s, section=1)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_engines_and_methods_give_the_same_ends() -> None:
     model, psi = MultileggedReduced(), starts(32)
     ends = [
@@ -191,6 +192,7 @@ def test_the_conserved_quantity_and_its_drift() -> None:
     assert expected == pytest.approx(0.15 * 0.153938, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", [Chain(m_1=0.6, m_end=0.95), Chain(m_1=0.95, m_end=0.6)])
 def test_broken_symmetry_leaves_one_gait(chain: Chain) -> None:
     model = MultileggedReduced()

@@ -36,6 +36,7 @@ class Prepared(Toy):
         return dataclasses.replace(super().params(values), kick=kick, preload=preload)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("block", "devices"), [(7, 1), (3, 1), (2, 2)])
 def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
     def found(model: Toy, recorder: type, **how: int):

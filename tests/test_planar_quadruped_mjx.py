@@ -63,6 +63,7 @@ def test_the_first_second_is_mujoco_cs(run: Any, case: str) -> None:
     assert wanted["load"].max() > 30.0
 
 
+@pytest.mark.slow
 def test_pressures_are_those_of_touch_sensors() -> None:
     """All four feet pressed in, one by one more; MuJoCo C's sensors see what MJX's contacts carry."""
     body = MjxBody(mjcf(), contact=True)

@@ -94,6 +94,7 @@ def crossings_of(chosen: str) -> np.ndarray:
     return psi.reshape(-1, 11, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "chosen", "params", "bound"),
     [

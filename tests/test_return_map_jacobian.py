@@ -124,6 +124,7 @@ def test_stages_of_a_step_are_those_of_an_attempt() -> None:
     np.testing.assert_allclose(np.asarray(after.y), np.asarray(whole.state.y), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_engines_agree() -> None:
     """Crossing, time and derivative of the chain by XLA and by the scalar kernel."""
     model = Multilegged()

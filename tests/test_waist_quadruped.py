@@ -88,6 +88,7 @@ def test_no_row_settles_while_its_start_holds_it() -> None:
     assert wrapped(result.last[0, 0] - 2.0) > 1.0
 
 
+@pytest.mark.slow
 def test_without_phase_resetting_delta_13_is_neutral() -> None:
     """Nothing then couples fore and hind limbs: each start keeps the phase difference that it was held at."""
     seen = crossings(np.array([1.8, 2.4, 3.0]), 60, params={"resetting": 0.0})
@@ -96,6 +97,7 @@ def test_without_phase_resetting_delta_13_is_neutral() -> None:
     assert wrapped(seen[:, -1, 0] - [1.8, 2.4, 3.0]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_only_the_waists_stiffness_and_damping_know_of_kappa_0_and_f() -> None:
     """kappa_0 f^2 and zeta_0 kappa_0 f alike, eq. (8): the same motion to rounding."""
     scale = np.array([1.0, 1.7])
@@ -104,6 +106,7 @@ def test_only_the_waists_stiffness_and_damping_know_of_kappa_0_and_f() -> None:
     np.testing.assert_allclose(seen[0], seen[1], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_fixed_steps_run_on_both_engines_alike() -> None:
     starts = np.array([2.2, 3.0])
     params = {"T_grow": 0.2, "T_hold": 0.3}

@@ -82,6 +82,7 @@ def near(mine: Any, theirs: Any) -> None:
     np.testing.assert_allclose(mine, theirs, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_tree_lands_as_in_mujoco() -> None:
     check(landings_of("tree"))
 
