@@ -49,6 +49,19 @@ class Status(enum.IntEnum):
 
 
 @dataclasses.dataclass(frozen=True)
+class Recommended:
+    """The numerics that a model recommends for itself; how long a step may be depends on a row's parameters.
+
+    `method` as `numerics.method` of a job names it; `rtol`, `atol` the relative and the absolute tolerance of
+    a step's error, read by methods with step control.
+    """
+
+    method: str
+    rtol: float = 1.0e-8
+    atol: float = 1.0e-10
+
+
+@dataclasses.dataclass(frozen=True)
 class Quantity:
     """A parameter, a start value, an observable or a signal: its name, unit and meaning.
 
@@ -190,6 +203,11 @@ class Model(abc.ABC):
     def period(self, params: Params) -> jax.Array:
         """A cycle's nominal duration in s; the engine's limits on time are multiples of it."""
 
+    @property
+    @abc.abstractmethod
+    def recommended(self) -> Recommended:
+        """The numerics of a job that says nothing of them."""
+
     def free_after(self, params: Params) -> jax.Array:
         """The time (s) before which something still holds the gait, so that no row can settle."""
         return 0.0 * self.period(params)
@@ -234,9 +252,17 @@ class Steps(abc.ABC):
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
         """True where the events `fired` close a cycle."""
 
+    def longest_step(self, params: Params) -> jax.Array | None:
+        """The longest step (s) that is right with these parameters; None: a job has to say `numerics.dt`."""
+        return None
+
 
 class SteppedModel(Model, Steps):
     """A model advanced by a simulator's own step."""
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("semi_implicit")
 
 
 class HybridModel(Model):
@@ -247,6 +273,21 @@ class HybridModel(Model):
     """
 
     linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields, modes held
+
+    @property
+    def recommended(self) -> Recommended:
+        """By default the adaptive pair, whose steps follow from its tolerances: right for every flow."""
+        return Recommended("tsit5")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array] | None:
+        """Rates (n,) in 1/s and damping ratios (n,) of the fastest motions, over all discrete modes.
+
+        Methods of fixed order take steps in proportion to 1 / rate (a job's `numerics.dt` is compared with
+        them). Of a linear flow no eigenvalue of its matrix, in any discrete mode, may be larger than the
+        largest rate. A damping ratio of 1 and more means a motion that does not oscillate. None where the
+        rates are not known: methods of fixed order then need `numerics.dt`.
+        """
+        return None
 
     @property
     def located(self) -> bool:

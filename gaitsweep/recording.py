@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -56,19 +55,23 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
     return Crossings(model, duration=path.duration), Moving(run.parameter, path)
 
 
-def drive_of(rows: Plan, moving: Moving) -> Callable[[Any, jax.Array], Any]:
-    """The parameters at a time; formulas that use the moving parameter follow it."""
-    moved_by = moving.parameter
-    following = rows.following(moved_by)
-    functions = functions_of(jnp)
+class Drive:
+    """The parameters at a time, `(values, t) -> params`; formulas that use the moving parameter follow it.
 
-    def drive(values: Any, t: jax.Array) -> Any:
-        moved = {**values, moved_by: moving.path.at(t)}
-        for name in following:
-            moved[name] = evaluate(rows.derived[name], moved, functions)
-        return rows.model.params(moved)
+    `times` (s): where its passes begin and end, and some between, by which the length of steps is chosen.
+    """
 
-    return drive
+    def __init__(self, rows: Plan, moving: Moving) -> None:
+        self._rows, self._moving = rows, moving
+        self._following = rows.following(moving.parameter)
+        self._functions = functions_of(jnp)
+        self.times = moving.path.times
+
+    def __call__(self, values: Any, t: jax.Array) -> Any:
+        moved = {**values, self._moving.parameter: self._moving.path.at(t)}
+        for name in self._following:
+            moved[name] = evaluate(self._rows.derived[name], moved, self._functions)
+        return self._rows.model.params(moved)
 
 
 def frame_of(job: Job, rows: Plan, moving: Moving | None, block: BlockResult) -> pd.DataFrame:

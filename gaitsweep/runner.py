@@ -19,7 +19,6 @@ import pandas as pd
 from gaitsweep import provenance
 from gaitsweep.branching import follow_branches
 from gaitsweep.contract import Model
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep import Timings, sweep
@@ -28,7 +27,7 @@ from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
 from gaitsweep.job import Job, Plan, plan
 from gaitsweep.plot import draw
-from gaitsweep.recording import drive_of, frame_of, recorder_of
+from gaitsweep.recording import Drive, frame_of, recorder_of
 from gaitsweep.refinement import refine, refines
 from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
 from gaitsweep.user_error import UserError
@@ -82,9 +81,9 @@ def prepare(job: Job) -> Prepared:
     except ValueError as error:
         raise RunError(str(error)) from error
     rows = plan(job)
-    numerics = Numerics(**job.numerics.model_dump())
+    numerics = job.integration
     recorder, moving = recorder_of(job, rows)
-    drive = None if moving is None else drive_of(rows, moving)
+    drive = None if moving is None else Drive(rows, moving)
     try:
         engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
     except EngineError as error:

@@ -21,7 +21,8 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, Rates, State, Steps
-from gaitsweep.engine.propose import METHODS, Propose, move, own_steps
+from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
+from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 
 # Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
 # crossing is ever lost and nothing has to be copied when one happens.
@@ -38,30 +39,12 @@ STEEPEST = 1e9
 # before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
 SECANT_TRIALS = 24
 PATIENT_TRIALS = 60
-
-
-@dataclasses.dataclass(frozen=True)
-class Numerics:
-    """How trajectories are integrated: step (s), method, precision, tolerance of event times (s).
-
-    `precision`: float64, float32, or mixed: all that a trajectory carries is float64, and a step's length
-    reaches the model as float32, to tell it that forces may be worked out so.
-    """
-
-    dt: float = 2.0e-3
-    method: str = "rk4"
-    precision: str = "float64"
-    event_tolerance: float = 1.0e-12
-
-    @property
-    def carried(self) -> str:
-        """The dtype of rows' values, states and times."""
-        return "float64" if self.precision == "mixed" else self.precision
-
-    @property
-    def stepped(self) -> str:
-        """The dtype of the step that a model of steps is given."""
-        return "float32" if self.precision == "mixed" else self.precision
+# Steps whose length follows from a tolerance: the share of the step that would just meet it, the most by
+# which one may be shorter than the one that failed, and the least share of the longest step, which is taken
+# whatever its error (a state that runs away is then told as diverged).
+CAUTION = 0.9
+STEEPEST_CUT = 0.2
+LEAST_SHARE = 1e-9
 
 
 @partial(
@@ -80,6 +63,8 @@ class Numerics:
         "attempts",
         "stop",
         "halt",
+        "dt",
+        "share",
     ],
     meta_fields=[],
 )
@@ -92,7 +77,8 @@ class Carry:
     while no event is being located) and `far_guards` the guards there; `weight` the Illinois weight of the
     end that stayed (above zero: the near end stayed, below: the far one); `trials` attempts spent on this
     event; `chain` jumps since time went on; `attempts` made in all; `stop` the time at which to halt; `halt`
-    why the trajectory waits.
+    why the trajectory waits. The trajectory's own numerics, which stay: `dt` its longest step (s), `share` by
+    which that is shorter than the numerics say, and its tolerances finer.
     """
 
     state: State
@@ -108,6 +94,8 @@ class Carry:
     attempts: jax.Array
     stop: jax.Array
     halt: jax.Array
+    dt: jax.Array
+    share: jax.Array
 
 
 Advance = Callable[[Params, Carry], Carry]
@@ -115,8 +103,23 @@ Flow = Callable[[Params, State], Rates]
 Drive = Callable[[Params, jax.Array], Params]
 
 
-def start(model: Model, params: Params, state: State, *, stop: jax.Array | float = jnp.inf) -> Carry:
-    """A trajectory at t = 0; a hybrid model's first attempt has zero length and fires what is due there."""
+def start(
+    model: Model,
+    params: Params,
+    state: State,
+    *,
+    dt: jax.Array | float,
+    stop: jax.Array | float = jnp.inf,
+    share: jax.Array | float = 1.0,
+) -> Carry:
+    """A trajectory at t = 0; a hybrid model's first attempt has zero length and fires what is due there.
+
+    Args:
+        model, params, state: what begins.
+        dt: its longest step (s), already shortened by `share`.
+        stop: the time (s) at which to halt.
+        share: see `Carry`.
+    """
     # a simulator's step is not shortened: nothing is located in it
     near = model.guards(params, state) if isinstance(model, HybridModel) else jnp.zeros((0,), jnp.float64)
     zero = jnp.zeros((), near.dtype)
@@ -135,6 +138,8 @@ def start(model: Model, params: Params, state: State, *, stop: jax.Array | float
         attempts=jnp.zeros((), jnp.int64),
         stop=zero + stop,
         halt=count,
+        dt=zero + dt,
+        share=zero + share,
     )
 
 
@@ -157,6 +162,7 @@ def advance(
             derivative is what is missing to that of the event time.
         worked_out: the step and the rates at its end, for whoever works them out beforehand.
     """
+    numerics = numerics.of(model)
     steps = own_steps(numerics.method, model)
     if steps is not None:
         if sensitivities:
@@ -181,8 +187,7 @@ def _advance_hybrid(
     propose, flow = worked_out or (method.step(model), model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
-        dtype = carry.t.dtype
-        dt = jnp.asarray(numerics.dt, dtype)
+        dtype, dt = carry.t.dtype, carry.dt
         # a tolerance below the resolution of time would never be met in float32
         finest = jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
         # where a guard rises so slowly that rounding hides the event, no bracket of that width fires:
@@ -193,11 +198,18 @@ def _advance_hybrid(
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
-        trial = propose(here, carry.state, h)
+        if method.adaptive:
+            trial, error = propose(here, carry.state, h)
+            change = _fitting_change(error, carry, trial, numerics)
+            # shortened, it is tried again before anything else is made of it
+            taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
+        else:
+            trial, change, taken = propose(here, carry.state, h), None, jnp.asarray(True)
         guards = model.guards(here, trial)
         fired = guards >= 0.0
-        hit = going & jnp.any(fired)
-        on = going & ~hit
+        failed = going & ~taken
+        hit = going & jnp.any(fired) & ~failed
+        on = going & ~hit & ~failed
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
         below, above = _first_to_fire(
             jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
@@ -209,10 +221,13 @@ def _advance_hybrid(
         guess = _guess(bracket, below, above, tolerance)
         locating = bracket["far"] < jnp.inf
         # a step cut short by a stop or an event says nothing of how far the next may go
-        grown = jnp.minimum(dt, method.growth * carry.pace)
-        first = method.first_step * dt
-        pace = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.pace, grown))
-        next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
+        if change is None:
+            grown = jnp.minimum(dt, method.growth * carry.pace)
+            first = method.first_step * dt
+            pace = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.pace, grown))
+            next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
+        else:
+            pace, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
 
         end = trial
         t = carry.t + h
@@ -236,10 +251,61 @@ def _advance_hybrid(
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
             stop=carry.stop,
             halt=jnp.where(going, halt, carry.halt),
+            dt=carry.dt,
+            share=carry.share,
             **bracket,
         )
 
     return attempt
+
+
+def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Numerics) -> jax.Array:
+    """The factor by which a step may change so that its error just meets the tolerance, CAUTION included.
+
+    At least CAUTION where the step itself meets it; 0 where the error is no number.
+    """
+    assert numerics.rtol is not None
+    assert numerics.atol is not None
+    finer = tolerance_scale(carry.share)
+    worst = jnp.zeros_like(carry.t)
+    for name, each in error.items():
+        size = jnp.maximum(jnp.abs(getattr(carry.state, name)), jnp.abs(getattr(trial, name)))
+        worst = jnp.maximum(worst, jnp.max(jnp.abs(each) / (finer * (numerics.atol + numerics.rtol * size))))
+    worst = jax.lax.stop_gradient(worst)
+    # the fourth root, not the fifth: two square roots are far cheaper, and a step's error is met all the same
+    floor = (CAUTION / 10.0) ** (ORDER - 1)
+    change = CAUTION / jnp.sqrt(jnp.sqrt(jnp.maximum(worst, floor)))
+    return jnp.where(worst >= 0.0, change, 0.0)
+
+
+def _controlled(
+    method: Method,
+    carry: Carry,
+    dt: jax.Array,
+    h: jax.Array,
+    change: jax.Array,
+    failed: jax.Array,
+    land: jax.Array,
+    hit: jax.Array,
+    locating: jax.Array,
+    guess: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """The longest step to try from here on and the next one, where steps follow from a tolerance.
+
+    `change` is what `_fitting_change` gives, `failed` whether the step of length `h` did not meet the
+    tolerance; the others as in an attempt.
+    """
+    least = LEAST_SHARE * dt
+    # at the start nothing is known of how fast the flow is
+    begun = jnp.maximum(jnp.where(carry.pace > 0.0, method.first_step * carry.pace, 1e-3 * dt), least)
+    shorter = jnp.maximum(h * jnp.maximum(change, STEEPEST_CUT), least)
+    # a step cut short by a stop or an event says only that one of its length is right
+    longer = jnp.maximum(carry.pace, h * jnp.minimum(change, method.growth))
+    met = jnp.where(h < carry.pace, longer, h * jnp.minimum(change, method.growth))
+    pace = jnp.where(hit | locating, carry.pace, jnp.minimum(dt, jnp.maximum(met, least)))
+    pace = jnp.where(failed, shorter, jnp.where(land, carry.pace, jnp.where(h == 0.0, begun, pace)))
+    next_h = jnp.where(land, 0.0, jnp.where(failed, shorter, jnp.where(locating, guess, pace)))
+    return pace, next_h
 
 
 def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -339,7 +405,7 @@ def _implicit_event_time(
 
 def _advance_stepped(model: Steps, numerics: Numerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
-        dt = jnp.asarray(numerics.dt, carry.t.dtype)
+        dt = carry.dt
         going = carry.halt == GOING
         # a simulator's step cannot be shortened, so a stop is met at the step's end nearest to it
         timed = carry.stop - carry.t <= 0.5 * dt

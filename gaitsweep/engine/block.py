@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from gaitsweep.engine.lane import Given
+from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.work import Work
 
 
@@ -38,7 +39,8 @@ class Block:
         self.number = number
         self.first = number * work.block
         self.rows = min(work.block, work.n_rows - self.first)
-        params, self.starts = work.values(self.first, self.first + self.rows)
+        params, starts = work.values(self.first, self.first + self.rows)
+        self.starts = {**starts, SHARE: np.full(self.rows, work.share)}
         self.params = work.model.on_host(params)
         self.opened = 0  # rows that have been put into lanes
         self.missing = self.rows  # rows that have not ended

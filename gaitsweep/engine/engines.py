@@ -9,8 +9,8 @@ import numpy as np
 
 from gaitsweep.contract import Model
 from gaitsweep.engine import xla
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.lane import Given, RowDrive
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import Device, Values

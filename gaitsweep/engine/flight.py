@@ -11,7 +11,9 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State
-from gaitsweep.engine.advance import CROSSING, GOING, Carry, Numerics, advance, stalled, start
+from gaitsweep.engine.advance import CROSSING, GOING, Carry, advance, stalled, start
+from gaitsweep.engine.lane import ADAPTIVE_STEPS
+from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
 from gaitsweep.engine.stagewise import Stages, begin, stagewise
@@ -57,7 +59,8 @@ class Flight:
     """
 
     def __init__(self, model: Model, numerics: Numerics) -> None:
-        self.model, self.numerics = model, numerics
+        self.model, self.numerics = model, numerics.of(model)
+        numerics = self.numerics
         self.differentiable = own_steps(numerics.method, model) is None
         if self.differentiable and numerics.method == "rk4":
             assert isinstance(model, HybridModel)
@@ -68,8 +71,11 @@ class Flight:
 
     def begin(self, params: Params, state: State) -> Aloft:
         """The trajectory that starts from a state just after its crossing's jump."""
-        carry = start(self.model, params, state, stop=LATEST * self.model.period(params))
-        limit = ATTEMPTS_PER_STEP * (carry.stop / self.numerics.dt + 1000.0)
+        # how long steps are changes with the parameters, but no result depends on it
+        dt = jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
+        carry = start(self.model, params, state, dt=dt, stop=LATEST * self.model.period(params))
+        steps = ADAPTIVE_STEPS if self.numerics.adaptive else 1.0
+        limit = ATTEMPTS_PER_STEP * (carry.stop / dt * steps + 1000.0)
         if self._evaluate is None:
             return Aloft(carry, None, limit)
         assert isinstance(self.model, HybridModel)

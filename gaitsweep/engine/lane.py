@@ -10,11 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.advance import Carry, Numerics, advance, start
+from gaitsweep.engine.advance import Carry, advance, start
+from gaitsweep.engine.numerics import SHARE, Numerics, step_of
 from gaitsweep.engine.record import Record, Recorder
 
-# The parameters at a time, from the raw values of a row: a ramp, a staircase.
+# The parameters at a time, from the raw values of a row: a ramp, a staircase. Its attribute `times`, where it
+# has one, lists times (s) between which nothing lies that the step's length has to be known for.
 RowDrive = Callable[[Any, jax.Array], Params]
+
+# Steps of an adaptive method that fit into its longest one before a row counts as having too many.
+ADAPTIVE_STEPS = 64.0
 
 
 class Given(NamedTuple):
@@ -36,20 +41,32 @@ class OneLane:
     def __init__(
         self, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None = None
     ) -> None:
-        self.model, self.recorder, self.numerics = model, recorder, numerics
+        self.model, self.recorder, self.numerics = model, recorder, numerics.of(model)
+        self.driven = drive is not None
+        # an adaptive step may become far shorter than the longest one
+        self._steps = ADAPTIVE_STEPS if self.numerics.adaptive else 1.0
         self.at = drive if drive is not None else lambda values, t: model.params(values)
         self._advance = advance(model, numerics, drive=drive)
-        self.driven = drive is not None
 
     def open(self, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array, jax.Array]:
         """What is held along the trajectory, its carry and record, and the row to keep of its start."""
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
-        carry = start(self.model, params, state, stop=self.recorder.stop(params))
+        share = jnp.asarray(starts.get(SHARE, 1.0), zero.dtype)
+        dt = share * self._longest_step(values, params)
+        carry = start(self.model, params, state, dt=dt, stop=self.recorder.stop(params), share=share)
         # what does not change along a trajectory is worked out once
         held = values if self.driven else params
         return held, carry, *self.recorder.begin(params, carry)
+
+    def _longest_step(self, values: Any, params: Params) -> jax.Array:
+        """Of a row (s); of a parameter that moves, the shortest that any of its values asks for."""
+        dt = step_of(self.model, self.numerics, params)
+        for t in getattr(self.at, "times", ()) if self.driven else ():
+            moved = self.at(values, jnp.asarray(t, dt.dtype))
+            dt = jnp.minimum(dt, step_of(self.model, self.numerics, moved))
+        return dt
 
     def attempt(self, held: Any, carry: Carry) -> Carry:
         return self._advance(held, carry)
@@ -57,4 +74,4 @@ class OneLane:
     def look(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
         """The recorder's look: carry and record after it, a row (width,), and whether to keep the row."""
         params = self.at(held, carry.t) if self.driven else held
-        return self.recorder.look(params, carry, record, self.numerics.dt)
+        return self.recorder.look(params, carry, record, carry.dt / self._steps)

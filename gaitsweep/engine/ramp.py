@@ -9,6 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+# Parts of a pass at whose ends the length of steps is looked at; it changes smoothly with a parameter.
+PARTS = 4
+
 
 @dataclasses.dataclass(frozen=True)
 class Path:
@@ -27,6 +30,12 @@ class Path:
     @property
     def duration(self) -> float:
         return float(self.knots[-1])
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The knots, and instants that divide each pass in `PARTS` equal ones."""
+        inner = [np.linspace(since, until, PARTS + 1) for since, until in itertools.pairwise(self.knots)]
+        return tuple(float(t) for t in np.unique(np.concatenate(inner)))
 
     def at(self, t: jax.Array) -> jax.Array:
         """The parameter at time `t` (s); the ends are kept before and after."""

@@ -85,7 +85,7 @@ class Recorder(abc.ABC):
             record counts it already (`counted`), and there is room for it in the buffer.
         """
 
-    def max_attempts(self, params: Params, dt: float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
         return ATTEMPTS_PER_STEP * (self.stop(params) / dt + 1000.0)
 
     def observables(self, params: Params, state: State) -> jax.Array:
@@ -114,7 +114,7 @@ class Recorder(abc.ABC):
         """
 
     def look(
-        self, params: Params, carry: Carry, record: Record, dt: float
+        self, params: Params, carry: Carry, record: Record, dt: jax.Array | float
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
         """Health first, then what this kind of run takes; an ended row stays as it is."""
         running = record.status == Status.running
@@ -127,7 +127,7 @@ class Recorder(abc.ABC):
         moved = dataclasses.replace(taken_carry, halt=halt.astype(carry.halt.dtype))
         return select(running, moved, carry), new, row, keep & running
 
-    def _illness(self, params: Params, carry: Carry, dt: float) -> jax.Array:
+    def _illness(self, params: Params, carry: Carry, dt: jax.Array | float) -> jax.Array:
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may hold what they like, infinity too
             moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]

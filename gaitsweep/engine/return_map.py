@@ -18,10 +18,10 @@ import numpy as np
 
 from gaitsweep import nearmiss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.flight import Way
 from gaitsweep.engine.leaves import numbers_of, with_numbers
 from gaitsweep.engine.maps import Map, Points, Values
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.section_map import crossing_of
 from gaitsweep.expression import evaluate, functions_of, names_in
 
@@ -63,8 +63,9 @@ class ReturnMap(Map):
     Args:
         model: the model.
         settings: (name, number or formula) of the parameters that are not at their defaults.
-        numerics: with located events (rk4, stabilised, exact) the map has derivatives; in steps of fixed
-            length it is a staircase of that step's size, and derivatives are refused.
+        numerics: what the model recommends, where not given. With located events (tsit5, rk4, stabilised,
+            exact) the map has derivatives; in steps of fixed length it is a staircase of that step's size,
+            and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
         cycles: crossings from a point to its image.
     """

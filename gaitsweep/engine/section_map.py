@@ -11,8 +11,10 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Model, Params, State
-from gaitsweep.engine.advance import CROSSING, GOING, Numerics, advance, stalled, start
+from gaitsweep.engine.advance import CROSSING, GOING, advance, stalled, start
 from gaitsweep.engine.flight import LATEST, Flight
+from gaitsweep.engine.lane import ADAPTIVE_STEPS
+from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
 
 Crossing = Callable[[Params, State], tuple[jax.Array, State, jax.Array]]
@@ -36,8 +38,9 @@ def next_crossing(
     attempt = advance(model, numerics, sensitivities=sensitivities)
 
     def run(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
-        carry = start(model, params, state, stop=LATEST * model.period(params))
-        limit = ATTEMPTS_PER_STEP * (carry.stop / numerics.dt + 1000.0)
+        dt = step_of(model, numerics, params)
+        carry = start(model, params, state, dt=dt, stop=LATEST * model.period(params))
+        limit = ATTEMPTS_PER_STEP * (carry.stop / dt * ADAPTIVE_STEPS + 1000.0)
 
         def goes_on(carry):
             jumped = events & (carry.chain > 0)
@@ -83,6 +86,7 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Cross
     if engine not in ("auto", "kernel", "xla"):
         raise ValueError(f"engine is {engine}. Allowed: auto, kernel, xla.")
     flight = Flight(model, numerics)
+    numerics = flight.numerics
     by_xla = flown(flight)
     if not flight.differentiable:
         return _without_derivative(by_xla, numerics.method)

@@ -17,7 +17,8 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates
-from gaitsweep.engine.advance import Carry, Numerics, advance, select
+from gaitsweep.engine.advance import Carry, advance, select
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.propose import move
 
 # What the next evaluation is for: stages 1 to 3 of a step are those after its first, then comes the trial.

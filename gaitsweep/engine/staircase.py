@@ -42,7 +42,7 @@ class Staircase(Recorder):
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.stairs.first)
 
-    def max_attempts(self, params: Params, dt: float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
         # a stair shorter than a step costs attempts of its own
         rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * rest

@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaitsweep.engine.ramp import PARTS
+
 # A distance may be longer than its whole number of steps by this share of a step: rounding, no stair more.
 _ROUNDING = 1e-9
 # Resolutions of the longest time by which a time may lie before a change and count as the change itself.
@@ -62,6 +64,16 @@ class Stairs:
         slack = _SLACK * float(jnp.finfo(t.dtype).eps) * self.duration / self.hold
         begun = jnp.floor((t - self.first) / self.hold + slack)
         return jnp.clip(begun + 1.0, 0.0, self.count - 1.0)
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Instants on the stairs that divide each pass in `PARTS` equal parts at most."""
+        stairs: list[np.ndarray] = [np.zeros(1)]
+        before = 0
+        for length in self.lengths:
+            stairs.append(np.unique(np.round(np.linspace(before, before + length, PARTS + 1))))
+            before += length
+        return tuple(float(t) for t in self.middle(np.unique(np.concatenate(stairs))))
 
     def at(self, t: jax.Array) -> jax.Array:
         """The parameter at time `t` (s)."""

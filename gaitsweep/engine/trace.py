@@ -37,7 +37,7 @@ class Trace(Recorder):
             return jnp.zeros_like(period)
         return 4.0 * (self.after_cycles + SPARE_CYCLES) * period
 
-    def max_attempts(self, params: Params, dt: float) -> jax.Array:
+    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
         # a sample shorter than a step costs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
 

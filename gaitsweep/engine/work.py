@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 from gaitsweep.contract import Model, Params
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.record import Recorder
 from gaitsweep.engine.xla import Device, Values
 
@@ -17,7 +17,7 @@ class Work:
 
     `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;
     `drive` the parameters at a time from a row's raw values, for ramps and staircases; `engine` is xla or
-    kernel.
+    kernel; `share` by which all steps are shorter than the numerics say, and tolerances finer.
     """
 
     model: Model
@@ -30,6 +30,7 @@ class Work:
     values: Callable[[int, int], tuple[Values, Values]]
     drive: Callable[..., Params] | None = None
     engine: str = "xla"
+    share: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.advance import Carry, Numerics, select
+from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.record import BUFFER, CADENCE, Record, Recorder
 
 # Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two

@@ -9,7 +9,6 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from gaitsweep.engine.propose import refusal
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.branches import check_branches
 from gaitsweep.job.checks import check_names, check_ranges, check_run
@@ -20,6 +19,7 @@ from gaitsweep.job.numbers import SCOPE, Scope
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.refined import check_refinement
 from gaitsweep.job.runs import MOVING, Numerics, moved_by
+from gaitsweep.job.steps import check_numerics, check_steps
 from gaitsweep.job.subject import Subject, read_settings, read_subject
 from gaitsweep.job.vary import Vary, read_vary
 
@@ -210,18 +210,9 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
             text += " and cannot move while it runs."
             complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_run(run))
-    complaints.extend(check_branches(subject.model, run, numerics.method))
+    complaints.extend(check_branches(subject.model, run, numerics.engine(subject.model).method))
     complaints.extend(check_refinement(plan, run))
-    if numerics.event_tolerance >= numerics.dt:
-        text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
-        complaints.append(Complaint(("numerics", "event_tolerance"), text))
-    if numerics.precision not in subject.model.precisions:
-        allowed = ", ".join(subject.model.precisions)
-        text = f"is {numerics.precision}, in which {subject.model.name} is not right. Allowed: {allowed}."
-        complaints.append(Complaint(("numerics", "precision"), text))
-    unfit = refusal(numerics.method, subject.model, numerics.precision)
-    if unfit is not None:
-        complaints.append(Complaint(("numerics", "method"), unfit))
+    complaints.extend(check_numerics(subject.model, numerics))
     columns = table_columns(subject.model, plan.names, run)
     for group in plan.groups:
         for name, path in group.paths.items():
@@ -234,4 +225,5 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
     complaints.extend(check_ranges(plan, subject, run))
     complaints.extend(check_figures(figures, subject.model, plan.names, run))
     reading.refuse(complaints)
+    reading.refuse(check_steps(plan, run, numerics.engine(subject.model)))
     return plan

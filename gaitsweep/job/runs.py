@@ -6,6 +6,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
+from gaitsweep.contract import Model
+from gaitsweep.engine.numerics import Numerics as EngineNumerics
 from gaitsweep.job.numbers import (
     Count,
     CountOrZero,
@@ -16,6 +18,7 @@ from gaitsweep.job.numbers import (
     Refused,
     Text,
     checked,
+    read_real,
     read_whole,
     word,
 )
@@ -179,22 +182,40 @@ Run = Annotated[
 ]
 
 
-class Numerics(Part):
-    """How a trajectory is integrated."""
+METHOD_NAMES = ("auto", "tsit5", "rk4", "stabilised", "exact", "semi_implicit")
 
-    dt: Positive = Field(
-        default=2.0e-3,
-        description="largest step, in s; times the fastest rate of the model it has to stay below 2.7 with "
-        "rk4, below 20 with stabilised and exact (multilegged: up to 4e-3 and 32e-3)",
-    )
+
+def _step(value: Any) -> float | str:
+    return "auto" if value == "auto" else read_real(value, low=0.0, open_ends=True)
+
+
+class Numerics(Part):
+    """How a trajectory is integrated; what is left out is what the model recommends."""
+
     method: Annotated[
-        Literal["rk4", "stabilised", "exact", "semi_implicit"],
-        word("rk4", "stabilised", "exact", "semi_implicit"),
+        Literal["auto", "tsit5", "rk4", "stabilised", "exact", "semi_implicit"], word(*METHOD_NAMES)
     ] = Field(
-        default="rk4",
-        description="rk4: classic Runge-Kutta, 4th order; for flows that are linear between events, "
-        "stabilised: long steps over stiff contacts, 6th order; exact: the same to 1e-6 of any transient; "
-        "semi_implicit: steps of fixed length with events inside them, for models that have such steps",
+        default="auto",
+        description="auto: what the model recommends; tsit5: Runge-Kutta pair of orders 5 and 4, whose steps "
+        "follow from rtol and atol; rk4: classic Runge-Kutta, 4th order; for flows that are linear between "
+        "events, stabilised: long steps over stiff contacts, 6th order; exact: the same to 1e-6 of any "
+        "transient; semi_implicit: steps of fixed length with events inside them, for models that have such "
+        "steps",
+    )
+    dt: Annotated[
+        float | Literal["auto"],
+        PlainValidator(checked(_step)),
+        WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
+    ] = Field(
+        default="auto",
+        description="longest step, in s; auto: as long as is right for the parameters of each row. A longer "
+        "one is refused.",
+    )
+    rtol: Positive | None = Field(
+        default=None, description="relative tolerance of a step's error, for tsit5; the model's if not given"
+    )
+    atol: Positive | None = Field(
+        default=None, description="absolute tolerance of a step's error, for tsit5; the model's if not given"
     )
     precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
         default="float64",
@@ -202,6 +223,11 @@ class Numerics(Part):
         "time in float64",
     )
     event_tolerance: Positive = Field(default=1e-12, description="error of an event's time, in s")
+
+    def engine(self, model: Model) -> EngineNumerics:
+        """The engine's numerics for a model, the method and the tolerances resolved."""
+        fields = self.model_dump()
+        return EngineNumerics(**{**fields, "dt": None if self.dt == "auto" else self.dt}).of(model)
 
 
 class EngineChoice(Part):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import (
+    BeforeValidator,
     Field,
     ModelWrapValidatorHandler,
     PlainValidator,
@@ -18,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from gaitsweep.engine.numerics import Numerics as EngineNumerics
 from gaitsweep.job.complaints import Owner
 from gaitsweep.job.figure_kinds import FIGURES, Figure
 from gaitsweep.job.numbers import Stem, Text
@@ -39,12 +41,14 @@ from gaitsweep.job.runs import (
 )
 from gaitsweep.job.vary import vary_schema
 
-_HASHED_FORM = 2  # raised when the meaning of a resolved job changes, so that no old directory is resumed
+_HASHED_FORM = 3  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
 _SETTINGS = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean", "integer"]}}
 )
+# `numerics: auto` is short for all of its fields left out
+_NUMERICS = BeforeValidator(lambda value: {} if value == "auto" else value)
 _STRUCTURE = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["integer", "number", "string", "boolean"]}}
 )
@@ -81,7 +85,10 @@ class Job(Part):
         description="what is done with each row (kind: settle, hold, trace, ramp, return_map, staircase or "
         "continuation)"
     )
-    numerics: Numerics = Field(default_factory=Numerics, description="how trajectories are integrated")
+    numerics: Annotated[Numerics, _NUMERICS] = Field(
+        default_factory=Numerics,
+        description="how trajectories are integrated; left out, or auto, as the model recommends",
+    )
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
     figures: list[Figure] = Field(default_factory=list, description="figures made from the table")
 
@@ -102,6 +109,11 @@ class Job(Part):
         """The job's rows."""
         return self._plan
 
+    @property
+    def integration(self) -> EngineNumerics:
+        """The engine's numerics, what the job leaves open taken from its model."""
+        return self.numerics.engine(self._plan.model)
+
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """The job as plain values with everything filled in, the model's defaults and the config too.
 
@@ -121,9 +133,22 @@ class Job(Part):
         dumped["params"] = {name: setting for name, setting in settings.items() if name in parameters}
         dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
         dumped["engine"]["name"] = engine or self.engine.name
+        dumped["numerics"] |= {"method": self.integration.method}
+        for name in ("rtol", "atol"):
+            tolerance = getattr(self.integration, name) if self.integration.adaptive else None
+            dumped["numerics"][name] = tolerance
+            if tolerance is None:
+                del dumped["numerics"][name]
         return {name: dumped[name] for name in type(self).model_fields if name in dumped}
 
-    def hash(self, *, device: str = "cpu", engine: str | None = None, lanes: int | None = None) -> str:
+    def hash(
+        self,
+        *,
+        device: str = "cpu",
+        engine: str | None = None,
+        lanes: int | None = None,
+        steps: str | None = None,
+    ) -> str:
         """The sha256, in hex, of what decides the job's numbers: neither its name nor its figures.
 
         The order of `vary` counts, since it is the order of rows and columns; no other order does.
@@ -132,6 +157,7 @@ class Job(Part):
             device: class of the device that computes, such as "cpu" or "gpu".
             engine: the engine that runs, where the job leaves the choice open.
             lanes: the lanes that the engine chose, where the job leaves them open.
+            steps: what the model recommends for the rows' steps, where the job leaves them open.
         """
         resolved = self.resolved()
         deciding = {
@@ -149,6 +175,8 @@ class Job(Part):
             "block": self.engine.block,
             "device": device,
         }
+        if steps is not None:
+            deciding["steps"] = steps
         deciding["form"] = _HASHED_FORM
         text = json.dumps(deciding, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()

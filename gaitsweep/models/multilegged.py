@@ -18,10 +18,10 @@ import numpy as np
 
 from gaitsweep.analysis.multilegged.gaits import GAITS, classify
 from gaitsweep.analysis.multilegged.obstacle import obstacle_problem
-from gaitsweep.contract import Chart, HybridModel, Quantity, Rates
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics.compliant_ground import ground_force
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
-from gaitsweep.dynamics.spring_chain import neighbour_force
+from gaitsweep.dynamics.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.models.multilegged_chart import MultileggedChart
 from gaitsweep.models.multilegged_drawing import skeleton
 from gaitsweep.skeleton import Skeleton
@@ -249,6 +249,16 @@ class Multilegged(HybridModel):
         force = neighbour_force(s.x, s.v, p.kappa, p.sigma)  # eq. (1)
         force += ground_force(s.x - length, s.v - slope * phi_rate, s.contact, p.K, p.D, p.clamp)
         return {"x": s.v, "v": force / p.masses - p.g, "phi": phi_rate, "y": -s.y / p.tau}  # eq. (5)
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("stabilised")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+        """Those of the masses on springs and ground; the lag decays at 1 / tau, the phases turn evenly."""
+        p = params
+        rates, damping = fastest_motions(p.masses, p.kappa, p.sigma, p.K, p.D)
+        return jnp.append(rates, 1.0 / p.tau), jnp.append(damping, 1.0)
 
     def guards(self, params: Params, state: State) -> jax.Array:
         """Each leg's phase against the end of its segment, then each leg's contact, shape (2N + 2,)."""

@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.analysis.multilegged.obstacle import balance, obstacle_problem
-from gaitsweep.contract import Chart, Quantity, Rates, Steps
+from gaitsweep.contract import Chart, Quantity, Rates, Recommended, Steps
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.models.multilegged import LANDING, STANCE, STRICTLY, TAKEOFF, Multilegged, Params
 from gaitsweep.models.multilegged_reduced_chart import ReducedChart
@@ -86,6 +86,15 @@ class MultileggedReduced(Multilegged):
 
     def flow(self, params: Params, state: State) -> Rates:  # type: ignore[override]
         return {"phi": jnp.broadcast_to(params.omega, state.phi.shape)}  # eq. (9)
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("semi_implicit")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+        """The phases turn evenly, at a rate of zero; steps of 1 over this rate are the legs' time apart."""
+        rate = 20.0 / ToTheNextEvent(self).longest_step(params)
+        return rate[None], jnp.ones((1,), rate.dtype)
 
     def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
         """Each leg's phase against the end of its segment, then its touchdown, or its lift-off if held."""

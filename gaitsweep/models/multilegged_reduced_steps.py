@@ -16,6 +16,9 @@ from gaitsweep.models.multilegged_reduced_state import TOUCHING, State, after_ev
 if TYPE_CHECKING:
     from gaitsweep.models.multilegged_reduced import MultileggedReduced
 
+# Steps of a cycle for each spring; with fewer, crossings are seen later and later.
+STEPS_A_LEG = 6.25
+
 
 @dataclasses.dataclass(frozen=True)
 class ToTheNextEvent(Steps):
@@ -52,6 +55,10 @@ class ToTheNextEvent(Steps):
             late=s.late + dt - ahead / p.omega,
         )
         return after_events(moved, corner, due, lifts)
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """A sixth of the time between two legs' touchdowns, so that `late` is soon made up for."""
+        return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
 
     def events(self, params: Params, before: State, after: State) -> jax.Array:
         """Whether leg 1 ended its cycle, which the step has worked in already."""

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.numerics import SHARE, Numerics
 from gaitsweep.engine.record import BUFFER, Record, Recorder
 from gaitsweep.engine.xla import Values
 
@@ -42,9 +42,9 @@ def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
     lane = OneLane(model, recorder, numerics, drive)
     scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
     values = {q.name: scalar for q in model.parameters}
-    starts = {q.name: scalar for q in model.starts}
+    starts = {q.name: scalar for q in model.starts} | {SHARE: scalar}
     chunk = chunk_of(lane, values, starts)
-    title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
+    title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
     return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title)
 
 

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
 
+# Of the number that has to stay below 2, at most.
+STABLE = 1.5
+
+
 class Body(abc.ABC):
     """What carries the legs."""
 
@@ -42,6 +46,10 @@ class Body(abc.ABC):
         """`Mechanics.numbers` of a row's values."""
         return {}
 
+    def longest_step(self, m: Mechanics) -> jax.Array:
+        """The longest step (s) in which its contacts are stable."""
+        return jnp.full_like(m.g, jnp.inf)
+
     @abc.abstractmethod
     def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         """q, v, warm and the loads (4,) N of a step of `dt` (s) under the motors' forces `tau` (11,)."""
@@ -49,6 +57,13 @@ class Body(abc.ABC):
 
 class TreeBody(Body):
     """The articulated tree, semi-implicit in the velocities; joints' damping and friction are implicit."""
+
+    def longest_step(self, m: Mechanics) -> jax.Array:
+        """Semi-implicit steps of a foot on a spring and a damper are stable while
+        (D dt + K dt^2 / 2) w < 2, with w the foot's inverse mass."""
+        w = 1.0 / (m.lower_mass + m.foot_mass) + 0.5 / (m.upper_mass + m.lower_mass + m.foot_mass)
+        root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABLE * m.K_foot / w)
+        return (root - m.D_foot) / m.K_foot
 
     def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         tree, _ = body()

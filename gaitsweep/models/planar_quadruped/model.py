@@ -45,6 +45,7 @@ BODIES = ("tree", "mjx")
 LOW, TILTED = 0.45, 1.0
 # A gait is unsteady where shifts spread more than this, or the period varies more.
 LEAST_LENGTH, MOST_VARIATION = 0.95, 0.05
+DEFINED_STEP = 1.0e-3  # s
 APART = 0.25  # cycles by which the pairs may be out of antiphase
 UNSTEADY = len(CHART)
 
@@ -132,6 +133,10 @@ class PlanarQuadruped(Drawn, SteppedModel):
         u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
         read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], p.memory, dt)
         return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """1 ms, the step with which the model is defined, or less where a foot's contact is stiffer."""
+        return jnp.minimum(DEFINED_STEP, self._moved_by.longest_step(params.mechanics))
 
     def events(self, params: Params, before: State, after: State) -> jax.Array:
         """LF begins to swing, which the step has worked in already."""

@@ -23,12 +23,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Chart, HybridModel, Quantity, Rates
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree_kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.chart import LandingChart
 from gaitsweep.models.waist_quadruped.drawing import Drawn
+from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
 from gaitsweep.models.waist_quadruped.in_mjx import MjxQuadruped
 from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
@@ -179,6 +180,14 @@ class WaistQuadruped(Drawn, HybridModel):
             "phi": phase_rates(p, s, jnp.where(s.held, p.K_13, 0.0)),
             "clock": jnp.ones_like(s.clock),
         }
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("rk4" if self.located else "semi_implicit")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+        rate, damping = fastest_motion(params)
+        return rate[None], damping[None]
 
     def in_steps(self) -> SemiImplicit:
         return SemiImplicit(self._mover)

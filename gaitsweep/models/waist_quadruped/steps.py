@@ -20,10 +20,14 @@ from gaitsweep.contract import Steps
 from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.dynamics.tree_kinematics import integrate
+from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import LATE
 from gaitsweep.models.waist_quadruped.mechanics import RELEASE, Mechanics, body
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
+
+# Of dt times the fastest rate, at most.
+STEPS_TO_RATE = 1.25
 
 
 class Body(abc.ABC):
@@ -113,6 +117,11 @@ class SemiImplicit(Steps):
             height=height,
             gain=gain,
         )
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """Below the limit of stability, where dt times the fastest rate is 2."""
+        rate, _ = fastest_motion(params)
+        return STEPS_TO_RATE / rate
 
     def events(self, params: Params, before: State, after: State) -> jax.Array:
         """Limb 3's landing, which the step has worked in already."""

@@ -1,0 +1,67 @@
+"""The eigenvalues of a linear flow's matrix, over all combinations of its contacts."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import HybridModel, Params, State
+from gaitsweep.engine.propose import METHODS
+
+# Flags of a state whose combinations are listed; each one more doubles their number.
+MOST_FLAGS = 8
+
+
+def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> np.ndarray:
+    """The eigenvalues (1/s) of the flow's matrix for all combinations of a state's flags, (modes, n).
+
+    Other modes than flags (bool) stay as they are in `state`, and so do flags after the first `MOST_FLAGS`.
+
+    Args:
+        model: its flow is linear between events.
+        params, state: its parameters and a state.
+    """
+    names = list(jax.eval_shape(model.flow, params, state))
+    leaves, tree = jax.tree.flatten(state)
+    flags = [
+        (i, k)
+        for i, leaf in enumerate(leaves)
+        if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_)
+        for k in range(int(np.size(leaf)))
+    ][:MOST_FLAGS]
+
+    @jax.jit
+    def matrix(state: State) -> jax.Array:
+        moving = {name: getattr(state, name) for name in names}
+        flat, unravel = jax.flatten_util.ravel_pytree(moving)
+
+        def rates(x: jax.Array) -> jax.Array:
+            given = model.flow(params, dataclasses.replace(state, **unravel(x)))
+            shaped = {name: jnp.broadcast_to(given[name], jnp.shape(moving[name])) for name in names}
+            return jax.flatten_util.ravel_pytree(shaped)[0]
+
+        return jax.jacfwd(rates)(flat)
+
+    found = []
+    for combination in itertools.product((False, True), repeat=len(flags)):
+        now = [np.array(leaf) for leaf in leaves]
+        for (i, k), flag in zip(flags, combination, strict=True):
+            now[i].reshape(-1)[k] = flag
+        found.append(np.linalg.eigvals(np.asarray(matrix(jax.tree.unflatten(tree, now)))))
+    return np.array(found)
+
+
+def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:
+    """The longest step (s) that is right for all eigenvalues of a linear flow with a method of `METHODS`."""
+    eigenvalues = flow_eigenvalues(model, params, state)
+    rates = np.abs(eigenvalues)
+    fast = rates > 0.0
+    damping = np.where(fast, -eigenvalues.real / np.where(fast, rates, 1.0), 1.0)
+    ratios, limits = zip(*METHODS[method].limits, strict=True)
+    allowed = np.interp(damping, ratios, limits) / np.where(fast, rates, 1.0)
+    return float(np.min(np.where(fast, allowed, np.inf)))

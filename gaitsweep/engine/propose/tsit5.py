@@ -1,0 +1,63 @@
+"""Tsitouras' Runge-Kutta pair of orders 5 and 4, right for every flow; its steps follow from a tolerance.
+
+Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption,
+Comput. Math. Appl. 62 (2011) 770-775.
+"""
+
+from __future__ import annotations
+
+import jax
+
+from gaitsweep.contract import HybridModel, Params, Rates, State
+from gaitsweep.engine.propose.method import Estimate, move
+
+# a_ij, a row a stage after the first; the last one holds the weights of the solution of order 5.
+STAGES: tuple[tuple[float, ...], ...] = (
+    (0.161,),
+    (-0.008480655492356989, 0.335480655492357),
+    (2.8971530571054935, -6.359448489975075, 4.3622954328695815),
+    (5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525),
+    (5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383),
+    (
+        0.09646076681806523,
+        0.01,
+        0.4798896504144996,
+        1.379008574103742,
+        -3.290069515436081,
+        2.324710524099774,
+    ),
+)
+# Weights of the difference between the solutions of order 5 and 4.
+DIFFERENCE = (
+    -0.00178001105222577714,
+    -0.0008164344596567469,
+    0.007880878010261995,
+    -0.1447110071732629,
+    0.5823571654525552,
+    -0.45808210592918697,
+    1.0 / 66.0,
+)
+
+
+def tsit5(model: HybridModel) -> Estimate:
+    """The step of order 5 with the estimate of its error."""
+
+    def propose(params: Params, state: State, h: jax.Array) -> tuple[State, Rates]:
+        rates = [model.flow(params, state)]
+        at = state
+        for weights in STAGES:
+            at = move(state, _sum(weights, rates), h)
+            rates.append(model.flow(params, at))
+        error = {name: h * rate for name, rate in _sum(DIFFERENCE, rates).items()}
+        return at, error
+
+    return propose
+
+
+def _sum(weights: tuple[float, ...], rates: list[Rates]) -> Rates:
+    """The weighted sum of rates, field by field."""
+    first, *others = zip(weights, rates, strict=True)
+    total = {name: first[0] * rate for name, rate in first[1].items()}
+    for weight, each in others:
+        total = {name: total[name] + weight * rate for name, rate in each.items()}
+    return total

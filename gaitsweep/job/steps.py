@@ -1,0 +1,227 @@
+"""How long the steps of a job's rows are, and whether a step that it asks for is right for all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import HybridModel, Model
+from gaitsweep.engine.flow_spectrum import slowest_limit
+from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
+from gaitsweep.engine.propose import METHODS, refusal
+from gaitsweep.expression import evaluate, functions_of
+from gaitsweep.job.complaints import Complaint
+from gaitsweep.job.plan import Plan
+from gaitsweep.job.runs import Continuation, moved_by
+from gaitsweep.job.runs import Numerics as NumericsPart
+
+# Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
+# evenly over all of them, and each row's own step is looked at when its block begins.
+MOST_SETS = 4_000_000
+# Of those, sets for which a simulator's compiler has to work out numbers, or eigenvalues have to be found.
+FEW_SETS = 64
+_CHUNK = 65_536
+# A step may be longer by rounding.
+_ROUNDING = 1.0 + 1e-9
+
+
+def check_numerics(model: Model, numerics: NumericsPart) -> list[Complaint]:
+    """Complaints about numerics that do not suit a model, whatever its parameters."""
+    complaints = []
+    resolved = numerics.engine(model)
+    if numerics.dt != "auto" and numerics.event_tolerance >= numerics.dt:
+        text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
+        complaints.append(Complaint(("numerics", "event_tolerance"), text))
+    if numerics.precision not in model.precisions:
+        allowed = ", ".join(model.precisions)
+        text = f"is {numerics.precision}, in which {model.name} is not right. Allowed: {allowed}."
+        complaints.append(Complaint(("numerics", "precision"), text))
+    unfit = refusal(resolved.method, model, numerics.precision)
+    if unfit is not None:
+        complaints.append(Complaint(("numerics", "method"), unfit))
+        return complaints
+    for name in ("rtol", "atol"):
+        if getattr(numerics, name) is not None and not resolved.adaptive:
+            text = f"is given, but the steps of {resolved.method} follow from no tolerance: leave it out."
+            complaints.append(Complaint(("numerics", name), text))
+    return complaints
+
+
+@dataclasses.dataclass(frozen=True)
+class RowSteps:
+    """The steps of a job's rows, from as many distinct sets of parameters as they take.
+
+    `rows` one row of each set, `each` rows of one set, `dt` (s) that they take and `longest` (s) that is
+    right for them, NaN where that is not known: (n,) each. `sampled`: not all sets were looked at.
+    """
+
+    rows: np.ndarray
+    each: float
+    dt: np.ndarray
+    longest: np.ndarray
+    sampled: bool
+
+    @property
+    def digest(self) -> str:
+        """What the model recommends, to six digits: a later version that recommends otherwise has another."""
+        text = ",".join(f"{dt:.5e}" for dt in self.dt[np.linspace(0, self.dt.size - 1, 1024).astype(int)])
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def row_steps(plan: Plan, run: object, numerics: Numerics) -> RowSteps:
+    """The steps of all rows.
+
+    Args:
+        plan: the job's rows.
+        run: what is done with them; a parameter that moves has the steps of its whole path.
+        numerics: the engine's, for this model.
+    """
+    model = plan.model
+    names = _deciding(model, numerics, plan)
+    spans = sorted({place for name in names for place in plan.spans(name)})
+    count = math.prod(plan.groups[place].length for place in spans)
+    most = FEW_SETS if model.host_parameters else MOST_SETS
+    sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
+    rows = np.zeros_like(sets)
+    rest = sets
+    for place in reversed(spans):
+        length = plan.groups[place].length
+        rows += rest % length * plan.stride(place)
+        rest = rest // length
+    parts = [_steps(plan, run, numerics, rows[i : i + _CHUNK]) for i in range(0, rows.size, _CHUNK)]
+    dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return RowSteps(rows, plan.n_rows / count, dt, longest, count > most)
+
+
+def check_steps(plan: Plan, run: object, numerics: Numerics) -> list[Complaint]:
+    """Complaints about a step that is too long for some rows, or that nobody has said."""
+    steps = row_steps(plan, run, numerics)
+    if np.isnan(steps.dt).any():
+        return [Complaint(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
+    if numerics.dt is None:
+        return []
+    longest = steps.longest
+    if np.isnan(longest).any():
+        longest = _from_spectrum(plan, numerics, steps)
+    wrong = np.flatnonzero(steps.dt > longest * _ROUNDING)
+    if not wrong.size:
+        return []
+    worst = int(wrong[np.argmin(longest[wrong])])
+    there = plan.at(steps.rows[[worst]], plan.names)
+    named = [name for name in plan.names if _matters(plan, name, steps)]
+    where = ", ".join(f"{name} = {there[name][0]:.6g}" for name in named)
+    rows = round(wrong.size * steps.each) if not steps.sampled else None
+    of = f"{rows} of {plan.n_rows}" if rows is not None else f"some of {plan.n_rows}"
+    text = (
+        f"is {numerics.dt:g} s, too long for {of} rows: the longest step of {numerics.method} that is right "
+        f"for all of them is {_rounded_down(longest[worst]):g} s{f' (at {where})' if where else ''}. "
+        "Leave it out, and each row takes a step that is right for it."
+    )
+    return [Complaint(("numerics", "dt"), text)]
+
+
+def _matters(plan: Plan, name: str, steps: RowSteps) -> bool:
+    """Whether what varies under this name differs between the sets that were looked at."""
+    seen = plan.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
+    return bool(np.ptp(seen) > 0.0)
+
+
+def _rounded_down(value: float) -> float:
+    digits = 10.0 ** (math.floor(math.log10(value)) - 3)
+    return math.floor(value / digits) * digits
+
+
+def _steps(plan: Plan, run: object, numerics: Numerics, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The steps that rows (n,) take, and the longest that are right for them."""
+    model, moving = plan.model, moved_by(run)
+    values, _ = plan.values_in(rows)
+    function = _function(model, numerics)
+    found = []
+    for at in _path(run) if moving is not None else (None,):
+        there = dict(values)
+        if moving is not None:
+            there[moving] = np.full(rows.size, at)
+            for name in plan.following(moving):
+                there[name] = np.broadcast_to(
+                    evaluate(plan.derived[name], there, functions_of(np)), rows.shape
+                )
+        n = rows.size
+        # few sizes are compiled: small sets one by one, many in chunks that are filled up
+        room = n if n <= FEW_SETS else _CHUNK
+        padded = {k: np.resize(np.asarray(v, np.float64), room) for k, v in there.items()}
+        given = function(model.on_host(padded))
+        found.append([np.asarray(column)[:n] for column in given])
+    dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*found, strict=True))
+    return dt, longest
+
+
+def _path(run: Any) -> Iterator[float]:
+    """Values of the parameter that a run moves: those of its path, and some between."""
+    path: Sequence[float] = run.path
+    if isinstance(run, Continuation):
+        path = sorted(path)
+    yield path[0]
+    for a, b in itertools.pairwise(path):
+        yield from (a + (b - a) * share for share in (0.25, 0.5, 0.75, 1.0))
+
+
+@functools.lru_cache(maxsize=16)
+def _function(model: Model, numerics: Numerics) -> Any:
+    """`values -> (dt, longest)` of many rows."""
+
+    def one(values: Any) -> tuple[jax.Array, jax.Array]:
+        params = model.params(values)
+        nan = jnp.full_like(model.period(params), jnp.nan)
+        dt = recommended_step(model, numerics, params)
+        longest = longest_step(model, numerics.method, params)
+        return nan if dt is None else dt, nan if longest is None else longest
+
+    return jax.jit(jax.vmap(one))
+
+
+def _deciding(model: Model, numerics: Numerics, plan: Plan) -> list[str]:
+    """The parameters on which the length of steps depends."""
+    names = [quantity.name for quantity in model.parameters]
+    if model.host_parameters:
+        return names
+
+    def one(values: dict[str, jax.Array]) -> list[jax.Array]:
+        params = model.params(values)
+        found = recommended_step(model, numerics, params), longest_step(model, numerics.method, params)
+        return [x for x in found if x is not None]
+
+    number = jax.ShapeDtypeStruct((), jnp.float64)
+    jaxpr = jax.make_jaxpr(one)(dict.fromkeys(names, number)).jaxpr
+    reached = {var for var in jaxpr.outvars if not hasattr(var, "val")}
+    for equation in reversed(jaxpr.eqns):
+        if reached & set(equation.outvars):
+            reached |= {var for var in equation.invars if not hasattr(var, "val")}
+    # the inputs come in the order of a dict's keys, which JAX sorts
+    return [name for name, var in zip(sorted(names), jaxpr.invars, strict=True) if var in reached]
+
+
+def _from_spectrum(plan: Plan, numerics: Numerics, steps: RowSteps) -> np.ndarray:
+    """The longest steps of rows whose model does not say them: from the flow's matrix where it is linear,
+    a share of the nominal period elsewhere."""
+    model = plan.model
+    some = np.unique(np.linspace(0, steps.rows.size - 1, FEW_SETS).astype(int))
+    longest = np.full(steps.rows.size, np.inf)
+    for at in some:
+        values, starts = plan.values_in(steps.rows[[at]])
+        one = {name: jnp.asarray(value[0]) for name, value in model.on_host(values).items()}
+        params = model.params(one)
+        limit = float(model.period(params)) / FEWEST_STEPS
+        if isinstance(model, HybridModel) and model.linear and METHODS[numerics.method].limits:
+            begun = {name: jnp.asarray(value[0]) for name, value in starts.items()}
+            limit = min(limit, slowest_limit(model, params, model.init(params, begun), numerics.method))
+        longest[at] = limit
+    return longest
