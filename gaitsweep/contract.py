@@ -30,15 +30,16 @@ class Status(enum.IntEnum):
     """How a row ended, with a sentence each; every row of a table has exactly one."""
 
     running = 0, "The row has not ended yet."
-    settled = 1, "The section's state stopped moving."
+    settled = 1, "The section's state stopped moving, or repeats every 2 to 8 crossings."
     cycle_limit = 2, "The row reached run.max_cycles without settling."
     fell = 3, "The model's own test of a fall came true."
     diverged = 4, "A state variable grew past the bound of divergence."
     not_a_number = 5, "A state variable became NaN."
-    event_stall = 6, "Events followed each other at one instant without end."
+    event_stall = 6, "Events followed each other at one instant without end (stalled_by names them)."
     time_limit = 7, "Time ran out: run.max_time, or four nominal periods for each cycle allowed."
     complete = 8, "The row recorded all that was asked of it."
     inferred = 9, "The row was not simulated: its neighbours decide its label."
+    step_limit = 10, "The row took many more steps than its time should need."
 
     sentence: str
 
@@ -68,6 +69,9 @@ class Quantity:
     `default` is a number, or an expression over parameters ("2*sqrt(kappa)"), or None where a value must
     be given. `low` and `high` are what a job may set, the ends excluded where `open_ends` says so.
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
+    `scale` (in `unit`, above 0) is the size in which changes of an observable count when a run settles; where
+    it is None, the observable's own magnitude over the last crossings counts. An observable that tends to 0
+    needs one: it has no magnitude of its own there. Angles marked circular count in rad.
     """
 
     name: str
@@ -80,6 +84,7 @@ class Quantity:
     circular: bool = False
     symbol: str = ""
     source: str = ""
+    scale: float | None = None
 
 
 class Chart(abc.ABC):
@@ -309,4 +314,13 @@ class HybridModel(Model):
         Finite, and continuous as long as the modes stay. A guard that is still >= 0 after its own jump fires
         again at once, so a jump changes a mode that turns the guard's sign (a contact flag), or the guard
         counts on the way up (`-height - c * max(speed, 0)` for a ball that bounces).
+        A flow without events gives `jnp.zeros((0,))`; its section is then never crossed.
         """
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        """What happens where each guard fires, in the order of `guards`: "foot 2 lands".
+
+        A row that ends as `event_stall` is told by these names; guards without one are guard 1, guard 2, ...
+        """
+        return ()

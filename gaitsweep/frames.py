@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import HybridModel, Model, Status
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.ramp import Path as RampPath
+from gaitsweep.engine.record import unpacked
 from gaitsweep.engine.staircase import Staircase
 from gaitsweep.engine.stairs import Stairs
 
@@ -18,19 +20,26 @@ Columns = Mapping[str, np.ndarray]
 STATUSES = [status.name for status in Status if status is not Status.running]
 
 
-def settle_frame(model: Model, axes: Columns, block: BlockResult) -> pd.DataFrame:
+def settle_frame(model: Model, axes: Columns, block: BlockResult, *, settles: bool = True) -> pd.DataFrame:
     """One record a row: how it ended, where on the section, and its gait.
 
     Args:
         model: whose observables and gaits these are.
         axes: what varies, (n,) each.
         block: the rows' results.
+        settles: whether the rows were to settle: then what kept them from it and the attractor's period are
+            told, too.
     """
     columns: dict[str, object] = {"row": block.first + np.arange(len(block.status), dtype=np.int64)}
     columns |= dict(axes)
     columns |= {"status": _status(block.status), "cycles": block.cycles, "t_end": block.t_end}
+    if settles:
+        columns["slowest"] = _slowest(model, block.slowest)
+    columns["stalled_by"] = _stalled_by(model, block.fired)
     columns |= {f"{q.name}_end": block.last[:, i] for i, q in enumerate(model.observables)}
     columns["gait"] = _gait(model, block.labels["gait"])
+    if settles:
+        columns["attractor_period"] = block.period.astype(np.int8)
     columns |= {q.name: block.labels[q.name] for q in model.traits}
     return pd.DataFrame(columns)
 
@@ -51,6 +60,7 @@ def crossing_frame(
     columns["crossing"] = crossing.astype(np.int64)
     columns |= _moved(ramp, t)
     columns |= {"t": t, "status": _status(block.status[owner - block.first])}
+    columns["stalled_by"] = _stalled_by(model, block.fired[owner - block.first])
     columns |= {f"{q.name}_n": samples[:, 2 + i] for i, q in enumerate(model.observables)}
     return pd.DataFrame(columns)
 
@@ -72,7 +82,10 @@ def stair_frame(
     columns[parameter] = np.where(kept, np.asarray(stairs.value(jnp.asarray(stair))), np.nan)
     columns["t"] = samples[:, 2]
     columns["crossing"] = np.where(kept, samples[:, 1], block.cycles[owner - block.first]).astype(np.int64)
-    columns |= {"settled": samples[:, 3] == 1.0, "status": _status(block.status[owner - block.first])}
+    columns["settled"] = samples[:, 3] == 1.0
+    columns["slowest"] = _slowest(model, np.where(kept, samples[:, 4], -1.0))
+    columns["status"] = _status(block.status[owner - block.first])
+    columns["stalled_by"] = _stalled_by(model, block.fired[owner - block.first])
     observed = samples[:, Staircase.HEAD :]
     columns |= {f"{q.name}_n": observed[:, i] for i, q in enumerate(model.observables)}
     columns["gait"] = _gait(model, _placed(block.labels["gait"], place, absent=-1))
@@ -94,7 +107,27 @@ def trace_frame(
     columns |= _moved(ramp, t) | {"t": t}
     columns |= {q.name: samples[:, 1 + i] for i, q in enumerate(model.signals)}
     columns["status"] = _status(block.status[owner - block.first])
+    columns["stalled_by"] = _stalled_by(model, block.fired[owner - block.first])
     return pd.DataFrame(columns)
+
+
+def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:
+    """What stalled the rows that ended as `event_stall`: for each set of guards, how many rows and when.
+
+    `rows`, and `t` the earliest and the latest time (s) at which one of them stalled; of tables that have no
+    `t_end`, those of the rows' last records, `after` which they did.
+    """
+    if "stalled_by" not in table.columns:
+        return {}
+    stalled = table[table["stalled_by"].notna()]
+    time = "t_end" if "t_end" in table.columns else "t"
+    last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
+    found: dict[str, dict[str, Any]] = {}
+    for names, rows in last.groupby(last["by"].astype(str)):
+        when = rows["t"].dropna()
+        span = [float(when.min()), float(when.max())] if len(when) else []
+        found[str(names)] = {"rows": len(rows), "t" if time == "t_end" else "after": span}
+    return found
 
 
 def _moved(ramp: tuple[str, RampPath] | None, t: np.ndarray) -> dict[str, object]:
@@ -132,3 +165,19 @@ def _gait(model: Model, codes: np.ndarray) -> pd.Categorical:
 
 def _status(codes: np.ndarray) -> pd.Categorical:
     return pd.Categorical([Status(code).name for code in codes], categories=STATUSES)
+
+
+def _slowest(model: Model, numbers: np.ndarray) -> pd.Categorical:
+    """The observables by their numbers, missing where the number is below zero."""
+    names = [q.name for q in model.observables]
+    return pd.Categorical.from_codes(numbers.astype(int).tolist(), categories=names)
+
+
+def _stalled_by(model: Model, fired: np.ndarray) -> pd.Categorical:
+    """The guards that stalled each row (n, words), by their names; missing where none did."""
+    names = model.guard_names if isinstance(model, HybridModel) else ()
+    told = [
+        " and ".join(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row)) or None
+        for row in unpacked(fired)
+    ]
+    return pd.Categorical(told, categories=sorted({each for each in told if each is not None}))

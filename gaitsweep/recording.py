@@ -14,7 +14,7 @@ from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.hold import Hold
 from gaitsweep.engine.ramp import Path
 from gaitsweep.engine.record import Recorder
-from gaitsweep.engine.settle import Settle
+from gaitsweep.engine.settle import Settle, tolerances
 from gaitsweep.engine.staircase import Staircase
 from gaitsweep.engine.stairs import Stairs
 from gaitsweep.engine.trace import Trace
@@ -35,7 +35,7 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
     """What a job keeps of each row, and what moves while it runs."""
     run, model = job.run, rows.model
     if run.kind == "settle":
-        return Settle(model, run.max_cycles, run.tolerance, run.max_time), None
+        return Settle(model, run.max_cycles, tolerances(model, run.tolerance), run.max_time), None
     if run.kind == "hold":
         return Hold(model, run.duration), None
     if run.kind == "trace":
@@ -50,7 +50,7 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
         return Crossings(model, run.crossings, run.after_cycles), None
     if run.kind == "staircase":
         stairs = Stairs(tuple(run.path), run.step, run.hold, run.first_hold)
-        return Staircase(model, stairs, run.tolerance), Moving(run.parameter, stairs)
+        return Staircase(model, stairs, tolerances(model, run.tolerance)), Moving(run.parameter, stairs)
     path = Path(tuple(run.path), run.rate, run.hold)
     return Crossings(model, duration=path.duration), Moving(run.parameter, path)
 
@@ -78,7 +78,7 @@ def frame_of(job: Job, rows: Plan, moving: Moving | None, block: BlockResult) ->
     """The records of a block of rows."""
     axes = rows.columns(block.first, block.first + len(block.status))
     if job.run.kind in ("settle", "hold"):
-        return settle_frame(rows.model, axes, block)
+        return settle_frame(rows.model, axes, block, settles=job.run.kind == "settle")
     ramp: tuple[str, Path] | None = None
     if moving is not None:
         if isinstance(moving.path, Stairs):

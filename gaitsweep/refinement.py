@@ -122,9 +122,11 @@ def _telling(progress: RunProgress, number: int, total: int, decided: float) -> 
 
 
 def _labels(frame: pd.DataFrame) -> np.ndarray:
-    """The label of each row (n,): its gait's number, or ALONE of a row that did not settle."""
+    """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
     gait = frame["gait"].cat.codes.to_numpy()
-    return np.where((frame["status"] == Status.settled.name) & (gait >= 0), gait, ALONE)
+    # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
+    fixed = (frame["status"] == Status.settled.name) & (frame["attractor_period"] == 1)
+    return np.where(fixed & (gait >= 0), gait, ALONE)
 
 
 def _write_parts(
@@ -157,6 +159,9 @@ def _inferred_frame(plan: Plan, rows: np.ndarray, gaits: np.ndarray, like: pd.Da
         attempts=np.zeros(n, np.int64),
         t_end=np.full(n, np.nan),
         last=np.full((n, len(model.observables)), np.nan),
+        period=np.zeros(n, np.int8),
+        slowest=np.full(n, -1),
+        fired=np.zeros((n, 0), np.int64),
         labels={"gait": gaits, **traits},
         owner=np.zeros(0, np.int64),
         samples=np.zeros((0, 0)),

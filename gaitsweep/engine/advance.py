@@ -74,7 +74,8 @@ class Carry:
 
     `t` time (s); `h` the step to try next; `pace` the longest that it may be, which
     grows after an event; `near` the guards at the state; `far` the shortest step known to fire (infinite
-    while no event is being located) and `far_guards` the guards there; `weight` the Illinois weight of the
+    while no event is being located) and `far_guards` the guards there, >= 0 too for those that fired
+    before at the same instant; `weight` the Illinois weight of the
     end that stayed (above zero: the near end stayed, below: the far one); `trials` attempts spent on this
     event; `chain` jumps since time went on; `attempts` made in all; `stop` the time at which to halt; `halt`
     why the trajectory waits. The trajectory's own numerics, which stay: `dt` its longest step (s), `share` by
@@ -314,6 +315,9 @@ def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Arra
     Returns how far it is below zero at the near end and above it at the far one, both >= 0; (1, 0) where
     none fires. The least of all quotients below / above is found without dividing.
     """
+    if near.size == 0:  # a flow without events
+        none = jnp.zeros((), near.dtype)
+        return none + 1.0, none
     fires = far >= 0.0
     above = jnp.where(fires, far, 0.0)
     below = jnp.where(near < 0.0, -near, 0.0)
@@ -350,10 +354,12 @@ def _next_bracket(
     # a location that ended without its event is the same event's still: only a step on forgets it
     trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
     waits = ~(on | hit)
+    # what has fired at this instant already stays told beside what fires now: see `fired_last`
+    told = carry.far_guards >= jnp.where(hit, jnp.where(h == 0.0, 0.0, jnp.inf), -jnp.inf)
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),
-        "far_guards": jnp.where(hit, guards, carry.far_guards),
+        "far_guards": jnp.where(told, carry.far_guards, guards),
         "weight": jnp.where(waits, carry.weight, weight),
         "trials": jnp.where(waits, carry.trials, trials),
     }
@@ -388,6 +394,8 @@ def _implicit_event_time(
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that fires; of several
     at once (`rooted`) the one that came first counts.
     """
+    if guards.size == 0:
+        return trial, t
     still = jax.lax.stop_gradient(trial)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     _, speed = jax.jvp(
@@ -436,3 +444,8 @@ def select(condition: jax.Array, yes: Any, no: Any) -> Any:
 def stalled(carry: Carry) -> jax.Array:
     """True where jumps follow each other at one instant without end."""
     return carry.chain > CHAIN_LIMIT * (carry.near.size + 1)
+
+
+def fired_last(carry: Carry) -> jax.Array:
+    """The guards (a bool each) that fired at the last instant at which any did, those of all its jumps."""
+    return carry.far_guards >= 0.0

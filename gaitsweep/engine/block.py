@@ -16,7 +16,7 @@ class BlockResult:
     """One block's rows, in their order.
 
     `first` the first row's number; `status`, `cycles`, `attempts`, `t_end` (n,); `last` observables at the
-    last crossing (n, observables); `labels` `gait` (an index, -1: not labelled) and the traits, for each row
+    last crossing (n, observables); `period`, `slowest` (n,) and `fired` (n, words) as in `Record`; `labels` `gait` (an index, -1: not labelled) and the traits, for each row
     or, on stairs, for each sample; `owner`, `samples`: what the recorder kept, the row's number and the kept
     numbers, in order.
     """
@@ -27,6 +27,9 @@ class BlockResult:
     attempts: np.ndarray
     t_end: np.ndarray
     last: np.ndarray
+    period: np.ndarray
+    slowest: np.ndarray
+    fired: np.ndarray
     labels: dict[str, np.ndarray]
     owner: np.ndarray
     samples: np.ndarray
@@ -49,6 +52,9 @@ class Block:
         self.attempts = np.zeros(self.rows, np.int64)
         self.t_end = np.full(self.rows, np.nan)
         self.last = np.full((self.rows, len(work.model.observables)), np.nan)
+        self.period = np.zeros(self.rows, np.int8)
+        self.slowest = np.full(self.rows, -1)
+        self.fired = np.zeros((self.rows, 0), np.int64)
         self._owners: list[np.ndarray] = []
         self._samples: list[np.ndarray] = []
 
@@ -68,6 +74,11 @@ class Block:
         self.attempts[mine] = given.attempts[lanes]
         self.t_end[mine] = given.t[lanes]
         self.last[mine] = record.last[lanes]
+        self.period[mine] = record.period[lanes]
+        self.slowest[mine] = record.slowest[lanes]
+        if not self.fired.size:  # only now is it known how many guards there are
+            self.fired = np.zeros((self.rows, record.fired.shape[1]), np.int64)
+        self.fired[mine] = record.fired[lanes]
         self.missing -= lanes.size
 
     def kept(self) -> tuple[np.ndarray, np.ndarray]:
@@ -86,6 +97,9 @@ class Block:
             attempts=self.attempts,
             t_end=self.t_end,
             last=self.last,
+            period=self.period,
+            slowest=self.slowest,
+            fired=self.fired,
             labels=labels,
             owner=owner + self.first,
             samples=samples,

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
-from gaitsweep.engine.advance import FINISHED, Carry, select, stalled
+from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
 
 # Attempts between two looks at a trajectory. It is part of the results (a failed row's end time is a
 # multiple of it in attempts), so it is a constant and not a matter of tuning.
@@ -29,13 +29,28 @@ BUFFER = 32
 DIVERGED = 1.0e9
 # Cycles of grace in a row's limit on time.
 SPARE_CYCLES = 10
-# Attempts for each nominal step of a row's allowed time, beyond which its events have stalled it.
+# Attempts for each nominal step of a row's allowed time, beyond which it is given up.
 ATTEMPTS_PER_STEP = 8.0
+# Guards in one number of `Record.fired`: a slot of a kernel is a float64, which holds 53 bits.
+GUARDS_A_WORD = 32
+# What of a record stays on the device.
+UNSEEN = ("window", "moves")
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["status", "cycles", "last", "window", "filled", "samples"],
+    data_fields=[
+        "status",
+        "cycles",
+        "last",
+        "window",
+        "moves",
+        "filled",
+        "samples",
+        "period",
+        "slowest",
+        "fired",
+    ],
     meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
@@ -43,16 +58,23 @@ class Record:
     """What is known of a row so far.
 
     `status` a `Status`; `cycles` crossings so far, the start being number 0; `last` the
-    observables (n,) at the last crossing; `window` those of the last crossings (w, n); `filled` rows that
-    wait in the trajectory's buffer for the host, at most `BUFFER`; `samples` rows kept so far.
+    observables (n,) at the last crossing; `window` those of the last crossings (w, n); `moves` how far apart
+    crossings were lately, as a kind of run needs it; `filled` rows that wait in the trajectory's buffer for
+    the host, at most `BUFFER`; `samples` rows kept so far; `period` of the attractor in crossings, 0 while it
+    is not known; `slowest` the observable (its number, else -1) that kept the row from settling; `fired` the
+    guards whose jumps stalled the row, a bit each.
     """
 
     status: jax.Array
     cycles: jax.Array
     last: jax.Array
     window: jax.Array
+    moves: jax.Array
     filled: jax.Array
     samples: jax.Array
+    period: jax.Array
+    slowest: jax.Array
+    fired: jax.Array
 
 
 class Recorder(abc.ABC):
@@ -101,8 +123,12 @@ class Recorder(abc.ABC):
             cycles=count,
             last=last,
             window=jnp.broadcast_to(last, (self.window, *last.shape)),
+            moves=jnp.zeros((0,), last.dtype),
             filled=count,
             samples=count,
+            period=count,
+            slowest=count - 1,
+            fired=jnp.zeros_like(_packed(fired_last(carry))),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
@@ -121,7 +147,8 @@ class Recorder(abc.ABC):
         taken_carry, taken, row, keep = self.take(params, carry, record)
         ill = self._illness(params, carry, dt)
         status = jnp.where(ill != Status.running, ill, taken.status)
-        new = select(running, dataclasses.replace(taken, status=status), record)
+        fired = jnp.where(ill == Status.event_stall, _packed(fired_last(carry)), record.fired)
+        new = select(running, dataclasses.replace(taken, status=status, fired=fired), record)
         new = dataclasses.replace(new, last=jnp.where(ill != Status.running, record.last, new.last))
         halt = jnp.where(status != Status.running, FINISHED, taken_carry.halt)
         moved = dataclasses.replace(taken_carry, halt=halt.astype(carry.halt.dtype))
@@ -133,8 +160,9 @@ class Recorder(abc.ABC):
             moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
-        endless = stalled(carry) | (carry.attempts > self.max_attempts(params, dt))
-        status = jnp.where(endless, Status.event_stall, Status.running)
+        endless = carry.attempts > self.max_attempts(params, dt)
+        status = jnp.where(endless, Status.step_limit, Status.running)
+        status = jnp.where(stalled(carry), Status.event_stall, status)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         return jnp.where(jnp.any(jnp.isnan(flat)), Status.not_a_number, status).astype(jnp.int32)
@@ -144,3 +172,19 @@ def counted(record: Record, keep: jax.Array) -> Record:
     """`record` with one more row in its buffer where `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
+
+
+def _packed(fired: jax.Array) -> jax.Array:
+    """Which guards (n,) fired, in whole numbers of `GUARDS_A_WORD` bits; none where there are no guards."""
+    bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
+    words = [
+        jnp.sum(jnp.where(fired[i : i + GUARDS_A_WORD], bits[i : i + GUARDS_A_WORD], 0))
+        for i in range(0, fired.size, GUARDS_A_WORD)
+    ]
+    return jnp.stack(words) if words else jnp.zeros((0,), jnp.int64)
+
+
+def unpacked(words: np.ndarray) -> np.ndarray:
+    """Which guards fired (rows, guards) from `Record.fired` (rows, words), those past the last one False."""
+    bits = np.arange(GUARDS_A_WORD)
+    return ((words[:, :, None].astype(np.int64) >> bits) & 1).astype(bool).reshape(len(words), -1)

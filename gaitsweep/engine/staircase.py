@@ -12,24 +12,26 @@ import numpy as np
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, GOING, TIME, Carry
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP, BUFFER, Record, Recorder, counted
-from gaitsweep.engine.settle import SETTLE_WINDOW, change
+from gaitsweep.engine.settle import SETTLE_WINDOW, TOLERANCE, bounds, change, slowest
 from gaitsweep.engine.stairs import Stairs
 
 
 @dataclasses.dataclass(frozen=True)
 class Staircase(Recorder):
-    """The end of each stair: stair, crossings so far, t, settled, and the observables at the last crossing.
+    """The end of each stair: stair, crossings so far, t, settled, slowest, the observables at the last crossing.
 
-    Settled: no observable, wrapped, is farther from its value at any of the last `SETTLE_WINDOW` crossings
-    than `SETTLE_WINDOW` times `tolerance` (rad a cycle), and as many crossings were on this stair. The row
-    is moved by a drive over the same `stairs`; its state goes on from stair to stair.
+    Settled: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings than
+    `SETTLE_WINDOW` times its `tolerance`, in units of its scale, and as many crossings were on this stair
+    (a fixed point: orbits of several crossings do not settle here); else `slowest` is the number of the
+    observable that moved most, -1 where it is not known. The row is moved by a drive over the same `stairs`;
+    its state goes on from stair to stair.
     """
 
-    HEAD: ClassVar[int] = 4  # numbers before the observables
+    HEAD: ClassVar[int] = 5  # numbers before the observables
 
     model: Model
     stairs: Stairs
-    tolerance: float = 1.0e-3
+    tolerance: float | tuple[float, ...] = TOLERANCE
 
     @property
     def window(self) -> int:
@@ -64,9 +66,10 @@ class Staircase(Recorder):
             record, cycles=cycles, last=last, window=jnp.where(slot & crossed, last, record.window)
         )
         # what a stair has not crossed yet is NaN, which is near nothing
-        moved = jnp.max(jnp.abs(change(self.model, last[None, :] - record.window)))
-        settled = moved < SETTLE_WINDOW * self.tolerance
-        head = (record.samples, cycles, carry.t, settled)
+        moved = jnp.abs(change(self.model, last[None, :] - record.window))
+        bound = bounds(self.model, self.tolerance, record.window)[None, :]
+        settled = jnp.all(moved < bound)
+        head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
         row = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
 
         taken = counted(taken, due)
@@ -79,12 +82,14 @@ class Staircase(Recorder):
         halt = jnp.where(waits, TIME, GOING).astype(carry.halt.dtype)
         end = self.stairs.end(taken.samples.astype(carry.t.dtype))
         # the new value may fire a guard where the trajectory stands, so it begins as a start does, by an
-        # attempt of zero length; an event that was being located under the old value is forgotten
+        # attempt of zero length; an event that was being located under the old value is forgotten, and so
+        # are the guards that fired last
         carry = dataclasses.replace(
             carry,
             stop=jnp.where(due, end, carry.stop),
             h=jnp.where(due, 0.0, carry.h),
             far=jnp.where(due, jnp.inf, carry.far),
+            far_guards=jnp.where(due, -1.0, carry.far_guards),
             halt=halt,
         )
         return carry, taken, row, due

@@ -23,7 +23,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.lane import Given, OneLane, RowDrive
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.record import BUFFER, CADENCE, Record, Recorder
+from gaitsweep.engine.record import BUFFER, CADENCE, UNSEEN, Record, Recorder
 
 # Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
 # chances to show progress, to store and to refill.
@@ -169,7 +169,8 @@ def _chunk(
 
     opening = (jnp.zeros((), jnp.int32), carry, record, kept)
     _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
-    seen = dataclasses.replace(record, window=jnp.zeros((record.status.size, 0), record.last.dtype))
+    nothing = jnp.zeros((record.status.size, 0), record.last.dtype)
+    seen = dataclasses.replace(record, **dict.fromkeys(UNSEEN, nothing))
     # the host reads what is given, so that the buffers are free again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
     return (held, carry, record, kept), Given(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]

@@ -6,15 +6,16 @@ import dataclasses
 import graphlib
 import itertools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from gaitsweep import nearmiss
-from gaitsweep.contract import Quantity
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Continuation, Ramp, Staircase, Trace, moved_by
+from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Continuation, Ramp, Settle, Staircase, Trace, moved_by
 from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000
@@ -69,6 +70,21 @@ def check_run(run: object) -> list[Complaint]:
     if isinstance(run, Continuation):
         return _check_continuation(run)
     return _check_stairs(run) if isinstance(run, Staircase) else []
+
+
+def check_tolerance(run: object, model: Model) -> list[Complaint]:
+    """Complaints about tolerances of what the model does not observe."""
+    if not isinstance(run, Settle | Staircase) or not isinstance(run.tolerance, Mapping):
+        return []
+    names = [quantity.name for quantity in model.observables]
+    return [
+        Complaint(
+            ("run", "tolerance", name),
+            f"is not an observable of {model.name}{nearmiss.suggestion(name, names)}",
+        )
+        for name in run.tolerance
+        if name not in names
+    ]
 
 
 def _check_trace(run: Trace) -> list[Complaint]:

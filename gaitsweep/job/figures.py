@@ -18,18 +18,21 @@ def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
     if isinstance(run, Settle | Hold):
         observed = [f"{quantity.name}_end" for quantity in model.observables]
         traits = [quantity.name for quantity in model.traits]
-        return ["row", *axes, "status", "cycles", "t_end", *observed, "gait", *traits]
+        slowest, period = (["slowest"], ["attractor_period"]) if isinstance(run, Settle) else ([], [])
+        head = ["status", "cycles", "t_end", *slowest, "stalled_by"]
+        return ["row", *axes, *head, *observed, "gait", *period, *traits]
     if isinstance(run, Trace):
         moving = [] if run.parameter is None else ["pass", run.parameter]
-        return ["row", *axes, *moving, "t", *(quantity.name for quantity in model.signals), "status"]
+        signals = [quantity.name for quantity in model.signals]
+        return ["row", *axes, *moving, "t", *signals, "status", "stalled_by"]
     observed = [f"{quantity.name}_n" for quantity in model.observables]
     if isinstance(run, Continuation):
         return ["row", *axes, "point", run.parameter, *observed, *branch_columns(run)]
     if isinstance(run, Staircase):
-        head = ["stair", "pass", run.parameter, "t", "crossing", "settled", "status"]
+        head = ["stair", "pass", run.parameter, "t", "crossing", "settled", "slowest", "status", "stalled_by"]
         return ["row", *axes, *head, *observed, "gait", *(quantity.name for quantity in model.traits)]
     moving = ["pass", run.parameter] if isinstance(run, Ramp) else []
-    return ["row", *axes, "crossing", *moving, "t", "status", *observed]
+    return ["row", *axes, "crossing", *moving, "t", "status", "stalled_by", *observed]
 
 
 def branch_columns(run: Continuation) -> list[str]:

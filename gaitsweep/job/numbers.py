@@ -138,6 +138,21 @@ def read_whole(value: Any, low: int, high: int) -> int:
     return int(number)
 
 
+def read_each(value: Any) -> float | dict[str, float]:
+    """A number above 0, or one for each of some names; raises Refused."""
+    if not isinstance(value, Mapping):
+        return read_real(value, low=0.0, open_ends=True)
+    if not value:
+        raise Refused("is an empty mapping, but takes a number above 0, or one for each of some observables.")
+    each = {}
+    for name, number in value.items():
+        try:
+            each[read_text(name)] = read_real(number, low=0.0, open_ends=True)
+        except Refused as error:
+            raise Refused(f"has {name}, which {error}") from None
+    return each
+
+
 def read_text(value: Any) -> str:
     """Text; raises Refused where YAML made a number or a flag of it."""
     if not isinstance(value, str):
@@ -189,6 +204,18 @@ _TEXT = WithJsonSchema({"type": "string"})
 Number = Annotated[float | str, PlainValidator(checked(read_number)), _NUMBER]
 Real = Annotated[float, PlainValidator(checked(read_real)), _NUMBER]
 Positive = Annotated[float, PlainValidator(checked(read_real, low=0.0, open_ends=True)), _NUMBER]
+PositiveOrEach = Annotated[
+    float | dict[str, float],
+    PlainValidator(checked(read_each)),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": ["number", "string"]},
+                {"type": "object", "additionalProperties": {"type": ["number", "string"]}, "minProperties": 1},
+            ]
+        }
+    ),
+]
 NotNegative = Annotated[float, PlainValidator(checked(read_real, low=0.0)), _NUMBER]
 Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), _WHOLE]
 LaneCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=2**20)), _WHOLE]

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.branches import check_branches
-from gaitsweep.job.checks import check_names, check_ranges, check_run
+from gaitsweep.job.checks import check_names, check_ranges, check_run, check_tolerance
 from gaitsweep.job.complaints import Complaint, JobError, Owner, found, from_pydantic
 from gaitsweep.job.config import Config
 from gaitsweep.job.figures import check_figures, table_columns
@@ -210,6 +210,7 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
             text += " and cannot move while it runs."
             complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_run(run))
+    complaints.extend(check_tolerance(run, subject.model))
     complaints.extend(check_branches(subject.model, run, numerics.engine(subject.model).method))
     complaints.extend(check_refinement(plan, run))
     complaints.extend(check_numerics(subject.model, numerics))

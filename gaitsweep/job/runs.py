@@ -14,6 +14,7 @@ from gaitsweep.job.numbers import (
     LaneCount,
     NotNegative,
     Positive,
+    PositiveOrEach,
     Real,
     Refused,
     Text,
@@ -45,14 +46,18 @@ def _power_of_two(value: Any) -> int:
 
 
 class Settle(Part):
-    """Follow each row until its section's state stops moving; one row a start."""
+    """Follow each row until its section's state stops moving, or repeats; one row a start."""
 
     REFINING: ClassVar[tuple[str, ...]] = ("refine", "over", "coarse")  # fields that say which rows are run
 
-    kind: Literal["settle"] = Field(description="settle: until the section's state stops moving")
+    kind: Literal["settle"] = Field(
+        description="settle: until the section's state stops moving, or repeats every 2 to 8 crossings"
+    )
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
-    tolerance: Positive = Field(
-        default=1e-3, description="change a cycle below which a row has settled, in rad a cycle"
+    tolerance: PositiveOrEach = Field(
+        default=1e-3,
+        description="change a cycle below which a row has settled: of angles in rad, of other observables as a "
+        "share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
     )
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
@@ -141,8 +146,10 @@ class Staircase(Part):
     first_hold: Positive | None = Field(
         default=None, description="time on the first stair, in s; as on the others if not given"
     )
-    tolerance: Positive = Field(
-        default=1e-3, description="change a cycle below which a stair has settled, in rad a cycle"
+    tolerance: PositiveOrEach = Field(
+        default=1e-3,
+        description="change a cycle below which a stair has settled: of angles in rad, of other observables as "
+        "a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
     )
 
 

@@ -81,6 +81,12 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     if getattr(found, "ndim", None) != 1:
         shape = getattr(found, "shape", type(found).__name__)
         raise _Fault(f"{name} gives {shape}, where it gives one number for each event, (n,): use jnp.stack.")
+    if isinstance(model, HybridModel):
+        names = model.guard_names
+        if not isinstance(names, tuple) or not all(isinstance(each, str) for each in names):
+            raise _Fault(f"guard_names gives {names!r}, where it gives a tuple of texts.")
+        if names and len(names) != found.shape[0]:
+            raise _Fault(f"guard_names gives {len(names)} names, but guards gives {found.shape[0]} numbers.")
     return jax.ShapeDtypeStruct(found.shape, bool)
 
 

@@ -272,6 +272,12 @@ class Multilegged(HybridModel):
         gap = s.x - length
         return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap - STRICTLY, -gap)])  # eq. (2)
 
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        legs = range(1, self.N + 2)
+        ends = (f"phase of leg {i} reaches the end of its segment" for i in legs)
+        return (*ends, *(f"leg {i} touches or lifts" for i in legs))
+
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
         p, s = params, state
         corner, segment, wraps, kicked = self._transitions(s, fired)

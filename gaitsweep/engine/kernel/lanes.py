@@ -17,7 +17,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.lane import Given, OneLane, RowDrive
 from gaitsweep.engine.numerics import SHARE, Numerics
-from gaitsweep.engine.record import BUFFER, Record, Recorder
+from gaitsweep.engine.record import BUFFER, UNSEEN, Record, Recorder
 from gaitsweep.engine.xla import Values
 
 CACHE_LINE = 64  # bytes, and those of the widest vector
@@ -116,18 +116,20 @@ class KernelLanes(abc.ABC):
         """What the host gets, its buffers empty, from a slot's numbers (size,) by the slot."""
 
         def read(leaf: Leaf) -> np.ndarray:
-            columns = [read_slot(leaf.first + i) for i in range(leaf.size)]
+            columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
             return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
         record = self.chunk.record
         fields = {
             field.name: read(getattr(record, field.name))
             for field in dataclasses.fields(Record)
-            if field.name != "window"
+            if field.name not in UNSEEN
         }
-        for name in ("status", "cycles", "filled", "samples"):
+        for name in ("status", "cycles", "filled", "samples", "period", "slowest"):
             fields[name] = fields[name].astype(np.int32)
-        seen = Record(window=np.zeros((self.size, 0)), **fields)  # type: ignore[arg-type]
+        fields["fired"] = fields["fired"].astype(np.int64)
+        fields |= dict.fromkeys(UNSEEN, np.zeros((self.size, 0)))
+        seen = Record(**fields)  # type: ignore[arg-type]
         carry = self.chunk.carry
         kept = np.zeros((self.size, 0, self.chunk.width))
         return Given(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))

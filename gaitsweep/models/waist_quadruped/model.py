@@ -203,6 +203,12 @@ class WaistQuadruped(Drawn, HybridModel):
         )
         return jnp.concatenate([s.phi - corner(p, s.segment), foot, jnp.stack([grown, free])])
 
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        ends = (f"phase of limb {i} reaches the end of its segment" for i in range(1, 5))
+        feet = (f"foot {i} touches or lifts" for i in range(1, 5))
+        return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is let go (T_hold)")
+
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
         p, s = params, state
         now = transitions(s, fired[:4], fired[4:8])
