@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status
+from gaitsweep.contract import Status, Verdict
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep import Timings, sweep
@@ -124,7 +124,7 @@ def _telling(progress: RunProgress, number: int, total: int, decided: float) -> 
 def _labels(frame: pd.DataFrame) -> np.ndarray:
     """The label of each row (n,): its gait's number, or ALONE of a row that did not settle."""
     gait = frame["gait"].cat.codes.to_numpy()
-    return np.where((frame["status"] == Status.settled.name) & (gait >= 0), gait, ALONE)
+    return np.where(frame["status"].isin(list(Status.of(Verdict.sound))) & (gait >= 0), gait, ALONE)
 
 
 def _write_parts(

@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from gaitsweep.effort import Effort
 from gaitsweep.job.complaints import Owner
 from gaitsweep.job.figure_kinds import FIGURES, Figure
 from gaitsweep.job.numbers import Stem, Text
@@ -83,7 +84,9 @@ class Job(Part):
     )
     numerics: Numerics = Field(default_factory=Numerics, description="how trajectories are integrated")
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
-    figures: list[Figure] = Field(default_factory=list, description="figures made from the table")
+    figures: list[Figure] = Field(
+        default_factory=list, max_length=200, description="figures made from the table"
+    )
 
     _plan: Plan = PrivateAttr()
 
@@ -92,9 +95,10 @@ class Job(Part):
     def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
         if isinstance(data, Job):
             return data
-        reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
-        job = read_rest(reading, handler, _OWNERS)
-        job._plan = finish(reading, job.run, job.numerics, job.figures)
+        with Effort.limited():
+            reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
+            job = read_rest(reading, handler, _OWNERS)
+            job._plan = finish(reading, job.run, job.numerics, job.figures)
         return job
 
     @property

@@ -30,6 +30,11 @@ _WRITTEN: weakref.WeakKeyDictionary[ModuleType, tuple[int, int]] = weakref.WeakK
 class ModelError(UserError, LookupError):
     """A model that cannot be had; the message is a sentence that goes on from the model's name."""
 
+    @property
+    def sentence(self) -> str:
+        """The message with what it goes on from."""
+        return f"The model {self}"
+
 
 def names() -> tuple[str, ...]:
     """The registered names."""

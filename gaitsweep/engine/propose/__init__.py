@@ -8,6 +8,7 @@ from gaitsweep.contract import HybridModel, Model, Steps
 from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
+from gaitsweep.user_error import ArgumentError
 
 METHODS: dict[str, Method] = {
     "rk4": Method(rk4, first_step=0.125, growth=1.25),
@@ -28,7 +29,7 @@ def own_steps(name: str, model: Model) -> Steps | None:
     if not isinstance(model, HybridModel):
         return model if isinstance(model, Steps) else None
     if (reason := _steps_alone(name, model)) is not None:
-        raise ValueError(f"The method {reason}")
+        raise ArgumentError(f"The method {reason}")
     return model.in_steps() if METHODS[name].step is None else None
 
 
