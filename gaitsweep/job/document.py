@@ -23,8 +23,8 @@ from gaitsweep.job.numbers import not_text
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
 _SHORT = 64 * 1024  # bytes
-_LARGEST = 4 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
-_MOST_NODES = 200_000  # values of a file, with all that its aliases stand for
+_LARGEST = 2 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
+_MOST_NODES = 100_000  # values of a file, with all that its aliases stand for
 _DEEPEST = 60  # lists and mappings inside each other
 _TOO_DEEP = f"is nested too deep: at most {_DEEPEST} lists and mappings inside each other."
 _MOST_LISTED = 200  # names of a folder that are looked through for a near miss
