@@ -27,6 +27,7 @@ from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
 from gaitsweep.job import Job, Plan, plan
+from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.plot import draw
 from gaitsweep.recording import drive_of, frame_of, recorder_of
 from gaitsweep.refinement import refine, refines
@@ -282,7 +283,10 @@ def draw_figures(path: str | Path) -> list[Path]:
 
 
 def _hash(job: Job, model: Model, **chosen: Any) -> str:
-    """The job's hash, with the source of a user's own model in it: edited, it is another job."""
+    """The job's hash, with the sources of a user's own model in it: edited, it is another job.
+
+    The modules beside the user's that it imports are sources of the model too.
+    """
     job_hash = job.hash(**chosen)
     module = inspect.getmodule(type(model))
     if module is None or module.__name__.startswith("gaitsweep."):
@@ -291,7 +295,13 @@ def _hash(job: Job, model: Model, **chosen: Any) -> str:
         source = inspect.getsource(module)
     except (OSError, TypeError):
         return job_hash
-    return hashlib.sha256((job_hash + source).encode()).hexdigest()
+    beside = modules_beside(module)
+    beside.pop(module.__name__, None)
+    found = hashlib.sha256((job_hash + source).encode(errors="replace"))
+    with _told_by_file():
+        for name in sorted(beside):
+            found.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
+    return found.hexdigest()
 
 
 def _quantities(model: Model) -> dict[str, dict[str, Any]]:
