@@ -81,13 +81,12 @@ def test_modules_beside_are_those_that_are_imported(folder: tuple[Path, str]) ->
 def test_an_edit_beside_the_model_is_another_job(folder: tuple[Path, str]) -> None:
     path, package = folder
     job, before = found(path)
+    seconds = period(job)
     assert found(path)[1] == before
     write(path / package / "numbers_of.py", "TWO = 4.0\n")
     edited, after = found(path)
     assert after != before
-    assert period(edited) == pytest.approx(
-        2.0 * period(job), rel=1e-12
-    )  # the new number is the one that runs
+    assert period(edited) == pytest.approx(2.0 * seconds, rel=1e-12)  # the new number is the one that runs
     write(path / package / "numbers_of.py", "TWO = 2.0\n")
     again, back = found(path)
     assert back == before
