@@ -92,7 +92,7 @@ def branches_of(ready: Prepared, first: int, last: int) -> pd.DataFrame:
     moved = {name: np.broadcast_to(each, (last - first,))[row] for name, each in values.items()}
     moved[run.parameter] = table[run.parameter].to_numpy(float)
     table["gait"] = _gaits(mapping, moved, table, found)
-    status = np.where(found, Status.complete.name, Status.cycle_limit.name)
+    status = np.where(found, Status.complete.name, Status.no_fixed_point.name)
     table = table.rename(columns=renamed).assign(row=row + first, **axes)
     table["status"] = pd.Categorical(status, categories=STATUSES)
     for name in ("special", "end"):

@@ -26,27 +26,53 @@ State = Any  # a frozen dataclass pytree: what changes along a trajectory, modes
 Rates = dict[str, jax.Array]  # time derivative of each continuous field of a State, by field name
 
 
-class Status(enum.IntEnum):
-    """How a row ended, with a sentence each; every row of a table has exactly one."""
+class Verdict(enum.Enum):
+    """What a status says of a row: that its result holds, that nothing was decided, or that it failed."""
 
-    running = 0, "The row has not ended yet."
-    settled = 1, "The section's state stopped moving, or repeats every 2 to 8 crossings."
-    cycle_limit = 2, "The row reached run.max_cycles without settling."
-    fell = 3, "The model's own test of a fall came true."
-    diverged = 4, "A state variable grew past the bound of divergence."
-    not_a_number = 5, "A state variable became NaN."
-    event_stall = 6, "Events followed each other at one instant without end (stalled_by names them)."
-    time_limit = 7, "Time ran out: run.max_time, or four nominal periods for each cycle allowed."
-    complete = 8, "The row recorded all that was asked of it."
-    inferred = 9, "The row was not simulated: its neighbours decide its label."
-    step_limit = 10, "The row took many more steps than its time should need."
+    sound = "sound"  # the row came to what the run asked for
+    undecided = "undecided"  # a limit ended it: with a larger one it could still come to anything
+    failed = "failed"  # the body fell, or the numbers did: there is no gait at its end
+
+
+class Status(enum.IntEnum):
+    """How a row ended, with a sentence each and its verdict; every row of a table has exactly one.
+
+    The numbers are stored in tables: those that are here stay as they are, and new ones come at the end.
+    """
+
+    running = 0, "The row has not ended yet.", Verdict.undecided
+    settled = 1, "The section's state stopped moving, or repeats every 2 to 8 crossings.", Verdict.sound
+    cycle_limit = 2, "The row reached run.max_cycles without settling.", Verdict.undecided
+    fell = 3, "The model's own test of a fall came true.", Verdict.failed
+    diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
+    not_a_number = 5, "A state variable became NaN.", Verdict.failed
+    event_stall = (
+        6,
+        "Events followed each other at one instant without end (stalled_by names them).",
+        Verdict.failed,
+    )
+    time_limit = (
+        7,
+        "Time ran out: run.max_time, or four nominal periods for each cycle allowed.",
+        Verdict.undecided,
+    )
+    complete = 8, "The row recorded all that was asked of it.", Verdict.sound
+    inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
+    step_limit = 10, "The row needed more steps than its limit allows.", Verdict.undecided
+    no_fixed_point = 11, "No fixed point was found from which to follow a branch.", Verdict.undecided
 
     sentence: str
+    verdict: Verdict
 
-    def __new__(cls, number: int, sentence: str) -> Self:
+    def __new__(cls, number: int, sentence: str, verdict: Verdict) -> Self:
         status = int.__new__(cls, number)
-        status._value_, status.sentence = number, sentence
+        status._value_, status.sentence, status.verdict = number, sentence, verdict
         return status
+
+    @classmethod
+    def of(cls, *verdicts: Verdict) -> frozenset[str]:
+        """The names of the statuses with one of these verdicts, as the column `status` has them."""
+        return frozenset(status.name for status in cls if status.verdict in verdicts)
 
 
 @dataclasses.dataclass(frozen=True)

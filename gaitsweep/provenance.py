@@ -7,7 +7,10 @@ import platform
 import subprocess
 from pathlib import Path
 
-PACKAGES = ("gaitsweep", "jax", "jaxlib", "numpy", "pandas", "pyarrow")
+PACKAGES = (
+    *("gaitsweep", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow"),
+    *("numba", "llvmlite", "numba-cuda", "mujoco", "mujoco-mjx"),
+)
 
 
 def versions() -> dict[str, str]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status
+from gaitsweep.contract import Status, Verdict
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep import Timings, sweep
@@ -125,7 +125,7 @@ def _labels(frame: pd.DataFrame) -> np.ndarray:
     """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
     gait = frame["gait"].cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
-    fixed = (frame["status"] == Status.settled.name) & (frame["attractor_period"] == 1)
+    fixed = frame["status"].isin(list(Status.of(Verdict.sound))) & (frame["attractor_period"] == 1)
     return np.where(fixed & (gait >= 0), gait, ALONE)
 
 

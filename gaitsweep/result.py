@@ -14,6 +14,7 @@ import pandas as pd
 from gaitsweep.job import Job, load_job
 from gaitsweep.runner import Progress, carry_out
 from gaitsweep.table import load
+from gaitsweep.user_error import ArgumentError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +60,8 @@ def run(
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
     """
     if isinstance(job, Job) and overrides:
-        raise ValueError("overrides are for a job that is read from a file: build the Job with them instead.")
+        raise ArgumentError(
+            "overrides are for a job that is read from a file: build the Job with them instead."
+        )
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
     return Result(carry_out(loaded, out, progress=progress, tell=warnings.warn))

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import hashlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,17 +26,31 @@ from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
 from gaitsweep.job import Job, Plan, plan
+from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.plot import draw
 from gaitsweep.recording import Drive, frame_of, recorder_of
 from gaitsweep.refinement import refine, refines
 from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
-from gaitsweep.user_error import UserError
+from gaitsweep.user_error import FAILED, UserError
 
 RESULTS = Path("results")
 
 
 class RunError(UserError):
     """A job cannot run here; the message is a sentence that says why and what to do."""
+
+
+class FigureError(UserError):
+    """Some of a table's figures could not be drawn; `drawn` has the files of the others."""
+
+    exit_code = FAILED
+
+    def __init__(self, message: str, drawn: Sequence[Path]) -> None:
+        self.drawn = tuple(drawn)
+        super().__init__(message)
+
+    def __reduce__(self) -> tuple[type[FigureError], tuple[str, tuple[Path, ...]]]:
+        return FigureError, (str(self), self.drawn)
 
 
 class Progress(Protocol):
@@ -129,6 +143,7 @@ def carry_out(
     Raises:
         RunError, TableError: a sentence each; what was written before stays, and the next run continues.
         KeyboardInterrupt: likewise.
+        FigureError: the table is complete, but a figure of it could not be drawn.
     """
     path = RESULTS / job.name if out is None else Path(out)
     ready = prepare(job)
@@ -136,7 +151,10 @@ def carry_out(
     if ready.note is not None and tell is not None:
         tell(ready.note)
     resolved = job.resolved(engine=ready.engine)
-    with ResultDirectory.open(path, resolved, ready.job_hash, work.n_rows, work.block) as directory:
+    with (
+        _told_by_file(),
+        ResultDirectory.open(path, resolved, ready.job_hash, work.n_rows, work.block) as directory,
+    ):
         for note in directory.notes:
             if tell is not None:
                 tell(note)
@@ -144,8 +162,34 @@ def carry_out(
         if missing:
             _run_missing(ready, directory, missing, progress)
     if figures:
-        draw_figures(path)
+        _draw_of_complete(path, work.n_rows, tell)
     return path
+
+
+@contextlib.contextmanager
+def _told_by_file() -> Iterator[None]:
+    """What the operating system refuses, as a sentence that names the file."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            raise
+        raise WriteError(f"{error.filename} cannot be used: {reason(error)}.") from error
+
+
+def _draw_of_complete(path: Path, rows: int, tell: Callable[[str], None] | None) -> None:
+    """Draw the figures of a table that is complete, which no figure that fails may hide."""
+    safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {path})"
+    try:
+        draw_figures(path)
+    except FigureError as error:
+        raise FigureError(f"{safe}, but a figure is not drawn. {error}", error.drawn) from error
+    except UserError as error:
+        raise FigureError(f"{safe}, but its figures are not drawn. {error}", ()) from error
+    except Exception:
+        if tell is not None:
+            tell(f"{safe}. What follows is a fault in drawing its figures.")
+        raise
 
 
 def _run_missing(
@@ -210,27 +254,38 @@ def draw_figures(path: str | Path) -> list[Path]:
     Raises:
         TableError: there is no table yet.
         WriteError: a figure cannot be written; the old one stands.
+        FigureError: the table does not give what some of them show; the others are drawn.
     """
     table = load(path)
     folder = Path(path) / "figures"
-    folder.mkdir(exist_ok=True)
-    files = []
-    for spec in table.attrs["job"].get("figures", []):
+    with _told_by_file():
+        folder.mkdir(exist_ok=True)
+    files, refused = [], []
+    for number, spec in enumerate(table.attrs["job"].get("figures", [])):
         given = {
             key: value for key, value in spec.items() if value is not None and key not in ("kind", "name")
         }
-        figure = draw(spec["kind"], table, **given)
+        try:
+            figure = draw(spec["kind"], table, **given)
+        except UserError as error:
+            refused.append(f"figures[{number}] ({spec['kind']}): {error}")
+            continue
         file = folder / f"{spec.get('name') or spec['kind']}.png"
         try:
             replace_file(file, lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=150))
         except OSError as error:
             raise WriteError(f"{file} could not be written: {reason(error)}.") from error
         files.append(file)
+    if refused:
+        raise FigureError("\n".join(refused), files)
     return files
 
 
 def _hash(job: Job, model: Model, **chosen: Any) -> str:
-    """The job's hash, with the source of a user's own model in it: edited, it is another job."""
+    """The job's hash, with the sources of a user's own model in it: edited, it is another job.
+
+    The modules beside the user's that it imports are sources of the model too.
+    """
     job_hash = job.hash(**chosen)
     module = inspect.getmodule(type(model))
     if module is None or module.__name__.startswith("gaitsweep."):
@@ -239,7 +294,13 @@ def _hash(job: Job, model: Model, **chosen: Any) -> str:
         source = inspect.getsource(module)
     except (OSError, TypeError):
         return job_hash
-    return hashlib.sha256((job_hash + source).encode()).hexdigest()
+    beside = modules_beside(module)
+    beside.pop(module.__name__, None)
+    found = hashlib.sha256((job_hash + source).encode(errors="replace"))
+    with _told_by_file():
+        for name in sorted(beside):
+            found.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
+    return found.hexdigest()
 
 
 def _quantities(model: Model) -> dict[str, dict[str, Any]]:

@@ -391,7 +391,7 @@ FILES: list[tuple[str | bytes, list[str]]] = [
     ("name: a\nparams: {mass: 1\x07}\n", ["line 2", "control character"]),
     ("[" * 700, ["nested too deep"]),
     ("a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(f"{k}: &{k} [{','.join(['*' + p] * 9)}]\n" for p, k in
-     zip("abcdefgh", "bcdefghi", strict=True)), ["more than 300000 values"]),
+     zip("abcdefgh", "bcdefghi", strict=True)), ["more than 100000 values"]),
     (b"\xff\xfe\x00\x01", ["is not text in UTF-8"]),
     (b"\x89PNG\r\n\x1a\n\x00\x00", ["is not text"]),
     (GOOD.encode("utf-16"), ["is not text in UTF-8"]),

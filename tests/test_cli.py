@@ -21,6 +21,7 @@ from gaitsweep.cli.progress import ProgressBar
 from gaitsweep.cli.show import duration, size
 from gaitsweep.job import Job
 from gaitsweep.table import ResultDirectory, TableError, WriteError
+from gaitsweep.user_error import UserError
 
 JOB = """\
 name: toy
@@ -40,8 +41,12 @@ class FakeRunner(types.ModuleType):
 
     RESULTS = Path("results")
 
-    class RunError(Exception):
+    class RunError(UserError):
         pass
+
+    class FigureError(UserError):
+        exit_code = 1
+        drawn = (Path("results/toy/figures/basin.png"),)
 
     def __init__(self) -> None:
         super().__init__("gaitsweep.runner")
@@ -211,7 +216,6 @@ def test_a_dry_run_runs_nothing(job_file: Path, runner: FakeRunner, capsys: Capt
         (TableError("The directory is another job's."), 2),
         (WriteError("The disk is full."), 1),
         (FakeRunner.RunError("There is no such device."), 2),
-        (OSError(13, "Permission denied", "results"), 1),
     ],
 )
 def test_failures_while_running(
@@ -219,8 +223,28 @@ def test_failures_while_running(
 ) -> None:
     runner.error = error
     text = refused(capsys, code, ["run", str(job_file)])
-    expected = "results: permission denied." if isinstance(error, OSError) else str(error)
-    assert text == f"{expected}\n"
+    assert text == f"{error}\n"
+
+
+def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
+    class Terminated(KeyboardInterrupt):
+        exit_code = 143
+
+    runner.error = Terminated()
+    assert main(["run", str(job_file)]) == 143
+
+
+def test_a_figure_that_fails_leaves_the_others(
+    finished: Path, runner: FakeRunner, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def refuse(path: Path) -> list[Path]:
+        raise runner.FigureError("figures[1] (shock): no.")
+
+    monkeypatch.setattr(runner, "draw_figures", refuse)
+    assert main(["plot", str(finished)]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == "results/toy/figures/basin.png\n"
+    assert printed.err == "figures[1] (shock): no.\n"
 
 
 def test_a_fault_of_ours_keeps_its_traceback(job_file: Path, runner: FakeRunner) -> None:

@@ -13,7 +13,9 @@ from sweeping import scalars
 from toy_model import Toy
 
 from gaitsweep import models
-from gaitsweep.contract import HybridModel, Model, Status, SteppedModel, Steps
+from gaitsweep.contract import HybridModel, Model, Status, SteppedModel, Steps, Verdict
+from gaitsweep.engine.labels import LABELLED
+from gaitsweep.frames import STATUSES
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 
@@ -35,9 +37,20 @@ def begun(model: Model):
 
 def test_each_status_is_a_number_with_a_sentence() -> None:
     assert [Status(number).name for number in (0, 1, 3, 9)] == ["running", "settled", "fell", "inferred"]
-    assert [int(status) for status in Status] == list(range(10)), "tables keep these numbers' names"
+    names = "running settled cycle_limit fell diverged not_a_number event_stall time_limit complete inferred"
+    kept = [*names.split(), "step_limit", "no_fixed_point"]
+    assert [Status(number).name for number in range(12)] == kept, "tables keep these numbers' names"
+    assert [int(status) for status in Status] == list(range(len(Status)))
     assert len({status.sentence for status in Status}) == len(Status)
     assert all(status.sentence.endswith(".") for status in Status)
+
+
+def test_each_status_has_one_verdict() -> None:
+    assert Status.of(Verdict.failed) == {"fell", "diverged", "not_a_number", "event_stall"}
+    assert Status.of(Verdict.sound) == {"settled", "complete", "inferred"}
+    assert Status.of(*Verdict) == {status.name for status in Status}
+    assert not {status.verdict for status in LABELLED} & {Verdict.failed}
+    assert set(STATUSES) == Status.of(*Verdict) - {"running"}
 
 
 def test_a_stepped_model_is_its_own_steps() -> None:

@@ -15,6 +15,7 @@ from gaitsweep.analysis.newton import sizes
 from gaitsweep.engine.flight import Way
 from gaitsweep.engine.maps import Images, Map, Points, Values
 from gaitsweep.engine.return_map import ReturnMap
+from gaitsweep.user_error import ArgumentError
 
 # The label of a trajectory that has come to no attractor yet; of one that ended by the `Way` w it is -1 - w.
 UNDECIDED = -1
@@ -51,9 +52,9 @@ class Nearest:
     def __post_init__(self) -> None:
         k = np.shape(self.attractors)[-2]
         if len(self._labels) != k:
-            raise ValueError(f"labels are {len(self._labels)}, but there are {k} points of attractors.")
+            raise ArgumentError(f"labels are {len(self._labels)}, but there are {k} points of attractors.")
         if len(set(self._labels.tolist())) < 2:
-            raise ValueError("All points of attractors have one label, but an edge lies between two.")
+            raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
 
     def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
         which = _of_each(pair, len(self._places), "attractors")
@@ -109,7 +110,7 @@ class Gaits:
         gaits = self.mapping.model.gaits
         for name in self.only or ():
             if name not in gaits:
-                raise ValueError(f"{name} is not a gait of {self.mapping.model.name}"
+                raise ArgumentError(f"{name} is not a gait of {self.mapping.model.name}"
                                  f"{nearmiss.suggestion(name, gaits)}")  # fmt: skip
 
     def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
@@ -139,7 +140,7 @@ class Gaits:
 def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
     """Where each pair's is, of what is given for all at once or for each."""
     if given > 1 and np.max(pair) >= given:
-        raise ValueError(
+        raise ArgumentError(
             f"{what} are given for {given} pairs, but there are more: give one for each, or for all."
         )
     return pair if given > 1 else np.zeros_like(pair)
@@ -181,7 +182,7 @@ def fates(
         cycles[going] = cycle
         found = np.asarray(decide(images, pair[going], cycle))
         if found.shape != going.shape:
-            raise ValueError(
+            raise ArgumentError(
                 f"decide gave an array of shape {found.shape}, but must give one label for each of "
                 f"{going.size} trajectories."
             )

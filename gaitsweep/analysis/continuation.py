@@ -17,6 +17,7 @@ from gaitsweep.analysis.branches_on_the_way import OnTheWay, Steps
 from gaitsweep.analysis.held import Conditions
 from gaitsweep.analysis.newton import Outcome, newton
 from gaitsweep.engine.maps import Map, Points, Values
+from gaitsweep.user_error import ArgumentError
 
 
 def continuation(
@@ -59,7 +60,7 @@ def continuation(
         ValueError: a name that the map does not have; a range without width.
     """
     if not max(within) > min(within):
-        raise ValueError(f"within is {list(within)}, but must be a range: two numbers that differ.")
+        raise ArgumentError(f"within is {list(within)}, but must be a range: two numbers that differ.")
     n = len(starts)
     begin = (min(within) if towards > 0 else max(within)) if begin is None else begin
     at = np.broadcast_to(np.asarray(begin, np.float64), (n,)).copy()

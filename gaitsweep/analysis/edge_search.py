@@ -6,6 +6,8 @@ import dataclasses
 import enum
 from typing import Self
 
+from gaitsweep.user_error import ArgumentError
+
 
 class Outcome(enum.IntEnum):
     """How the search for an edge state ended, with a sentence each."""
@@ -57,10 +59,10 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not 1e-13 <= self.narrow < self.apart:
-            raise ValueError(
+            raise ArgumentError(
                 f"narrow is {self.narrow:g} and apart is {self.apart:g}. Allowed: narrow from 1e-13 on, "
                 "since float64 tells no finer, and apart above it."
             )
         for name in ("cuts", "most", "longest", "rounds", "settle"):
             if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}. Allowed: whole numbers from 1 on.")
+                raise ArgumentError(f"{name} is {getattr(self, name)}. Allowed: whole numbers from 1 on.")

@@ -18,6 +18,7 @@ from gaitsweep.analysis.basin_decisions import Decide, Gaits, Nearest
 from gaitsweep.analysis.edge_search import Limits, Outcome
 from gaitsweep.analysis.edge_tracking import Tracking
 from gaitsweep.engine.maps import Map, Points, Values
+from gaitsweep.user_error import ArgumentError
 
 __all__ = ["Decide", "EdgeStates", "Gaits", "Limits", "Nearest", "Outcome", "edge_states"]
 
@@ -71,7 +72,9 @@ def edge_states(
         ValueError: not as many points on one side as on the other; a parameter that the map does not have.
     """
     if len(ones) != len(others):
-        raise ValueError(f"ones are {len(ones)} points and others {len(others)}, but each needs its other.")
+        raise ArgumentError(
+            f"ones are {len(ones)} points and others {len(others)}, but each needs its other."
+        )
     limits = limits or Limits()
     n = len(ones)
     search = Tracking(mapping, ones, others, mapping.complete(values, n), decide, limits)

@@ -9,6 +9,7 @@ import numpy as np
 
 from gaitsweep import nearmiss
 from gaitsweep.engine.maps import Map, shorter
+from gaitsweep.user_error import ArgumentError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Conditions:
         names = [quantity.name for quantity in mapping.conserved]
         for name in fix:
             if name not in names:
-                raise ValueError(f"{name} is not conserved by this map{nearmiss.suggestion(name, names)}")
+                raise ArgumentError(f"{name} is not conserved by this map{nearmiss.suggestion(name, names)}")
         which = tuple(names.index(name) for name in fix)
         values = kept[:, which].copy()
         if isinstance(fix, Mapping):

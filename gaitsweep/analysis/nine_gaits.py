@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gaitsweep import nearmiss
+from gaitsweep.user_error import ArgumentError
 
 LEGS = ("LF", "LH", "RF", "RH")
 # Fore and hind leg of pair 1 and of pair 2.
@@ -56,7 +57,7 @@ def signs(gait: str) -> tuple[int, int]:
         ValueError: it is none of them; names the near miss.
     """
     if gait not in CHART:
-        raise ValueError(f"{gait} is none of the nine gaits{nearmiss.suggestion(gait, CHART)}")
+        raise ArgumentError(f"{gait} is none of the nine gaits{nearmiss.suggestion(gait, CHART)}")
     first, second = divmod(CHART.index(gait), 3)
     return first - 1, second - 1
 

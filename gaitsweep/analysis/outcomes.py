@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.records import require
+from gaitsweep.contract import Status, Verdict
 
-SETTLED = frozenset({"settled", "inferred", "complete"})
-UNSETTLED = frozenset({"cycle_limit", "time_limit", "running"})
+SETTLED, UNSETTLED = Status.of(Verdict.sound), Status.of(Verdict.undecided)
 NOT_SETTLED, FAILED = "not settled", "failed"
 
 

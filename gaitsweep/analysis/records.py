@@ -6,13 +6,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import nearmiss
-from gaitsweep.contract import Status
+from gaitsweep.contract import Status, Verdict
 from gaitsweep.user_error import UserError
 
-FAILURES = frozenset(
-    status.name for status in (Status.fell, Status.diverged, Status.not_a_number, Status.event_stall)
-)
-UNDECIDED = frozenset(status.name for status in (Status.running, Status.cycle_limit, Status.time_limit))
+FAILURES, UNDECIDED = Status.of(Verdict.failed), Status.of(Verdict.undecided)
 BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait
 
 _AFTER_AXES = ("stair", "crossing", "pass", "t", "status")

@@ -19,6 +19,8 @@ from gaitsweep.version import version
 if TYPE_CHECKING:
     from gaitsweep.job import Job
 
+STOPPED = 130  # by Ctrl-C
+
 app = typer.Typer(
     help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
     no_args_is_help=True,
@@ -93,9 +95,9 @@ def run(
     try:
         with asked, bar or contextlib.nullcontext():
             path = carry_out(job, out, progress=progress, tell=_tell)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         print(_stopped(job, out), file=sys.stderr)
-        raise
+        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
     print(show.outcome(Snapshot.of(path)))
 
 
@@ -119,9 +121,14 @@ def _stopped(job: Job, out: Path | None) -> str:
 @app.command()
 def plot(directory: Directory) -> None:
     """Draw the figures of a table again, without simulating."""
-    from gaitsweep.runner import draw_figures
+    from gaitsweep.runner import FigureError, draw_figures
 
-    paths = draw_figures(directory)
+    try:
+        paths = draw_figures(directory)
+    except FigureError as error:
+        for path in error.drawn:
+            print(path)
+        raise
     for path in paths:
         print(path)
     if not paths:
@@ -188,11 +195,15 @@ def write_schema(
 ) -> None:
     """Write the JSON schema of job files, for editors."""
     from gaitsweep.job import schema
-    from gaitsweep.table import replace_file
+    from gaitsweep.table import WriteError, reason, replace_file
 
     text = json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
     if out is None:
         print(text, end="")
     else:
-        replace_file(out, lambda file: file.write(text.encode()))
+        try:
+            replace_file(out, lambda file: file.write(text.encode()))
+        except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+            why = reason(error) if isinstance(error, OSError) else str(error)
+            raise WriteError(f"{out} could not be written: {why}.") from error
         print(out)

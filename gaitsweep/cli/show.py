@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from gaitsweep.contract import Model, Quantity, Status
+from gaitsweep.contract import Model, Quantity, Status, Verdict
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
     from gaitsweep.estimate import Estimate
 
-_SOUND = {status.name for status in (Status.settled, Status.cycle_limit, Status.complete, Status.inferred)}
 _PIPED_WIDTH = 240  # columns, where nobody's terminal wraps the lines
 
 
@@ -53,9 +52,10 @@ def outcome(snapshot: Snapshot) -> str:
     ]
     if gaits := snapshot.manifest.get("gaits"):
         lines.insert(1, f"Gaits: {counts(gaits)}.")
-    if snapshot.counts and not set(snapshot.counts) & _SOUND:
+    if snapshot.counts and not set(snapshot.counts) & Status.of(Verdict.sound):
         worst = next(iter(snapshot.counts))
-        lines.insert(1, f"No row came to a good end. {worst}: {Status[worst].sentence}")
+        meaning = Status[worst].sentence if worst in Status.__members__ else "a status of another version."
+        lines.insert(1, f"No row came to a good end. {worst}: {meaning}")
     lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
     return "\n".join(lines)
 

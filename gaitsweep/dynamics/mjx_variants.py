@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 
 from gaitsweep.dynamics.mjx_body import mjx
+from gaitsweep.user_error import ArgumentError
 
 # Sets of values that are kept compiled, for the blocks of rows to come.
 _KEPT = 1024
@@ -53,7 +54,7 @@ class Variants:
             changed = self._compiled(tuple({**usual, name: 1.1 * usual[name]}.values()))
             found |= {field for field, value in changed.items() if not _same(value, self._usual[field])}
         if fixed := found & (self._usual.keys() - _DYNAMIC):
-            raise ValueError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
+            raise ArgumentError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
         self.fields = tuple(sorted(found))
         self._of_set = lru_cache(_KEPT)(self._found)
 
@@ -87,7 +88,7 @@ class Variants:
         fields = self._compiled(values)
         moved = [name for name, value in fields.items() if not _same(value, self._usual[name])]
         if astray := set(moved) - set(self.fields):
-            raise ValueError(f"{self._told(values)}, MJX cannot take {', '.join(sorted(astray))}.")
+            raise ArgumentError(f"{self._told(values)}, MJX cannot take {', '.join(sorted(astray))}.")
         return {name: fields[name] for name in self.fields}
 
     def _compiled(self, values: tuple[float, ...]) -> Fields:
@@ -97,7 +98,7 @@ class Variants:
             model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())
-            raise ValueError(f"{self._told(values)}, MuJoCo refuses the body: {reason}.") from error
+            raise ArgumentError(f"{self._told(values)}, MuJoCo refuses the body: {reason}.") from error
         return {name: np.array(getattr(model, name)) for name in _FIELDS}
 
     def _told(self, values: tuple[float, ...]) -> str:
@@ -118,7 +119,7 @@ def rescale(spec: Any, mass: Mapping[str, float], size: Mapping[str, float | np.
     for name in {**mass, **size}:
         body = spec.body(name)
         if not body.explicitinertial or not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0]):
-            raise ValueError(f"Body '{name}' needs an inertial along its own axes to be rescaled.")
+            raise ArgumentError(f"Body '{name}' needs an inertial along its own axes to be rescaled.")
         heavier, larger = mass.get(name, 1.0), size.get(name, 1.0) * np.ones(3)
         # the second moments of mass, of which the inertia is trace less moment, scale by axis
         moment = (0.5 * body.inertia.sum() - body.inertia) * larger * larger

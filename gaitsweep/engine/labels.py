@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Status
+from gaitsweep.contract import Status, Verdict
 from gaitsweep.engine.block import Block
 from gaitsweep.engine.staircase import Staircase, readable
 from gaitsweep.engine.work import Work
 
-# How a row may end and still stand on the section, where its gait can be read.
-LABELLED = (Status.settled, Status.complete, Status.cycle_limit, Status.time_limit)
+# How a row may end and still have a last section crossing at which its gait can be read.
+LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
 # Records of stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
 BATCH = 1024
 

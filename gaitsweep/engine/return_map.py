@@ -24,6 +24,7 @@ from gaitsweep.engine.maps import Map, Points, Values
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.section_map import crossing_of
 from gaitsweep.expression import evaluate, functions_of, names_in
+from gaitsweep.user_error import ArgumentError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +103,7 @@ class ReturnMap(Map):
         unknown = [name for name in values if name not in self._written]
         if unknown:
             near = nearmiss.suggestion(unknown[0], list(self._written))
-            raise ValueError(f"{unknown[0]} is not a parameter of {self.model.name}{near}")
+            raise ArgumentError(f"{unknown[0]} is not a parameter of {self.model.name}{near}")
         numbers = {name: text for name, text in self._written.items() if not isinstance(text, str)}
         return {
             name: np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
@@ -155,11 +156,11 @@ class ReturnMap(Map):
         for name, setting in self.settings:
             if name not in written:
                 near = nearmiss.suggestion(name, list(written))
-                raise ValueError(f"{name} is not a parameter of {self.model.name}{near}")
+                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
             written[name] = setting
         missing = [name for name, value in written.items() if value is None]
         if missing:
-            raise ValueError(f"{missing[0]} of {self.model.name} has no default: give it in settings.")
+            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give it in settings.")
         return written
 
     @cached_property

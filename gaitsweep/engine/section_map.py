@@ -16,6 +16,7 @@ from gaitsweep.engine.flight import LATEST, Flight
 from gaitsweep.engine.lane import ADAPTIVE_STEPS
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
+from gaitsweep.user_error import ArgumentError
 
 Crossing = Callable[[Params, State], tuple[jax.Array, State, jax.Array]]
 
@@ -84,7 +85,7 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Cross
         UnsupportedError: a kernel is asked for, and the model computes with what it cannot express.
     """
     if engine not in ("auto", "kernel", "xla"):
-        raise ValueError(f"engine is {engine}. Allowed: auto, kernel, xla.")
+        raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
     flight = Flight(model, numerics)
     numerics = flight.numerics
     by_xla = flown(flight)
@@ -122,7 +123,7 @@ def _without_derivative(crossing: Crossing, method: str) -> Crossing:
 
     @run.defjvp
     def _refused(primals: Any, tangents: Any) -> Any:
-        raise ValueError(
+        raise ArgumentError(
             f"{method} takes steps of fixed length, at whose end the section is met: its return map is a "
             "staircase of that step's size, which has no derivative. Use rk4."
         )

@@ -24,6 +24,7 @@ from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.lane import Given, OneLane, RowDrive
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.record import BUFFER, CADENCE, UNSEEN, Record, Recorder
+from gaitsweep.user_error import ArgumentError
 
 # Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
 # chances to show progress, to store and to refill.
@@ -49,7 +50,7 @@ def local_devices(count: int | None = None) -> list[Device]:
             jax.config.update("jax_num_cpu_devices", cores)
     devices = jax.local_devices()
     if count is not None and count > len(devices):
-        raise ValueError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
+        raise ArgumentError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
     return devices[:count]
 
 

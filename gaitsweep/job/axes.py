@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -17,7 +17,9 @@ from gaitsweep.job.complaints import found
 from gaitsweep.job.numbers import Number, PointCount, Refused, Seed, Text, checked, word
 from gaitsweep.job.runs import Part
 
+MOST_LISTED = 10**6  # points that a list has one by one; more are better said by their rule
 _SOBOL_BITS = 30
+_SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence asks
 
 
 def _of_length(value: Any, length: int, words: str) -> Any:
@@ -43,7 +45,7 @@ _SEED = "seed of the points, with the name of what varies"
 class Values(Part):
     """Points one by one."""
 
-    values: list[Number] = Field(min_length=1, max_length=10**7, description="the points")
+    values: list[Number] = Field(min_length=1, max_length=MOST_LISTED, description="the points")
 
 
 class Linspace(Part):
@@ -107,20 +109,29 @@ class Listed:
     def length(self) -> int:
         return len(self.numbers)
 
-    @property
+    @cached_property
     def formulas(self) -> tuple[str, ...]:
         """The expressions among its numbers."""
         return tuple(number for number in self.numbers if isinstance(number, str))
 
     def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
         """Points `index` (n,); `names` has a float or (n,) for each name that the formulas use."""
-        numbers = np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
-        result = numbers[index]
-        for place, number in enumerate(self.numbers):
-            if isinstance(number, str) and (here := index == place).any():
-                used = {name: _picked(names[name], here) for name in names_in(number)}
-                result[here] = evaluate(number, used)
+        result = self._plain[index]
+        for place in np.intersect1d(index, self._written):
+            number, here = self.numbers[place], index == place
+            used = {name: _picked(names[name], here) for name in names_in(number)}
+            result[here] = evaluate(number, used)
         return result
+
+    @cached_property
+    def _plain(self) -> np.ndarray:
+        """The numbers (length,), NaN where one is a formula."""
+        return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
+
+    @cached_property
+    def _written(self) -> np.ndarray:
+        """The places of the formulas."""
+        return np.flatnonzero([isinstance(number, str) for number in self.numbers])
 
 
 @dataclass(frozen=True)
@@ -135,13 +146,31 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """Points of [0, 1) that were drawn beforehand, (length,)."""
+class Box:
+    """The points of a sample, drawn together when the first of them is asked for."""
 
-    points: np.ndarray
+    names: tuple[str, ...]
+    count: int
+    seed: int
+    method: str
+
+    @cached_property
+    def points(self) -> dict[str, np.ndarray]:
+        """Points of [0, 1) by name, (count,)."""
+        if self.method == "random":
+            return {name: _uniform(self.seed, name, self.count) for name in self.names}
+        return _sobol(self.seed, list(self.names), self.count)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Points of [0, 1) that are drawn: one name's of a box, (length,)."""
+
+    box: Box
+    name: str
 
     def __call__(self, index: np.ndarray) -> np.ndarray:
-        return self.points[index]
+        return self.box.points[self.name][index]
 
 
 @dataclass(frozen=True)
@@ -196,12 +225,8 @@ def points_of(axis: Axis, name: str) -> Points:
 
 def sample_points(sample: Sample) -> dict[str, Spread]:
     """The points of each name of a sample, drawn once: a slice of rows sees what the whole sees."""
-    names = list(sample.of)
-    if sample.method == "random":
-        drawn = {name: _uniform(sample.seed, name, sample.n) for name in names}
-    else:
-        drawn = _sobol(sample.seed, names, sample.n)
-    return {name: Spread(*sample.of[name], sample.n, Drawn(drawn[name])) for name in names}
+    box = Box(tuple(sample.of), sample.n, sample.seed, sample.method)
+    return {name: Spread(*ends, sample.n, Drawn(box, name)) for name, ends in sample.of.items()}
 
 
 def _picked(value: Any, here: np.ndarray) -> Any:
@@ -215,17 +240,20 @@ def _bits(seed: int, name: str, count: int) -> np.ndarray:
 
 
 def _uniform(seed: int, name: str, count: int) -> np.ndarray:
-    return (_bits(seed, name, count) >> np.uint64(11)) * 2.0**-53
+    words = _bits(seed, name, count)
+    words >>= np.uint64(11)
+    return words * 2.0**-53
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, np.ndarray]:
     """An unscrambled Sobol sequence under a digital shift of our own: SciPy's scrambling may change."""
-    sequence = qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS).random_base2(
-        math.ceil(math.log2(count))
-    )
-    cells = np.rint(sequence[:count] * 2.0**_SOBOL_BITS).astype(np.uint64)
+    sequence = qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
-    return {
-        name: ((cells[:, column] ^ shifts[column]) + 0.5) * 2.0**-_SOBOL_BITS
-        for column, name in enumerate(names)
-    }
+    points = np.empty((len(names), count))
+    for first in range(0, count, _SOBOL_CHUNK):
+        part = sequence.random(min(_SOBOL_CHUNK, 1 << (count - 1).bit_length()))[: count - first]
+        cells = np.rint(part * 2.0**_SOBOL_BITS).astype(np.uint64)
+        for column, shift in enumerate(shifts):
+            drawn = ((cells[:, column] ^ shift) + 0.5) * 2.0**-_SOBOL_BITS
+            points[column, first : first + len(part)] = drawn
+    return dict(zip(names, points, strict=True))

@@ -13,12 +13,14 @@ import numpy as np
 from gaitsweep import nearmiss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
+from gaitsweep.job.axes import Spread
 from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
 from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Continuation, Ramp, Settle, Staircase, Trace, moved_by
 from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000
+_MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
 
 
 def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
@@ -145,6 +147,8 @@ def _check_quantity(plan: Plan, subject: Subject, name: str, quantity: Quantity)
     path = place(plan, subject, name)
     if not plan.checkable(name):
         return None  # Plan.values checks these, block by block
+    if _between_its_ends(plan, name, quantity):
+        return None
     spans = [(plan.groups[position].length, plan.stride(position)) for position in plan.spans(name)]
     count = math.prod(length for length, _ in spans)
     for begin in range(0, count, _CHUNK):
@@ -160,6 +164,16 @@ def _check_quantity(plan: Plan, subject: Subject, name: str, quantity: Quantity)
             value = float(values[wrong[np.argmin(rows[wrong])]])
             return Complaint(path, _out_of_range(plan, name, quantity, value, row))
     return None
+
+
+def _between_its_ends(plan: Plan, name: str, quantity: Quantity) -> bool:
+    """Whether a name has all its points between two numbers that the model allows: none need be made."""
+    for group in plan.groups:
+        points = group.points.get(name)
+        if isinstance(points, Spread) and not points.formulas:
+            ends = np.array([points.low, points.high], np.float64)
+            return bool(inside(ends, quantity).all()) and not (points.logarithmic and ends.min() <= 0.0)
+    return False
 
 
 def _rows_of(points: np.ndarray, spans: list[tuple[int, int]]) -> np.ndarray:
@@ -191,7 +205,8 @@ def _check_path(
         return complaints
     for name in plan.following(moving):
         rows = math.prod(plan.groups[position].length for position in plan.spans(name))
-        turns = sorted(set(path)) if rows * len(path) <= MOST_CHECKED else [min(path), max(path)]
+        few = rows * len(path) <= MOST_CHECKED and len(path) <= _MOST_TURNS
+        turns = sorted(set(path)) if few else [min(path), max(path)]
         for value in turns:
             there = dataclasses.replace(plan, settings={**plan.settings, moving: value})
             complaint = _check_quantity(there, subject, name, subject.parameters[name])

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -15,6 +17,9 @@ Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1",
 
 _SHOWN = 5
 _TEXT_LIMIT = 60
+_LONGEST_WORD = 150
+_LONGEST_SENTENCE = 1500
+_DEEPEST = 4  # lists inside lists that are quoted
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +40,8 @@ class Complaint:
             parts.append(f"line {self.line}")
         where = ", ".join(parts)
         field = shown(self.path)
-        what = (f"{field} {self.text}" if field else self.text).replace("\n", " ")
-        return f"{where}: {what}" if where else what
+        what = printable(clipped_words(f"{field} {self.text}" if field else self.text))
+        return f"{printable(where)}: {what}" if where else what
 
 
 class JobError(UserError):
@@ -53,6 +58,28 @@ class JobError(UserError):
         return JobError, (self.complaints,)
 
 
+def printable(text: str) -> str:
+    """A text on one line, with a space for each line's end and an escape for whatever a terminal obeys."""
+    if text.isprintable():
+        return text
+    return "".join(
+        " " if each in "\n\t" else each if each.isprintable() else each.encode("unicode_escape").decode()
+        for each in text
+    )
+
+
+def clipped(text: str) -> str:
+    """A text short enough to be quoted."""
+    return text if len(text) <= _TEXT_LIMIT else f"{text[: _TEXT_LIMIT - 3]}..."
+
+
+def clipped_words(text: str) -> str:
+    """A sentence without words longer than anybody reads: a key of a thousand letters."""
+    if len(text) > _LONGEST_SENTENCE:
+        text = f"{text[:_LONGEST_SENTENCE]}..."
+    return re.sub(rf"\S{{{_LONGEST_WORD + 1},}}", lambda word: f"{word[0][: _LONGEST_WORD - 3]}...", text)
+
+
 def shown(path: Path) -> str:
     """A path as a reader would write it: vary.psi_1.linspace[0]."""
     text = ""
@@ -62,20 +89,37 @@ def shown(path: Path) -> str:
 
 
 def found(value: object) -> str:
-    """What was written, short enough to be quoted."""
+    """What was written, short enough to be quoted; of what is long only the beginning is looked at."""
+    return clipped(_written(value, 0))
+
+
+def _written(value: object, depth: int) -> str:
     if value is None:
         return "empty"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        text = f'"{value}"'
-    elif isinstance(value, dict):
-        text = f"a mapping ({', '.join(map(str, value))})" if value else "an empty mapping"
-    elif isinstance(value, (list, tuple)):
-        text = f"a list ({', '.join(map(found, value))})" if value else "an empty list"
-    else:
-        text = str(value)
-    return text if len(text) <= _TEXT_LIMIT else f"{text[: _TEXT_LIMIT - 3]}..."
+        return f'"{value[:_TEXT_LIMIT]}"'
+    if isinstance(value, (list, tuple, dict)) and depth > _DEEPEST:
+        return "..."
+    if isinstance(value, dict):
+        return f"a mapping ({', '.join(_some(map(str, value)))})" if value else "an empty mapping"
+    if isinstance(value, (list, tuple)):
+        items = _some(_written(item, depth + 1) for item in value)
+        return f"a list ({', '.join(items)})" if value else "an empty list"
+    if isinstance(value, int) and value.bit_length() > 1000:
+        return f"a number of {math.floor(value.bit_length() * math.log10(2.0)) + 1} digits"
+    return str(value)
+
+
+def _some(texts: Iterator[str]) -> Iterator[str]:
+    """As many of the texts as are shown, and one more."""
+    length = 0
+    for text in texts:
+        yield text
+        length += len(text) + 2
+        if length > _TEXT_LIMIT:
+            return
 
 
 def unknown_field(path: Path, owner: str, allowed: Iterable[str]) -> Complaint:

@@ -7,26 +7,72 @@ take numbers refuse with a sentence. Only true and false are booleans.
 from __future__ import annotations
 
 import dataclasses
-import difflib
+import itertools
+import os
 import re
+import stat
 from pathlib import Path
 from typing import Any, ClassVar
 
 import yaml
 
+from gaitsweep import nearmiss
 from gaitsweep.job import complaints
 from gaitsweep.job.complaints import Complaint, JobError
+from gaitsweep.job.numbers import not_text
 
-_LARGEST = 16 * 1024 * 1024  # bytes
-_MOST_NODES = 300_000  # aliases of aliases grow past any file's size; PyYAML needs seconds for so many
+# What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
+_SHORT = 64 * 1024  # bytes
+_LARGEST = 2 * 1024 * 1024 if hasattr(yaml, "CSafeLoader") else 4 * _SHORT
+_MOST_NODES = 100_000  # values of a file, with all that its aliases stand for
+_DEEPEST = 60  # lists and mappings inside each other
+_TOO_DEEP = f"is nested too deep: at most {_DEEPEST} lists and mappings inside each other."
+_MOST_LISTED = 200  # names of a folder that are looked through for a near miss
 _CORE = "tag:yaml.org,2002:"
 _TAGS = ("null", "bool", "int", "float", "str", "seq", "map")
 
 
-class _Loader(yaml.SafeLoader):
+class _Limit(Exception):
+    """More than a document may have; the message goes on from the file's name."""
+
+    def __init__(self, line: int | None, message: str) -> None:
+        self.line = line
+        super().__init__(message)
+
+
+class _Counted:
+    """What both loaders do besides composing: they count nodes and how deep they lie, while they compose."""
+
+    _nodes = 0
+    _depth = 0
+
+    def descend_resolver(self, current_node: Any, current_index: Any) -> None:
+        """PyYAML calls this before it composes a node, and `ascend_resolver` after it."""
+        self._nodes += 1
+        self._depth += 1
+        line = current_node.start_mark.line + 1 if current_node is not None else None
+        if self._nodes > _MOST_NODES:
+            raise _Limit(line, f"has more than {_MOST_NODES} values.")
+        if self._depth > _DEEPEST:
+            raise _Limit(line, _TOO_DEEP)
+
+    def ascend_resolver(self) -> None:
+        self._depth -= 1
+
+
+class _Loader(_Counted, yaml.SafeLoader):
     """The safe loader, without its rules of what a plain word means."""
 
     yaml_implicit_resolvers: ClassVar[dict] = {}  # pyright: ignore[reportIncompatibleVariableOverride]
+
+
+_ByLibyaml: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _FastLoader(_Counted, _ByLibyaml):
+    """The same by libyaml, where PyYAML was built with it."""
+
+    yaml_implicit_resolvers: ClassVar[dict] = _Loader.yaml_implicit_resolvers
 
 
 _INT = re.compile(r"^[-+]?(0|[1-9][0-9]*)$")
@@ -42,16 +88,20 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.012345
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
 
 _YAML_SENTENCES = {
-    "mapping values are not allowed here": "a colon where none may stand: indent, or add quotes",
+    "mapping values are not allowed": "a colon where none may stand: indent, or add quotes",
     "could not find expected ':'": "a key without its colon",
     "expected ',' or ']'": "a list [ that is not closed, or a comma that is missing",
     "expected ',' or '}'": "a mapping { that is not closed, or a comma that is missing",
     "unexpected end of stream": "text in quotes that is not closed",
     "found undefined alias": "an alias (*name) without its anchor (&name)",
     "expected <block end>": "an indentation that fits neither the lines above nor below",
+    "did not find expected key": "an indentation that fits neither the lines above nor below",
+    "did not find expected '-'": "an indentation that fits neither the lines above nor below",
     "another document": "a second document (---); a job is one document",
     "cannot start any token": "a character that no value may start with: put the text in quotes",
     "special characters are not allowed": "a control character",
+    "control characters are not allowed": "a control character",
+    "expected node content": "a comma or bracket too many, or a value that is missing",
     "expected the node content": "a comma or bracket too many, or a value that is missing",
 }
 
@@ -63,6 +113,7 @@ class Document:
     file: str
     data: dict[str, Any]
     places: dict[complaints.Path, int | str]
+    overridden: list[complaints.Path] = dataclasses.field(default_factory=list)
 
     def locate(self, complaint: Complaint) -> Complaint:
         """The complaint with the file and the line (or `--set`) of the nearest field that is written here."""
@@ -75,13 +126,18 @@ class Document:
 
     def _place(self, path: complaints.Path) -> int | str | None:
         # Where the file wrote a field and an override changed it inside, what is wrong is the override's.
-        for inner, place in self.places.items():
-            if isinstance(place, str) and len(inner) > len(path) > 1 and inner[: len(path)] == path:
+        for inner, place in self._overrides:
+            if len(inner) > len(path) > 1 and inner[: len(path)] == path:
                 return place
         for length in range(len(path), 0, -1):
             if path[:length] in self.places:
                 return self.places[path[:length]]
         return None
+
+    @property
+    def _overrides(self) -> list[tuple[complaints.Path, str]]:
+        """The fields that a `--set` wrote: few, where `places` may be many."""
+        return [(path, self.places[path]) for path in self.overridden if path in self.places]  # type: ignore
 
     def located(self, error: JobError) -> JobError:
         """The error with every complaint located, in the order of the lines."""
@@ -120,19 +176,16 @@ def _refused(file: str, line: int | None, text: str, path: complaints.Path = ())
 
 def _read_text(path: Path, name: str) -> str:
     try:
-        if path.is_dir():
-            jobs = sorted(found.name for found in path.glob("*.y*ml"))
-            listed = f" It holds {', '.join(jobs[:8])}." if jobs else ""
-            raise _refused(name, None, f"is a directory, not a file.{listed}")
-        if path.stat().st_size > _LARGEST:
-            raise _refused(name, None, f"is larger than {_LARGEST // 2**20} MiB, which no job is.")
-        raw = path.read_bytes()
+        kind = _kind(os.stat(path).st_mode)
+        if kind == "a directory":
+            raise _refused(name, None, f"is a directory, not a file.{_jobs_in(path)}")
+        if kind:
+            raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
+        raw = _read_regular(path, name)
     except FileNotFoundError:
-        near = [found.name for found in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
-        close = difflib.get_close_matches(path.name, near, n=1)
-        raise _refused(
-            name, None, f"does not exist{f'; did you mean {close[0]}?' if close else '.'}"
-        ) from None
+        listed = nearmiss.nearest(path.name, _yaml_files(path.parent))
+        hint = f"; did you mean {listed}?" if listed else "."
+        raise _refused(name, None, f"does not exist{hint}") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise _refused(name, None, f"cannot be read: {reason}.") from None
@@ -142,9 +195,56 @@ def _read_text(path: Path, name: str) -> str:
         raise _refused(name, None, "is not text in UTF-8.") from None
 
 
-def _compose(text: str, name: str) -> yaml.Node | None:
+def _read_regular(path: Path, name: str) -> bytes:
+    """The bytes of a regular file, which is what it was a moment ago or is refused; never more than allowed.
+
+    Opened without waiting, since it may have become a named pipe in between, which nobody may ever write to.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    with os.fdopen(descriptor, "rb") as file:
+        if kind := _kind(os.fstat(descriptor).st_mode):
+            raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
+        raw = file.read(_LARGEST + 1)  # a file of /proc has no size before it is read
+    if len(raw) > _LARGEST:
+        raise _refused(name, None, f"is larger than {_LARGEST / 2**20:g} MiB, which no job is.")
+    return raw
+
+
+def _kind(mode: int) -> str:
+    """What a file is if it is no regular one, else nothing."""
+    if stat.S_ISREG(mode):
+        return ""
+    kinds = {
+        stat.S_IFDIR: "a directory",
+        stat.S_IFIFO: "a named pipe",
+        stat.S_IFSOCK: "a socket",
+        stat.S_IFCHR: "a device",
+        stat.S_IFBLK: "a device",
+    }
+    return kinds.get(stat.S_IFMT(mode), "no regular file")
+
+
+def _yaml_files(folder: Path) -> list[str]:
+    """Some of a folder's YAML files, by name."""
     try:
-        return yaml.compose(text, Loader=_Loader)
+        with os.scandir(folder) as entries:
+            names = (entry.name for entry in entries if re.search(r"\.ya?ml$", entry.name))
+            return list(itertools.islice(names, _MOST_LISTED))
+    except OSError:
+        return []
+
+
+def _jobs_in(folder: Path) -> str:
+    jobs = sorted(_yaml_files(folder))
+    return f" It holds {', '.join(jobs[:8])}." if jobs else ""
+
+
+def _compose(text: str, name: str) -> yaml.Node | None:
+    loader = _Loader if len(text) <= _SHORT else _FastLoader
+    try:
+        return yaml.compose(text, Loader=loader)
+    except _Limit as error:
+        raise _refused(name, error.line, str(error)) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark is not None else None
@@ -152,12 +252,13 @@ def _compose(text: str, name: str) -> yaml.Node | None:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise _refused(name, line, "is not text: it has a control character.") from None
-    except RecursionError:
-        raise _refused(name, None, "is nested too deep to be read.") from None
+    except (RecursionError, ValueError, OverflowError) as error:  # an escape past Unicode's last character
+        reason = "is nested too deep to be read" if isinstance(error, RecursionError) else "is not YAML"
+        raise _refused(name, None, f"{reason}.") from None
 
 
 def _sentence(text: str, problem: str, line: int | None) -> str:
-    lines = text.split("\n")
+    lines = text.split("\n", line or 0)
     if line is not None and line <= len(lines) and re.match(r"^\s*\t", lines[line - 1]):
         return "a tab stands where YAML wants spaces"
     for start, sentence in _YAML_SENTENCES.items():
@@ -177,6 +278,8 @@ class _Reading:
 
     def value(self, node: yaml.Node, path: complaints.Path) -> Any:
         line = node.start_mark.line + 1
+        if len(path) > _DEEPEST:
+            raise _refused(self.file, line, _TOO_DEEP)
         self.places.setdefault(path, line)
         self._nodes += 1
         if self._nodes > _MOST_NODES:
@@ -195,8 +298,6 @@ class _Reading:
             if isinstance(node, yaml.SequenceNode):
                 return [self.value(item, (*path, index)) for index, item in enumerate(node.value)]
             return self._scalar(tag, node.value, line, path)
-        except RecursionError:
-            raise _refused(self.file, line, "is nested too deep to be read.") from None
         finally:
             self._open.discard(id(node))
 
@@ -218,8 +319,12 @@ class _Reading:
 
     def _key(self, node: yaml.Node, line: int, path: complaints.Path) -> str:
         if not isinstance(node, yaml.ScalarNode) or node.tag != "tag:yaml.org,2002:str":
-            shown = node.value if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+            shown = (
+                complaints.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+            )
             raise _refused(self.file, line, f"has the key {shown or '(empty)'}, but a key is text.", path)
+        if (wrong := not_text(node.value)) is not None:
+            raise _refused(self.file, line, f"has a key with {wrong}, which no key has.", path)
         return node.value
 
     def _scalar(self, tag: str, text: str, line: int, path: complaints.Path) -> Any:
@@ -232,5 +337,7 @@ class _Reading:
         if tag in ("int", "float") and (_INT.match(text) or _FLOAT.match(text)):
             return float(text)
         if tag == "str":
+            if (wrong := not_text(text)) is not None:
+                raise _refused(self.file, line, f"has {wrong}, which is no text.", path)
             return text
         raise _refused(self.file, line, f"is tagged !!{tag}, but {complaints.found(text)} is not one.", path)

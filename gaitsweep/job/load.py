@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from gaitsweep.effort import Effort
 from gaitsweep.job.complaints import Complaint, JobError, found
 from gaitsweep.job.complaints import Path as FieldPath
 from gaitsweep.job.document import Document, read_document, read_value
@@ -23,13 +24,14 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
         JobError: all that is wrong, with file and line, or the override, of each.
     """
     path = Path(path)
-    document = read_document(path)
-    for override in overrides:
-        _lay_over(document, override)
-    try:
-        return Job.model_validate(document.data, context={"folder": path.parent})
-    except JobError as error:
-        raise document.located(error) from None
+    with Effort.limited():
+        document = read_document(path)
+        for override in overrides:
+            _lay_over(document, override)
+        try:
+            return Job.model_validate(document.data, context={"folder": path.parent})
+        except JobError as error:
+            raise document.located(error) from None
 
 
 def _lay_over(document: Document, override: str) -> None:
@@ -59,4 +61,5 @@ def _mark(document: Document, parts: FieldPath, origin: str) -> None:
     for place in inner:
         del document.places[place]
     for length in range(1, len(parts) + 1):
-        document.places.setdefault(parts[:length], origin)
+        if document.places.setdefault(parts[:length], origin) == origin:
+            document.overridden.append(parts[:length])

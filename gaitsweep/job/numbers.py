@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from gaitsweep import nearmiss
+from gaitsweep.effort import MOST, Effort
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
 from gaitsweep.job.complaints import found
 
@@ -36,6 +38,7 @@ SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 
 MOST_POINTS = 10**7  # of an axis
 
+_LONGEST_TEXT = 1000
 _STEM = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")
 _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"^\s*\d+:\d"), "which some YAML readers take for base 60: write one plain number"),
@@ -50,6 +53,16 @@ _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
 )
 
 
+def not_text(value: str) -> str | None:
+    """The first thing in a text that no figure can show, in words; None where it is plain text."""
+    if value.isprintable():
+        return None
+    for each in value:
+        if unicodedata.category(each) in ("Cc", "Cs") and each not in "\t\n\r":
+            return f"the control character U+{ord(each):04X}"
+    return None
+
+
 class Refused(ValueError):
     """A value that a field does not take; the message goes on from the field's name."""
 
@@ -61,8 +74,10 @@ def read_number(value: Any) -> float | str:
         Refused: what is not a finite number or arithmetic, YAML's traps (1:30, 010, dates) by their name.
     """
     if isinstance(value, str):
+        if not Effort.spend("expressions"):
+            raise Refused(f"is an expression too many: a job has at most {MOST['expressions']} of them.")
         for trap, sentence in _TRAPS:
-            if trap.match(value):
+            if len(value) < 100 and trap.match(value):
                 raise Refused(f"is {found(value)}, {sentence}.")
         try:
             return "".join(value.split()) if names_in(value) else evaluate(value, {})
@@ -160,6 +175,10 @@ def read_text(value: Any) -> str:
         raise Refused(f"is {found(value)}, but takes text{quotes}.")
     if not value.strip():
         raise Refused("is empty, but takes text.")
+    if len(value) > _LONGEST_TEXT:
+        raise Refused(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
+    if (wrong := not_text(value)) is not None:
+        raise Refused(f"has {wrong}, which is no text.")
     return value
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from gaitsweep.job.schema import Job
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
+MOST_WORK = 20_000_000  # the same times the letters of all formulas that are worked out for each of them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,8 +161,15 @@ class Plan:
 
         Plain numbers always are; a formula is where the axes that it depends on make few combinations.
         """
-        plain = name in self._places and not self.uses(name)
-        return plain or math.prod(self.groups[place].length for place in self.spans(name)) <= MOST_CHECKED
+        if name in self._places and not self.uses(name):
+            return True
+        count = math.prod(self.groups[place].length for place in self.spans(name))
+        return count <= MOST_CHECKED and count * self._letters(name) <= MOST_WORK
+
+    def _letters(self, name: str) -> int:
+        """How many letters the formulas have that the value of a name follows from."""
+        texts = (self.settings.get(each) for each in self.closure([name]))
+        return sum(len(text) for text in texts if isinstance(text, str))
 
     def _check_block(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
         for quantity in (*self.model.parameters, *self.model.starts):

@@ -19,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
 from gaitsweep.job.complaints import Owner
 from gaitsweep.job.figure_kinds import FIGURES, Figure
@@ -90,7 +91,9 @@ class Job(Part):
         description="how trajectories are integrated; left out, or auto, as the model recommends",
     )
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
-    figures: list[Figure] = Field(default_factory=list, description="figures made from the table")
+    figures: list[Figure] = Field(
+        default_factory=list, max_length=200, description="figures made from the table"
+    )
 
     _plan: Plan = PrivateAttr()
 
@@ -99,9 +102,10 @@ class Job(Part):
     def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
         if isinstance(data, Job):
             return data
-        reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
-        job = read_rest(reading, handler, _OWNERS)
-        job._plan = finish(reading, job.run, job.numerics, job.figures)
+        with Effort.limited():
+            reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
+            job = read_rest(reading, handler, _OWNERS)
+            job._plan = finish(reading, job.run, job.numerics, job.figures)
         return job
 
     @property

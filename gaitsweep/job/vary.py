@@ -11,10 +11,26 @@ from pydantic import TypeAdapter, ValidationError
 
 from gaitsweep import nearmiss
 from gaitsweep.contract import Quantity
-from gaitsweep.job.axes import AXIS_KINDS, Axis, Points, Random, Sample, Sobol, points_of, sample_points
+from gaitsweep.job.axes import (
+    AXIS_KINDS,
+    MOST_LISTED,
+    Axis,
+    Drawn,
+    Points,
+    Random,
+    Sample,
+    Sobol,
+    Spread,
+    Values,
+    points_of,
+    sample_points,
+)
 from gaitsweep.job.complaints import Complaint, Owner, Path, found, from_pydantic, unknown_field
 
 MOST_ROWS = 10**9
+MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
+
+_LONG = 1000  # points of a list
 
 _OWNERS = {kind: Owner(f"an axis ({kind})", part) for kind, part in AXIS_KINDS.items()}
 _OWNERS["sample"] = Owner("a sample", Sample)
@@ -69,12 +85,29 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
             vary.groups.append(Group({str(name): points[0]}, {str(name): path}))
             vary.plain[str(name)] = points[1]
     _check_names(vary, refuse)
+    _check_size(vary)
+    return vary
+
+
+def _check_size(vary: Vary) -> None:
+    """Complaints about more rows, or more points that are drawn, than a job may have; none is made before."""
     rows = 1
     for group in vary.groups:
         rows *= group.length
+        if rows > 10**30:  # the product itself can grow past anything
+            break
     if rows > MOST_ROWS:
-        vary.complaints.append(Complaint(("vary",), f"makes {rows} rows; a job has at most {MOST_ROWS}."))
-    return vary
+        made = f"{rows}" if rows < 10**30 else "more than 1e30"
+        vary.complaints.append(Complaint(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}."))
+    drawn = sum(
+        points.length
+        for group in vary.groups
+        for points in group.points.values()
+        if isinstance(points, Spread) and isinstance(points.fraction, Drawn)
+    )
+    if drawn > MOST_DRAWN:
+        text = f"draws {drawn} numbers (points times names); a job draws at most {MOST_DRAWN}."
+        vary.complaints.append(Complaint(("vary",), text))
 
 
 def _read_axis(
@@ -82,7 +115,7 @@ def _read_axis(
 ) -> tuple[Points, dict[str, Any]] | None:
     """The points of an axis and its normal form, or None with a complaint."""
     if isinstance(value, np.ndarray):
-        value = value.tolist()
+        value = value.tolist() if value.ndim == 1 and len(value) <= MOST_LISTED else {"values": value}
     if isinstance(value, (list, tuple)):
         value = {"values": list(value)}
     kinds = [kind for kind in AXIS_KINDS if isinstance(value, Mapping) and kind in value]
@@ -97,9 +130,14 @@ def _read_axis(
     part = AXIS_KINDS[kinds[0]]
     value = dict(value)
     if kinds == ["values"] and isinstance(value["values"], (list, tuple, np.ndarray)):
-        value["values"] = [_switch(item, quantities.get(name)) for item in value["values"]]
+        listed = value["values"]
+        if len(listed) > MOST_LISTED:
+            text = f"has {len(listed)} points; a list has at most {MOST_LISTED}: use linspace, or a sample."
+            vary.complaints.append(Complaint((*path, "values"), text))
+            return None
+        value["values"] = [_switch(item, quantities.get(name)) for item in listed]
     try:
-        axis: Axis = part.model_validate(value)  # type: ignore[assignment]
+        axis: Axis = _many_numbers(value) or part.model_validate(value)  # type: ignore[assignment]
     except ValidationError as error:
         vary.complaints.extend(from_pydantic(error, _OWNERS, kinds[0], path))
         return None
@@ -107,6 +145,20 @@ def _read_axis(
         low, high, _ = axis.random if isinstance(axis, Random) else axis.sobol
         _check_order(low, high, (*path, kinds[0]), vary)
     return points_of(axis, name), axis.model_dump(mode="json")
+
+
+def _many_numbers(value: dict[str, Any]) -> Values | None:
+    """The axis of a long list of plain numbers, which are read at once; None where they cannot be."""
+    listed = value.get("values")
+    if set(value) != {"values"} or not isinstance(listed, list) or len(listed) < _LONG:
+        return None
+    if {type(item) for item in listed} - {int, float}:
+        return None
+    try:
+        numbers = np.asarray(listed, np.float64) + 0.0  # -0.0 becomes 0.0, as in `read_number`
+    except OverflowError:
+        return None
+    return Values.model_construct(values=numbers.tolist()) if np.isfinite(numbers).all() else None
 
 
 def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Complaint:

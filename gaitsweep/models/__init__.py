@@ -14,6 +14,7 @@ from types import ModuleType
 
 from gaitsweep import nearmiss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
+from gaitsweep.models.own_modules import Stamp, installed, modules_beside, stamp_of
 from gaitsweep.user_error import UserError
 
 _REGISTRY = {
@@ -24,11 +25,16 @@ _REGISTRY = {
 }
 _OWN = "a model of your own is written package.module:attribute"
 # when the files of users' modules were written, and their sizes, as they were loaded
-_WRITTEN: weakref.WeakKeyDictionary[ModuleType, tuple[int, int]] = weakref.WeakKeyDictionary()
+_WRITTEN: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
 
 
 class ModelError(UserError, LookupError):
     """A model that cannot be had; the message is a sentence that goes on from the model's name."""
+
+    @property
+    def sentence(self) -> str:
+        """The message with what it goes on from."""
+        return f"The model {self}"
 
 
 def names() -> tuple[str, ...]:
@@ -102,16 +108,26 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
 
 
 def _as_written(module: ModuleType) -> ModuleType:
-    """The user's module, loaded anew where its file has changed, as it does while a notebook is open."""
-    file = getattr(module, "__file__", None)
-    if file is None or module.__name__ == "__main__":
+    """The user's module, loaded anew where a file of it has changed, as it does while a notebook is open.
+
+    The modules beside it that it imports are part of it: where one has changed, all are loaded anew, each
+    after those that it imports, since they hold names out of each other.
+    """
+    if installed(module):
         return module
-    about = Path(file).stat()
-    now = (about.st_mtime_ns, about.st_size)
-    if _WRITTEN.get(module, now) != now:
-        module = importlib.reload(module)
-    _WRITTEN[module] = now
-    return module
+    now = _stamps(module)
+    if any(_WRITTEN.get(sys.modules[name], stamp) != stamp for name, stamp in now.items()):
+        for name in now:
+            importlib.reload(sys.modules[name])
+        now = _stamps(module) | now  # an edit may import more; what was written meanwhile is seen next time
+    for name, stamp in now.items():
+        _WRITTEN[sys.modules[name]] = stamp
+    return sys.modules[module.__name__]
+
+
+def _stamps(module: ModuleType) -> dict[str, Stamp]:
+    """The files of a user's module and of those beside it that are loaded, as they are now."""
+    return {name: stamp_of(file) for name, file in modules_beside(module).items() if name in sys.modules}
 
 
 @contextmanager

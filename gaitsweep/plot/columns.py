@@ -15,7 +15,6 @@ from gaitsweep.analysis import outcomes
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.user_error import UserError
 
-SETTLED, UNSETTLED = outcomes.SETTLED, outcomes.UNSETTLED
 NOT_SETTLED, FAILED = outcomes.NOT_SETTLED, outcomes.FAILED
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}

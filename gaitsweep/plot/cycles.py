@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gaitsweep.contract import Status, Verdict
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import SETTLED, UNSETTLED, axis_label, column, is_angle, symbol
+from gaitsweep.plot.columns import axis_label, column, is_angle, symbol
 
 _NAMED_LINES = 8
 
@@ -85,8 +86,8 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle:
     axes.plot(across, up, color=colour, lw=0.9)
     axes.plot(across[lone], up[lone], ".", color=colour, ms=2.5)
     there = np.flatnonzero(np.isfinite(up))
-    status = str(part["status"].iloc[-1]) if "status" in part.columns else "complete"
-    if len(there) and status not in SETTLED | UNSETTLED:
+    status = str(part["status"].iloc[-1]) if "status" in part.columns else Status.complete.name
+    if len(there) and status not in Status.of(Verdict.sound, Verdict.undecided):
         axes.plot(across[there[-1]], up[there[-1]], "x", color=colour, ms=5, mew=1.2, clip_on=False)
 
 

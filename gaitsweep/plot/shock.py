@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep.analysis.basin_measures import basins
+from gaitsweep.contract import Status
 from gaitsweep.plot.basin import basin
 from gaitsweep.plot.columns import column, unit_of
 
@@ -41,5 +42,5 @@ def shock(
     known = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
     measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": known}}
     # what failed has a shock too, to what does not
-    measured["status"] = "settled"
+    measured["status"] = Status.settled.name
     return basin(measured, x=x, y=y, hue="shock", panels=panels, title=title)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from gaitsweep.user_error import UserError
+from gaitsweep.user_error import FAILED, UserError
 
 PARTIAL = ".partial"  # ends the hidden name under which a file is written
 LOCK_NAME = ".lock"
@@ -25,6 +25,8 @@ class TableError(UserError):
 
 class WriteError(TableError):
     """A file of a result directory could not be written (a full disk, say); what stood there is safe."""
+
+    exit_code = FAILED
 
 
 def reason(error: OSError) -> str:

@@ -25,6 +25,7 @@ import numpy as np
 
 from gaitsweep.analysis.multilegged.chain import Chain, Scalar, reset, takeoffs, touchdown_phase
 from gaitsweep.analysis.multilegged.section import Leg, phases_on_section, relative
+from gaitsweep.user_error import ArgumentError
 
 
 class Branch(NamedTuple):
@@ -49,7 +50,7 @@ class Steps(NamedTuple):
 def branches(N: int) -> tuple[Branch, ...]:
     """All sets of a chain of N + 1 legs, along the line that they form: direct, A N, B N, ..., A 2, B 2."""
     if N < 2:
-        raise ValueError(f"N is {N}: the solutions need three legs at least, so N >= 2.")
+        raise ArgumentError(f"N is {N}: the solutions need three legs at least, so N >= 2.")
     waves = [Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")]
     return (Branch("direct", N), *waves)
 
@@ -89,7 +90,7 @@ def all_steps(N: int, chain: Chain) -> Steps:
 
 def _row(N: int, branch: Branch) -> int:
     if branch not in branches(N):
-        raise ValueError(
+        raise ArgumentError(
             f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
             f"2 .. {N}; the direct wave has k = {N}."
         )

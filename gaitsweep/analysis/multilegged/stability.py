@@ -18,6 +18,7 @@ from gaitsweep.analysis.multilegged.solution_sets import (
     places,
     rule_of,
 )
+from gaitsweep.user_error import ArgumentError
 
 
 def multipliers(N: int, branch: Branch) -> np.ndarray:
@@ -27,7 +28,7 @@ def multipliers(N: int, branch: Branch) -> np.ndarray:
     Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
     """
     if branch not in branches(N):
-        raise ValueError(f"{branch} is not among the sets of a chain of {N + 1} legs.")
+        raise ArgumentError(f"{branch} is not among the sets of a chain of {N + 1} legs.")
     values = np.full(N, 2.0 / 3.0)
     values[0] = 1.0
     if branch.kind == "A":

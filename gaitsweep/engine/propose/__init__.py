@@ -9,6 +9,7 @@ from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
 from gaitsweep.engine.propose.tsit5 import tsit5
+from gaitsweep.user_error import ArgumentError
 
 # Along the negative axis the polynomials are near exp(z) down to -20. Away from it they are so only nearer to
 # zero, but stay stable farther out, and the short steps after an event have damped what it set in motion
@@ -46,7 +47,7 @@ def own_steps(name: str, model: Model) -> Steps | None:
     if not isinstance(model, HybridModel):
         return model if isinstance(model, Steps) else None
     if (reason := _steps_alone(name, model)) is not None:
-        raise ValueError(f"The method {reason}")
+        raise ArgumentError(f"The method {reason}")
     return model.in_steps() if METHODS[name].step is None else None
 
 
