@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from gaitsweep.job import Job, JobError, load_job
     from gaitsweep.result import Result, run
     from gaitsweep.runner import RunError
+    from gaitsweep.self_check import SelfCheckError
     from gaitsweep.table import TableError, load
 
 # float64 is the default of every model here; JAX reads this when it is first imported
@@ -33,11 +34,23 @@ _ROOMS = {
     "Result": "gaitsweep.result",
     "run": "gaitsweep.result",
     "RunError": "gaitsweep.runner",
+    "SelfCheckError": "gaitsweep.self_check",
     "TableError": "gaitsweep.table",
     "load": "gaitsweep.table",
 }
 
-__all__ = ["Job", "JobError", "Result", "RunError", "TableError", "load", "load_job", "plot", "run"]
+__all__ = [
+    "Job",
+    "JobError",
+    "Result",
+    "RunError",
+    "SelfCheckError",
+    "TableError",
+    "load",
+    "load_job",
+    "plot",
+    "run",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -11,12 +13,17 @@ import pandas as pd
 
 from gaitsweep.analysis.branches_on_the_way import Steps
 from gaitsweep.analysis.continuation import continuation
+from gaitsweep.analysis.newton import FixedPoints, newton
 from gaitsweep.contract import Status
+from gaitsweep.engine.maps import Values, shorter
 from gaitsweep.engine.return_map import ReturnMap
 from gaitsweep.engine.sweep import Timings
+from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.frames import STATUSES
 from gaitsweep.job.figures import table_columns
 from gaitsweep.job.runs import Continuation
+from gaitsweep.self_check import OFF, TOLERANCE, SelfCheck, sample_rows
+from gaitsweep.self_check_report import TOLERANCES
 from gaitsweep.table import ResultDirectory
 
 if TYPE_CHECKING:
@@ -57,22 +64,65 @@ def follow_branches(
             progress(last, work.n_rows, rate, last / work.n_rows, "branches")
 
 
+def check_branch_starts(
+    ready: Prepared, count: int, progress: Callable[[EngineProgress], None] | None = None
+) -> dict[str, Any]:
+    """Look for the fixed points with which branches begin again, at half the step, and compare.
+
+    Args:
+        ready: the job made ready.
+        count: rows of the sample; 0 turns it off.
+        progress: not told, since rows are worked out together.
+
+    Returns:
+        The fields of a `SelfCheck`.
+    """
+    if count == 0:
+        return dict(OFF)
+    run, plan = ready.job.run, ready.plan
+    assert isinstance(run, Continuation)
+    check = SelfCheck(rows=min(count, plan.n_rows))
+    mapping, values, starts = _map_of(ready, sample_rows(plan, count))
+    values = {**values, run.parameter: run.path[0]}
+    once, half = (_first_points(each, starts, values, run) for each in (mapping, mapping.refined()))
+    both = once.converged & half.converged
+    check.status_differs = int(np.sum(once.converged != half.converged))
+    observables = plan.model.observables
+    change = np.stack(
+        [once.images.observed[q.name] - half.images.observed[q.name] for q in observables], axis=1
+    )
+    change = np.abs(shorter(change, np.array([q.circular for q in observables])))
+    for i, quantity in enumerate(observables):
+        check.largest[quantity.name] = float(np.max(change[both, i], initial=0.0))
+    circular = change[:, [q.circular for q in observables]]
+    check.moved = int(np.sum(both & np.any(circular > TOLERANCES * TOLERANCE, axis=1)))
+    return dataclasses.asdict(check.judged())
+
+
+def _first_points(mapping: ReturnMap, starts: Values, values: Values, run: Continuation) -> FixedPoints:
+    points, _ = mapping.settled(starts, values, run.settle)
+    return newton(mapping, points, values, fix=run.fix)
+
+
+def _map_of(ready: Prepared, rows: np.ndarray) -> tuple[ReturnMap, Values, Values]:
+    """The return map of a job's rows (n,), with their parameters but for the one that moves, and starts."""
+    run, plan = ready.job.run, ready.plan
+    assert isinstance(run, Continuation)
+    parameters, starts = plan.values_in(rows)
+    following = plan.following(run.parameter)
+    derived = tuple((name, plan.derived[name]) for name in following)
+    mapping = ReturnMap(plan.model, derived, ready.work.numerics, ready.engine)
+    away = {*following, run.parameter}
+    return mapping, {name: each for name, each in parameters.items() if name not in away}, starts
+
+
 def branches_of(ready: Prepared, first: int, last: int) -> pd.DataFrame:
     """The records of the branches of rows first..last-1."""
     run, plan = ready.job.run, ready.plan
     assert isinstance(run, Continuation)
-    parameters, starts = plan.values(first, last)
-    following = plan.following(run.parameter)
-    mapping = ReturnMap(
-        plan.model,
-        tuple((name, plan.derived[name]) for name in following),
-        ready.work.numerics,
-        ready.engine,
-    )
+    mapping, values, starts = _map_of(ready, np.arange(first, last))
     begin, end = run.path
-    values = {name: each for name, each in parameters.items() if name not in following}
     points, _ = mapping.settled(starts, {**values, run.parameter: begin}, run.settle)
-    del values[run.parameter]
     table = continuation(
         mapping,
         points,

@@ -45,6 +45,7 @@ def run(
     *,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
+    strict: bool = False,
 ) -> Result:
     """Run a job, or what is left of it, and draw its figures.
 
@@ -53,8 +54,10 @@ def run(
         out: the result directory, `results/NAME` by default.
         overrides: settings for a job from a file, such as "run.max_cycles=50".
         progress: called now and then with rows done, rows in all, rows a second, the share done, a remark.
+        strict: raise SelfCheckError where a sample of the rows comes out otherwise at half the step.
 
     Raises:
+        SelfCheckError: as above; the table is complete.
         JobError: the job is bad, with a sentence for each thing that is wrong.
         ValueError: overrides of a job that is not read from a file.
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
@@ -64,4 +67,4 @@ def run(
             "overrides are for a job that is read from a file: build the Job with them instead."
         )
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
-    return Result(carry_out(loaded, out, progress=progress, tell=warnings.warn))
+    return Result(carry_out(loaded, out, progress=progress, tell=warnings.warn, strict=strict))

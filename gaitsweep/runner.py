@@ -14,10 +14,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import pandas as pd
 
 from gaitsweep import provenance
-from gaitsweep.branching import follow_branches
+from gaitsweep.branching import check_branch_starts, follow_branches
 from gaitsweep.contract import Model
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.engines import EngineError, choose, default_lanes
@@ -26,10 +27,13 @@ from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
 from gaitsweep.job import Job, Plan, plan
+from gaitsweep.job.steps import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.plot import draw
 from gaitsweep.recording import Drive, frame_of, recorder_of
 from gaitsweep.refinement import refine, refines
+from gaitsweep.self_check import SelfCheckError, self_check
+from gaitsweep.self_check_report import advice, sentence
 from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
 from gaitsweep.user_error import FAILED, UserError
 
@@ -73,6 +77,7 @@ class Prepared:
     note: str | None
     job_hash: str
     frame: Callable[[BlockResult], pd.DataFrame]
+    steps: RowSteps
 
     @property
     def engine(self) -> str:
@@ -104,6 +109,7 @@ def prepare(job: Job) -> Prepared:
         raise RunError(str(error)) from error
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
     lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
+    steps = row_steps(rows, job.run, numerics)
     work = Work(
         model=rows.model,
         recorder=recorder,
@@ -112,12 +118,13 @@ def prepare(job: Job) -> Prepared:
         block=job.engine.block,
         lanes=lanes,
         devices=devices,
-        values=rows.values,
+        values=values_with_right_steps(rows, job.run, numerics, steps),
         drive=drive,
         engine=engine,
     )
-    job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes)
-    return Prepared(job, rows, work, note, job_hash, functools.partial(frame_of, job, rows, moving))
+    digest = steps.digest if numerics.dt is None else None
+    job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
+    return Prepared(job, rows, work, note, job_hash, functools.partial(frame_of, job, rows, moving), steps)
 
 
 def carry_out(
@@ -127,6 +134,7 @@ def carry_out(
     progress: Progress | None = None,
     tell: Callable[[str], None] | None = None,
     figures: bool = True,
+    strict: bool = False,
 ) -> Path:
     """Run what a job's directory still lacks, then draw its figures.
 
@@ -136,6 +144,7 @@ def carry_out(
         progress: told how far the run is.
         tell: told, in a sentence each, what was found and mended in the directory.
         figures: draw the job's figures at the end.
+        strict: raise SelfCheckError where the run's self-check warns.
 
     Returns:
         The result directory.
@@ -161,9 +170,42 @@ def carry_out(
         missing = directory.missing_blocks()
         if missing:
             _run_missing(ready, directory, missing, progress)
+        checked = _self_checked(ready, directory, progress)
     if figures:
         _draw_of_complete(path, work.n_rows, tell)
+    _tell_of_self_check(checked, work.numerics.dt, tell, strict)
     return path
+
+
+def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progress | None) -> dict[str, Any]:
+    """What the self-check of a complete table found, now or when it was made."""
+    before = directory.manifest.get("self_check")
+    asked = min(ready.job.verify, ready.work.n_rows)
+    if isinstance(before, dict) and before.get("rows") == asked:
+        return before
+    total = ready.work.n_rows
+
+    def tell(now: EngineProgress) -> None:
+        if progress is not None:
+            progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
+
+    check = check_branch_starts if ready.job.run.kind == "continuation" else self_check
+    found = check(ready, asked, tell)
+    directory.update_manifest(self_check=found)
+    return found
+
+
+def _tell_of_self_check(
+    found: dict[str, Any], dt: float | None, tell: Callable[[str], None] | None, strict: bool
+) -> None:
+    """Warn where a self-check did; its own line is shown with the outcome."""
+    if found.get("verdict") != "warned":
+        return
+    text = f"{sentence(found)} {advice(found, dt)}"
+    if strict:
+        raise SelfCheckError(text)
+    if tell is not None:
+        tell(f"Warning: {text}")
 
 
 @contextlib.contextmanager
@@ -201,6 +243,8 @@ def _run_missing(
         device=ready.device,
         lanes=ready.work.lanes,
         precision=ready.work.numerics.precision,
+        method=ready.work.numerics.method,
+        dt=[float(np.min(ready.steps.dt)), float(np.max(ready.steps.dt))],
         quantities=_quantities(ready.work.model),
         versions=provenance.versions(),
         git_commit=provenance.git_commit(),

@@ -8,23 +8,26 @@ a boundary between basins, and says nothing of the numerics.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.crossings import Crossings
 from gaitsweep.engine.hold import Hold
 from gaitsweep.engine.maps import shorter
 from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.propose import own_steps
-from gaitsweep.engine.settle import Settle
+from gaitsweep.engine.settle import SETTLE_WINDOW, Settle
 from gaitsweep.engine.sweep import sweep
 from gaitsweep.engine.work import Progress, Work
 from gaitsweep.job import Plan
+from gaitsweep.self_check_report import HALF_THE_STEP, TOLERANCES
 from gaitsweep.user_error import UserError
 
 if TYPE_CHECKING:
@@ -34,10 +37,10 @@ if TYPE_CHECKING:
 HALF = 0.5
 # Crossings over which rows are compared that do not come to rest, and those of kinds that do not ask for it.
 CROSSINGS = 10
+# A run that records its crossings is compared as it is, if it has no more than these.
+MOST_CROSSINGS = 100
 # By how much starts are moved (in their unit, or as a share where they are larger than 1).
 MOVED = 1e-9
-# A settled row may move by this many times the tolerance of settling.
-TOLERANCES = 10.0
 # The tolerance of kinds that have none (rad).
 TOLERANCE = 1e-3
 # A difference that starts moved by MOVED would explain if each had been off by less than this.
@@ -66,7 +69,7 @@ class SelfCheck:
     sensitive: int = 0
     moved: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
-    half: str = "half the step"
+    half: str = HALF_THE_STEP
     verdict: str = "passed"
 
     def judged(self) -> SelfCheck:
@@ -134,37 +137,6 @@ def self_check(
     return dataclasses.asdict(check.judged())
 
 
-def sentence(found: dict[str, Any]) -> str:
-    """What a self-check found, on one line."""
-    if found.get("verdict") == "off":
-        return "Self-check: off."
-    largest = {name: value for name, value in found.get("largest", {}).items() if value == value}
-    most = max(largest, key=lambda name: largest[name]) if largest else None
-    change = f"largest change {largest[most]:.1e} of {most}" if most is not None else "nothing to compare"
-    sensitive = f", {found['sensitive']} on a boundary" if found.get("sensitive") else ""
-    rows = f"{found['rows']} row{'s' * (found['rows'] != 1)}"
-    text = f"Self-check: {rows} repeated with {found['half']}: "
-    if found["verdict"] == "passed":
-        return f"{text}same status and gait{sensitive}, {change}."
-    wrong = [
-        f"{found[name]} came to another {word}"
-        for name, word in (("status_differs", "status"), ("gait_differs", "gait"))
-        if found.get(name)
-    ]
-    if found.get("moved"):
-        wrong.append(f"{found['moved']} moved by more than {TOLERANCES:g} tolerances")
-    return f"{text}{', '.join(wrong)}{sensitive}, {change}."
-
-
-def advice(found: dict[str, Any], dt: float | None) -> str:
-    """What to change where a self-check warned."""
-    if dt is not None:
-        return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
-    if found.get("half") != SelfCheck.half:
-        return "The table depends on the tolerances: make numerics.rtol and numerics.atol finer."
-    return "The table depends on the step: give a shorter one, numerics.dt, and compare."
-
-
 def _repeated(
     work: Work,
     plan: Plan,
@@ -191,17 +163,14 @@ def _repeated(
     found: list[BlockResult] = []
     sweep(again, [0], lambda _, result: found.append(result), progress)
     cuts = np.cumsum([0, *(each[0].size for each in lanes)])
-    return [_part(found[0], int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    return [_part(found[0], int(a), int(b)) for a, b in itertools.pairwise(cuts)]
 
 
 def _part(result: BlockResult, first: int, last: int) -> BlockResult:
     """The rows first..last-1 of a block, numbered from 0."""
     mine = (result.owner >= first) & (result.owner < last)
-    fields = {
-        field.name: value[first:last]
-        for field in dataclasses.fields(result)
-        if isinstance(value := getattr(result, field.name), np.ndarray) and value.shape[:1] == result.status.shape
-    }
+    of_rows = ("status", "cycles", "attempts", "t_end", "last", "period", "slowest", "fired")
+    fields = {name: getattr(result, name)[first:last] for name in of_rows}
     labels = {name: each[first:last] for name, each in result.labels.items()}
     kept = {"owner": result.owner[mine] - first, "samples": result.samples[mine]}
     return dataclasses.replace(result, **{**fields, "first": 0, "labels": labels, **kept})
@@ -229,24 +198,21 @@ def _compare_ends(
     settled = (once.status == Status.settled) & (half.status == Status.settled)
     resting = settled | (once.status != half.status) | _failed(once.status)
     # an orbit of several cycles may have been read at another of its points
-    single = once.labels.get("attractor_period", np.ones(rows.size)) <= 1
-    same = settled & ~other_gait & single
+    same = settled & ~other_gait & (once.period <= 1)
+    if isinstance(work.recorder, Hold):
+        same = ~other_status & ~other_gait & (once.cycles == half.cycles)
+        resting = np.ones(rows.size, bool)
     change = np.abs(_apart(plan.model, once.last - half.last))
     _take_largest(check, plan.model, change[same])
-    assert isinstance(work.recorder, Settle | Hold)
     if isinstance(work.recorder, Settle):
-        over = change / (TOLERANCES * _tolerances(work.recorder, once.last))
-        check.moved += int(np.sum(np.any(over[same] > 1.0, axis=1)))
+        # SETTLE_WINDOW tolerances, in each observable's unit
+        bound = np.asarray(jax.vmap(lambda last: work.recorder.bound(last[None, :]))(once.last[same]))
+        check.moved += int(np.sum(np.any(change[same] > TOLERANCES / SETTLE_WINDOW * bound, axis=1)))
     return resting
 
 
 def _failed(status: np.ndarray) -> np.ndarray:
-    sound = (Status.settled, Status.complete, Status.cycle_limit, Status.time_limit)
-    return ~np.isin(status, sound)
-
-
-def _tolerances(recorder: Settle, last: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(np.asarray(recorder.tolerance), last.shape)
+    return np.isin(status, [each for each in Status if each.verdict is Verdict.failed])
 
 
 def _compare_crossings(
@@ -254,10 +220,13 @@ def _compare_crossings(
 ) -> None:
     """Compare the first crossings of rows (n,)."""
     plan, model = ready.plan, ready.plan.model
-    recorder = Crossings(model, crossings=CROSSINGS)
+    recorder = ready.work.recorder
+    if not (isinstance(recorder, Crossings) and (recorder.crossings or math.inf) <= MOST_CROSSINGS):
+        recorder = Crossings(model, crossings=CROSSINGS)
     work = dataclasses.replace(ready.work, recorder=recorder)
     lanes = [(rows, 1.0, 0.0), (rows, HALF, 0.0), (rows, 1.0, MOVED)]
-    once, half, moved = (_crossings(each, rows.size) for each in _repeated(work, plan, lanes, progress))
+    repeated = _repeated(work, plan, lanes, progress)
+    once, half, moved = (_crossings(each, rows.size, recorder.after_cycles) for each in repeated)
     differs = once.status != half.status
     boundary = differs & (once.status != moved.status)
     check.sensitive += int(boundary.sum())
@@ -284,10 +253,10 @@ class _FirstCrossings:
     observed: np.ndarray
 
 
-def _crossings(result: BlockResult, n: int) -> _FirstCrossings:
+def _crossings(result: BlockResult, n: int, after: int) -> _FirstCrossings:
     observed = np.full((n, CROSSINGS + 1, result.last.shape[1]), np.nan)
     samples = result.samples.reshape(-1, 2 + result.last.shape[1])
-    at = samples[:, 0].astype(int)
+    at = samples[:, 0].astype(int) - after
     kept = at <= CROSSINGS
     observed[result.owner[kept], at[kept]] = samples[kept, 2:]
     return _FirstCrossings(result.status, observed)

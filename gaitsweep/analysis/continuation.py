@@ -53,6 +53,8 @@ def continuation(
         parts), unstable (how many are outside the unit circle), stable, special, corrections, end.
         `special` is fold, flip, neimark_sacker, branch_point; corner: a fold at a bend of the map, where no
         multiplier is 1; kink: a step over a place where the map bends or jumps; or nothing.
+        A branch that ends as lost, or has a kink, is followed again on the map refined (half the step), and
+        the branch of that is what is given: so neither is an artefact of the step alone.
         `end` says why the branch ends there: range, closed, most, lost (no step is short enough, or the map
         is not defined beyond), or, where no fixed point was found at the start, an `Outcome`; or nothing.
 
@@ -61,6 +63,61 @@ def continuation(
     """
     if not max(within) > min(within):
         raise ArgumentError(f"within is {list(within)}, but must be a range: two numbers that differ.")
+    branches = _followed(
+        mapping,
+        starts,
+        values,
+        parameter=parameter,
+        within=within,
+        begin=begin,
+        towards=towards,
+        fix=fix,
+        steps=steps,
+        shown=shown,
+    )
+    refined = mapping.refined()
+    if branches.empty or refined is None:
+        return branches
+    doubtful = branches.loc[(branches["end"] == "lost") | (branches["special"] == "kink"), "row"].unique()
+    if not doubtful.size:
+        return branches
+    n = len(starts)
+
+    def only(value: Any) -> Any:
+        return np.broadcast_to(np.asarray(value, np.float64), (n,))[doubtful]
+
+    again = _followed(
+        refined,
+        starts[doubtful],
+        {name: only(value) for name, value in values.items()},
+        parameter=parameter,
+        within=within,
+        begin=None if begin is None else only(begin),
+        towards=towards,
+        fix={name: only(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix,
+        steps=steps,
+        shown=shown,
+    )
+    again["row"] = doubtful[again["row"].to_numpy()]
+    kept = branches[~branches["row"].isin(doubtful)]
+    both = again if kept.empty else pd.concat([kept, again])
+    return both.sort_values("row", kind="stable", ignore_index=True)
+
+
+def _followed(
+    mapping: Map,
+    starts: Points,
+    values: Values,
+    *,
+    parameter: str,
+    within: Sequence[float],
+    begin: Any,
+    towards: int,
+    fix: Sequence[str] | Mapping[str, object],
+    steps: Steps | None,
+    shown: Sequence[str] | None,
+) -> pd.DataFrame:
+    """The branches on one map; see `continuation`."""
     n = len(starts)
     begin = (min(within) if towards > 0 else max(within)) if begin is None else begin
     at = np.broadcast_to(np.asarray(begin, np.float64), (n,)).copy()

@@ -65,6 +65,9 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what the job would need, and run nothing.")
     ] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with code 3 where the run's self-check warns.")
+    ] = False,
 ) -> None:
     """Run a job, or continue it where it stopped: its table and its figures."""
     from gaitsweep.cli import show
@@ -94,7 +97,7 @@ def run(
 
     try:
         with asked, bar or contextlib.nullcontext():
-            path = carry_out(job, out, progress=progress, tell=_tell)
+            path = carry_out(job, out, progress=progress, tell=_tell, strict=strict)
     except KeyboardInterrupt as error:
         print(_stopped(job, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own

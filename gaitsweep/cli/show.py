@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitsweep.contract import Model, Quantity, Status, Verdict
+from gaitsweep.self_check_report import sentence
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
@@ -56,6 +57,8 @@ def outcome(snapshot: Snapshot) -> str:
         worst = next(iter(snapshot.counts))
         meaning = Status[worst].sentence if worst in Status.__members__ else "a status of another version."
         lines.insert(1, f"No row came to a good end. {worst}: {meaning}")
+    if isinstance(found := snapshot.manifest.get("self_check"), dict):
+        lines.append(sentence(found))
     lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
     return "\n".join(lines)
 

@@ -16,9 +16,9 @@ class BlockResult:
     """One block's rows, in their order.
 
     `first` the first row's number; `status`, `cycles`, `attempts`, `t_end` (n,); `last` observables at the
-    last crossing (n, observables); `period`, `slowest` (n,) and `fired` (n, words) as in `Record`; `labels` `gait` (an index, -1: not labelled) and the traits, for each row
-    or, on stairs, for each sample; `owner`, `samples`: what the recorder kept, the row's number and the kept
-    numbers, in order.
+    last crossing (n, observables); `period`, `slowest` (n,) and `fired` (n, words) as in `Record`; `labels`
+    `gait` (an index, -1: not labelled) and the traits, for each row or, on stairs, for each sample; `owner`,
+    `samples`: what the recorder kept, the row's number and the kept numbers, in order.
     """
 
     first: int
@@ -43,7 +43,7 @@ class Block:
         self.first = number * work.block
         self.rows = min(work.block, work.n_rows - self.first)
         params, starts = work.values(self.first, self.first + self.rows)
-        self.starts = {**starts, SHARE: np.full(self.rows, work.share)}
+        self.starts = {SHARE: np.ones(self.rows), **starts}
         self.params = work.model.on_host(params)
         self.opened = 0  # rows that have been put into lanes
         self.missing = self.rows  # rows that have not ended

@@ -55,11 +55,12 @@ class Flight:
     """The functions of such a way, for every engine.
 
     With located events, derivatives (forward mode) are right through all of them, their times included.
-    Where the numerics take steps of fixed length nothing is located, and `differentiable` is False.
+    Where the numerics take steps of fixed length nothing is located, and `differentiable` is False. `share`
+    makes steps shorter, and tolerances finer.
     """
 
-    def __init__(self, model: Model, numerics: Numerics) -> None:
-        self.model, self.numerics = model, numerics.of(model)
+    def __init__(self, model: Model, numerics: Numerics, share: float = 1.0) -> None:
+        self.model, self.numerics, self.share = model, numerics.of(model), share
         numerics = self.numerics
         self.differentiable = own_steps(numerics.method, model) is None
         if self.differentiable and numerics.method == "rk4":
@@ -72,8 +73,9 @@ class Flight:
     def begin(self, params: Params, state: State) -> Aloft:
         """The trajectory that starts from a state just after its crossing's jump."""
         # how long steps are changes with the parameters, but no result depends on it
-        dt = jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
-        carry = start(self.model, params, state, dt=dt, stop=LATEST * self.model.period(params))
+        dt = self.share * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
+        stop = LATEST * self.model.period(params)
+        carry = start(self.model, params, state, dt=dt, stop=stop, share=self.share)
         steps = ADAPTIVE_STEPS if self.numerics.adaptive else 1.0
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * steps + 1000.0)
         if self._evaluate is None:

@@ -104,6 +104,10 @@ class Map(abc.ABC):
     def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
         """All values that `follow` reads, (n,) each, from those given."""
 
+    def refined(self) -> Map | None:
+        """The same map worked out more finely, or None where there is nothing to make finer."""
+        return None
+
     @property
     def circular(self) -> np.ndarray:
         """Which coordinates are angles, (size,)."""

@@ -72,13 +72,14 @@ def flown(flight: Flight) -> Crossing:
 
 
 @lru_cache(maxsize=16)
-def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Crossing:
+def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: float = 1.0) -> Crossing:
     """The function `(params, state) -> (t, state, way)` up to the next crossing, differentiable forward.
 
     Args:
         model, numerics: what is integrated and how. In steps of fixed length nothing is located: states
             jump as the step in which the crossing falls changes, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
+        share: by which steps are shorter than the numerics say.
 
     Raises:
         ValueError: an engine that is not known.
@@ -86,7 +87,7 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto") -> Cross
     """
     if engine not in ("auto", "kernel", "xla"):
         raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
-    flight = Flight(model, numerics)
+    flight = Flight(model, numerics, share)
     numerics = flight.numerics
     by_xla = flown(flight)
     if not flight.differentiable:

@@ -54,6 +54,10 @@ class Settle(Recorder):
     def window(self) -> int:
         return SETTLE_WINDOW
 
+    def bound(self, latest: jax.Array) -> jax.Array:
+        """How far each observable (n,) may move over the window, from the latest crossings (w, n)."""
+        return bounds(self.model, self.tolerance, latest)
+
     def stop(self, params: Params) -> jax.Array:
         period = self.model.period(params)
         if self.max_time is not None:
@@ -87,9 +91,7 @@ class Settle(Recorder):
         # crossings without time between them are no cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
-        ended = jnp.where(
-            settled, Status.settled, jnp.where(given_up, Status.cycle_limit, Status.running)
-        )
+        ended = jnp.where(settled, Status.settled, jnp.where(given_up, Status.cycle_limit, Status.running))
         status = jnp.where(crossed, ended, jnp.where(carry.halt == TIME, Status.time_limit, Status.running))
         begun = jnp.stack([jnp.zeros_like(moves), moves])
         after = jnp.where(looks, begun, jnp.stack([moves, record.moves[1]]))

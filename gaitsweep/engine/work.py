@@ -17,7 +17,7 @@ class Work:
 
     `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;
     `drive` the parameters at a time from a row's raw values, for ramps and staircases; `engine` is xla or
-    kernel; `share` by which all steps are shorter than the numerics say, and tolerances finer.
+    kernel. Starts may have `SHARE` among them, by which a row's steps are shorter than the numerics say.
     """
 
     model: Model
@@ -30,7 +30,6 @@ class Work:
     values: Callable[[int, int], tuple[Values, Values]]
     drive: Callable[..., Params] | None = None
     engine: str = "xla"
-    share: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,16 @@ from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.axes import Spread
 from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.runs import MOST_SAMPLES, MOST_STAIRS, Continuation, Ramp, Settle, Staircase, Trace, moved_by
+from gaitsweep.job.runs import (
+    MOST_SAMPLES,
+    MOST_STAIRS,
+    Continuation,
+    Ramp,
+    Settle,
+    Staircase,
+    Trace,
+    moved_by,
+)
 from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000

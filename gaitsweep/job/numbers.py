@@ -230,7 +230,11 @@ PositiveOrEach = Annotated[
         {
             "anyOf": [
                 {"type": ["number", "string"]},
-                {"type": "object", "additionalProperties": {"type": ["number", "string"]}, "minProperties": 1},
+                {
+                    "type": "object",
+                    "additionalProperties": {"type": ["number", "string"]},
+                    "minProperties": 1,
+                },
             ]
         }
     ),
@@ -239,6 +243,7 @@ NotNegative = Annotated[float, PlainValidator(checked(read_real, low=0.0)), _NUM
 Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), _WHOLE]
 LaneCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=2**20)), _WHOLE]
 CountOrZero = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10**9)), _WHOLE]
+VerifyCount = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10_000)), _WHOLE]
 PointCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MOST_POINTS)), _WHOLE]
 Seed = Annotated[int, PlainValidator(checked(read_whole, low=0, high=2**53)), _WHOLE]
 Text = Annotated[str, PlainValidator(checked(read_text)), _TEXT]

@@ -23,7 +23,7 @@ from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
 from gaitsweep.job.complaints import Owner
 from gaitsweep.job.figure_kinds import FIGURES, Figure
-from gaitsweep.job.numbers import Stem, Text
+from gaitsweep.job.numbers import Stem, Text, VerifyCount
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
 from gaitsweep.job.runs import (
@@ -91,6 +91,11 @@ class Job(Part):
         description="how trajectories are integrated; left out, or auto, as the model recommends",
     )
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
+    verify: VerifyCount = Field(
+        default=32,
+        description="rows that are repeated at half the step when the run is complete, to see whether the "
+        "table depends on it; 0: none",
+    )
     figures: list[Figure] = Field(
         default_factory=list, max_length=200, description="figures made from the table"
     )

@@ -7,7 +7,7 @@ import functools
 import hashlib
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -19,14 +19,16 @@ from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.expression import evaluate, functions_of
-from gaitsweep.job.complaints import Complaint
+from gaitsweep.job.complaints import Complaint, JobError
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.runs import Continuation, moved_by
 from gaitsweep.job.runs import Numerics as NumericsPart
 
 # Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
 # evenly over all of them, and each row's own step is looked at when its block begins.
-MOST_SETS = 4_000_000
+MOST_SETS = 1_000_000
+# Of steps that the model recommends, which need no check: sets that say between what they lie.
+MOST_RECOMMENDED = 65_536
 # Of those, sets for which a simulator's compiler has to work out numbers, or eigenvalues have to be found.
 FEW_SETS = 64
 _CHUNK = 65_536
@@ -89,7 +91,8 @@ def row_steps(plan: Plan, run: object, numerics: Numerics) -> RowSteps:
     names = _deciding(model, numerics, plan)
     spans = sorted({place for name in names for place in plan.spans(name)})
     count = math.prod(plan.groups[place].length for place in spans)
-    most = FEW_SETS if model.host_parameters else MOST_SETS
+    most = MOST_RECOMMENDED if numerics.dt is None else MOST_SETS
+    most = FEW_SETS if model.host_parameters else most
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
     rows = np.zeros_like(sets)
     rest = sets
@@ -129,6 +132,26 @@ def check_steps(plan: Plan, run: object, numerics: Numerics) -> list[Complaint]:
     return [Complaint(("numerics", "dt"), text)]
 
 
+def values_with_right_steps(
+    plan: Plan, run: object, numerics: Numerics, steps: RowSteps
+) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
+    """`Plan.values`, which refuses rows whose step is too long where not all were looked at beforehand."""
+    if numerics.dt is None or not steps.sampled or plan.model.host_parameters:
+        return plan.values
+
+    def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        rows = np.arange(first, last, dtype=np.int64)
+        dt, longest = _steps(plan, run, numerics, rows)
+        wrong = np.flatnonzero(dt > longest * _ROUNDING)
+        if wrong.size:
+            row, right = int(rows[wrong[0]]), _rounded_down(longest[wrong[0]])
+            text = f"is {numerics.dt:g} s, too long for row {row}, where {right:g} s is right: leave it out."
+            raise JobError([Complaint(("numerics", "dt"), text)])
+        return plan.values(first, last)
+
+    return values
+
+
 def _matters(plan: Plan, name: str, steps: RowSteps) -> bool:
     """Whether what varies under this name differs between the sets that were looked at."""
     seen = plan.at(steps.rows[:: max(1, steps.rows.size // 1000)], [name])[name]
@@ -143,7 +166,7 @@ def _rounded_down(value: float) -> float:
 def _steps(plan: Plan, run: object, numerics: Numerics, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The steps that rows (n,) take, and the longest that are right for them."""
     model, moving = plan.model, moved_by(run)
-    values, _ = plan.values_in(rows)
+    values = plan.at(rows, [quantity.name for quantity in model.parameters])
     function = _function(model, numerics)
     found = []
     for at in _path(run) if moving is not None else (None,):
