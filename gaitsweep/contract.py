@@ -228,7 +228,8 @@ class Model(abc.ABC):
 
     @abc.abstractmethod
     def failed(self, params: Params, state: State) -> jax.Array:
-        """True where the body has fallen; asked every 64 attempts, so a fall is what lasts."""
+        """True where the body has fallen; asked every 64 attempts (after each of adaptive steps), so a fall
+        is what lasts."""
 
     @abc.abstractmethod
     def period(self, params: Params) -> jax.Array:

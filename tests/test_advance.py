@@ -33,7 +33,7 @@ def test_order_of_convergence_with_events() -> None:
     errors = []
     for dt in steps:
         _, t = crossing_times(
-            Neuron(), {"v_0": v_0}, 10, params={"current": current}, numerics=Numerics(dt=dt), lanes=64
+            Neuron(), {"v_0": v_0}, 10, params={"current": current}, numerics=Numerics(dt=dt, method="rk4"), lanes=64
         )
         # over many neurons: the error of one depends on where its steps happen to end
         errors.append(np.sqrt(np.mean((t - exact) ** 2)))
@@ -44,7 +44,7 @@ def test_order_of_convergence_with_events() -> None:
 def test_located_event_times_are_exact() -> None:
     """With steps too small to matter the event times are right to the event tolerance, not to the step."""
     first = np.array([0.3, 1.0, 2.0, 5.0])
-    _, t = crossing_times(Toy(), {"launch_1": first}, 12, numerics=Numerics(dt=1e-3))
+    _, t = crossing_times(Toy(), {"launch_1": first}, 12, numerics=Numerics(dt=1e-3, method="rk4"))
     for row, launch in enumerate(first):
         exact = bounce_times(launch, 2.0, 0.5, 0.5, 0.5, 12)
         # 12 locations of 1e-12 s each, and the RK4 steps' own 1e-12
@@ -53,10 +53,10 @@ def test_located_event_times_are_exact() -> None:
 
 def test_location_takes_few_attempts() -> None:
     """Secant location costs some 6 attempts an event; bisection to 1e-12 s would take 30."""
-    model, numerics = Toy(), Numerics(dt=1e-3)
+    model, numerics = Toy(), Numerics(dt=1e-3, method="rk4")
     params = scalars(model)
     attempt = jax.jit(advance(model, numerics))
-    carry = start(model, params, model.init(params, {"launch_1": jnp.asarray(1.0)}))
+    carry = start(model, params, model.init(params, {"launch_1": jnp.asarray(1.0)}), dt=1e-3)
     located = []
     for _ in range(6):
         trials = 0
@@ -73,10 +73,10 @@ def test_an_event_that_rounding_hides_is_let_go() -> None:
 
     (Met on a GPU: 7 of 4 096 rows of Fig. 5 halved their brackets down to 5e-324 s and stood still.)
     """
-    model, numerics = Toy(), Numerics(dt=1e-3)
+    model, numerics = Toy(), Numerics(dt=1e-3, method="rk4")
     params = scalars(model)
     attempt = jax.jit(advance(model, numerics))
-    carry = start(model, params, model.init(params, {"launch_1": jnp.asarray(1.0)}))
+    carry = start(model, params, model.init(params, {"launch_1": jnp.asarray(1.0)}), dt=1e-3)
     for _ in range(100):
         carry = attempt(params, carry)
     assert carry.far == jnp.inf

@@ -72,7 +72,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     -23 % of the entry, for example.
     """
     model, w, d, r, kick = Toy(2), 2.0, 0.5, 0.5, 0.5
-    mapping = return_map(model, numerics=Numerics(dt=1e-3), engine=engine)
+    mapping = return_map(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
     names = [quantity.name for quantity in mapping.coordinates]
     assert names == [f"{part}_{i}" for part in ("height", "speed", "launch") for i in (1, 2)]
     starts, way = mapping.settled({"launch_1": 0.8, "launch_2": 2.0}, {}, 0)
@@ -107,12 +107,12 @@ def test_fixed_point_of_a_bouncing_mass() -> None:
 
 def test_stages_of_a_step_are_those_of_an_attempt() -> None:
     """Worked out one by one, a step of rk4 ends where the attempt as a whole does, events included."""
-    model, numerics = Multilegged(), Numerics(dt=4e-3)
+    model, numerics = Multilegged(), Numerics(dt=4e-3, method="rk4")
     params = scalars(model)
     start_values = {"psi_1": 1.9, "psi_2": 2.7, "psi_3": 4.5, "phi_1": np.nan}
     state = model.init(params, {k: jnp.asarray(v) for k, v in start_values.items()})
     attempt = advance(model, numerics)
-    carry = start(model, params, state, stop=4.0 * model.period(params))
+    carry = start(model, params, state, dt=4e-3, stop=4.0 * model.period(params))
     whole = jax.jit(lambda c: jax.lax.while_loop(lambda c: c.halt == GOING, lambda c: attempt(params, c), c))(
         carry
     )
@@ -141,7 +141,7 @@ def test_engines_agree() -> None:
     )
     ends = []
     for engine in ("xla", "kernel"):
-        crossing = crossing_of(model, Numerics(dt=4e-3), engine)
+        crossing = crossing_of(model, Numerics(dt=4e-3, method="rk4"), engine)
         (t, after, way), (dt_, d_after, _) = jax.jit(
             lambda s, d, c=crossing: jax.jvp(lambda s: c(params, s), (s,), (d,))
         )(state, along)

@@ -26,7 +26,7 @@ from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 
 # Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
 # crossing is ever lost and nothing has to be copied when one happens.
-GOING, CROSSING, TIME, FINISHED = 0, 1, 2, 3
+GOING, CROSSING, TIME, FINISHED, FAILED = 0, 1, 2, 3, 4
 
 # Jumps at one instant for each guard before the row counts as stalled: far above any true chain of events.
 CHAIN_LIMIT = 4
@@ -241,7 +241,12 @@ def _advance_hybrid(
         timed = on & (h >= room)
 
         chain = jnp.where(land, carry.chain + 1, jnp.where(on & (h > CHAIN_STEP), 0, carry.chain))
-        halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING)).astype(carry.halt.dtype)
+        halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
+        if method.adaptive:
+            # many cycles can pass between two looks of the recorder, and a fall may not last so long
+            down = (on | land) & model.failed(here, select(land, after, end))
+            halt = jnp.where(down, FAILED, halt)
+        halt = halt.astype(carry.halt.dtype)
         # a lane that waits keeps what it has, as one does that goes back
         return Carry(
             state=select(on | land, select(land, after, end), carry.state),

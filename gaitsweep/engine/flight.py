@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State
-from gaitsweep.engine.advance import CROSSING, GOING, Carry, advance, stalled, start
+from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
 from gaitsweep.engine.lane import ADAPTIVE_STEPS
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.propose import own_steps
@@ -101,6 +101,6 @@ class Flight:
         numbers = [x for x in jax.tree.leaves(carry.state) if jnp.issubdtype(x.dtype, jnp.floating)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in [carry.t, *numbers]]))
         stuck = stalled(carry) | (carry.attempts > aloft.limit)
-        missed = jnp.where(stuck, Way.stalled, Way.late)
+        missed = jnp.where(stuck, Way.stalled, jnp.where(carry.halt == FAILED, Way.fell, Way.late))
         way = jnp.where(sound, jnp.where(carry.halt == CROSSING, Way.crossed, missed), Way.lost)
         return way.astype(jnp.int32)

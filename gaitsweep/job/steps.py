@@ -107,11 +107,12 @@ def row_steps(plan: Plan, run: object, numerics: Numerics) -> RowSteps:
 
 def check_steps(plan: Plan, run: object, numerics: Numerics) -> list[Complaint]:
     """Complaints about a step that is too long for some rows, or that nobody has said."""
-    steps = row_steps(plan, run, numerics)
-    if np.isnan(steps.dt).any():
-        return [Complaint(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
     if numerics.dt is None:
-        return []
+        dt, _ = _steps(plan, run, numerics, np.zeros(1, np.int64))
+        if not np.isnan(dt).any():
+            return []
+        return [Complaint(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
+    steps = row_steps(plan, run, numerics)
     longest = steps.longest
     if np.isnan(longest).any():
         longest = _from_spectrum(plan, numerics, steps)
