@@ -125,7 +125,9 @@ def _labels(frame: pd.DataFrame) -> np.ndarray:
     """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
     gait = frame["gait"].cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
-    fixed = frame["status"].isin(list(Status.of(Verdict.sound))) & (frame["attractor_period"] == 1)
+    fixed = frame["status"].isin(list(Status.of(Verdict.sound))).to_numpy()
+    if "attractor_period" in frame.columns:  # a round may be older than the column
+        fixed = fixed & (frame["attractor_period"] == 1).to_numpy()
     return np.where(fixed & (gait >= 0), gait, ALONE)
 
 

@@ -19,13 +19,14 @@ import pandas as pd
 
 from gaitsweep import provenance
 from gaitsweep.branching import check_branch_starts, follow_branches
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Status
 from gaitsweep.engine.block import BlockResult
 from gaitsweep.engine.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep import Timings, sweep
 from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
+from gaitsweep.frames import stalls
 from gaitsweep.job import Job, Plan, plan
 from gaitsweep.job.steps import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.models.own_modules import modules_beside
@@ -269,7 +270,10 @@ def _run_missing(
     def sum_up() -> None:
         total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
         complete = not directory.missing_blocks()
-        directory.update_manifest(timings=total, counts=directory.counts(), complete=complete)
+        counts = directory.counts()
+        directory.update_manifest(timings=total, counts=counts, complete=complete)
+        if complete and counts.get(Status.event_stall.name):
+            directory.update_manifest(stalls=stalls(load(directory.path)))
         if complete and ready.job.run.kind in ("settle", "hold"):
             gaits = load(directory.path)["gait"].value_counts()
             directory.update_manifest(gaits={str(gait): int(n) for gait, n in gaits.items() if n})

@@ -111,7 +111,7 @@ def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
     np.testing.assert_allclose(kernel.samples, xla.samples, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(kernel.labels["gait"], xla.labels["gait"])
     for row, launch in enumerate((0.5, 2.0)):
-        number, crossing, t, _, last = xla.samples[xla.owner == row].T
+        number, crossing, t, _, _, last = xla.samples[xla.owner == row].T
         np.testing.assert_array_equal(number, np.arange(stairs.count))
         np.testing.assert_allclose(t, stairs.end(number), rtol=1e-14)
         expected = piecewise(launch, stairs)
@@ -244,4 +244,4 @@ def test_a_simulator_of_fixed_steps_changes_at_the_nearest_step_end(hold: float)
             turned = angle if np.floor(angle) > np.floor(before) else turned
         expected.append([number, np.floor(angle), steps * dt, turned])
     for result in results:
-        np.testing.assert_allclose(result.samples[:, [0, 1, 2, 4]], expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(result.samples[:, [0, 1, 2, 5]], expected, rtol=0, atol=1e-9)

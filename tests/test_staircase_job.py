@@ -25,7 +25,7 @@ def job(**fields: Any) -> Job:
 def test_the_table_of_a_staircase(tmp_path: Path) -> None:
     """Formulas follow the moving parameter, labels are those at each stair's value."""
     table = gs.run(job(run={**STAIRS, "hold": 25.0}), tmp_path / "out").table
-    moved = ["stair", "pass", "stiffness", "t", "crossing", "settled", "status"]
+    moved = ["stair", "pass", "stiffness", "t", "crossing", "settled", "slowest", "status", "stalled_by"]
     assert list(table.columns) == ["row", "launch_1", *moved, "launch_1_n", "gait", "apex"]
     assert table["stair"].dtype == np.int64
     assert table["settled"].dtype == bool

@@ -70,18 +70,22 @@ def follow_attractors(
     within = _half_the_smallest(space, [each.states for each in found]) if within is None else within
     seen: dict[str, np.ndarray] = {}  # where each attractor was last
     present: list[str] = []
+    called: dict[str, str] = {}
     columns, summaries = [], []
     for value, each in zip(values, found, strict=True):
         names, moved = _named(space, each.states, seen, present, within)
         present = list(names.values())
         seen |= {names[own]: states for own, states in each.states.items()}
-        columns.append(each.column.astype(object).map(names.get))
         own = each.summary["attractor"]
-        summary = each.summary.assign(attractor=own.map(names.get), moved=own.map(moved.get))
+        # orbits of several crossings are not followed: they are called by their periods everywhere
+        orbits = {name: name for name in own if name not in names}
+        called |= orbits
+        columns.append(each.column.astype(object).map((names | orbits).get))
+        summary = each.summary.assign(attractor=own.map((names | orbits).get), moved=own.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
     together = pd.concat(columns).reindex(table.index)
-    column = pd.Series(pd.Categorical(together, list(seen)), index=table.index, name="attractor")
+    column = pd.Series(pd.Categorical(together, [*seen, *sorted(called)]), index=table.index, name="attractor")
     labelled = table.assign(attractor=column)
     labelled.attrs = table.attrs
     shares = fractions(labelled, label="attractor", by=parameter)

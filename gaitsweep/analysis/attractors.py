@@ -31,7 +31,9 @@ _KINDS = ("point", "line", "surface", "space")
 class Attractors:
     """The attractors of a table's rows.
 
-    `column`: the attractor of each row, a category; NaN where none settled or it was inferred.
+    `column`: the attractor of each row, a category; NaN where none settled or it was inferred. Rows on an
+    orbit of p crossings, of which a table holds one point each, are `period p` all together: they are not
+    grouped by their states, and have no state in `summary` (its kind is `orbit`) and none in `states`.
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
     of a state in its middle, extent (the distance between its ends, in the columns' unit, along whole turns),
     dimension and kind (point, line, surface, or space of 3 and more). `link`: the distance at which chains of
@@ -95,11 +97,18 @@ def attractors(
     names = [f"A{number + 1}" for number in range(rows.size)]
     codes = np.full(len(table), -1)
     codes[settled] = group[gathered.of]
-    column = pd.Series(pd.Categorical.from_codes(codes.tolist(), names), index=table.index, name="attractor")
+    orbits = _orbits(table)
+    periods = [int(p) for p in np.unique(orbits[orbits > 1])]
+    for number, p in enumerate(periods, start=len(names)):
+        codes[orbits == p] = number
+    every = [*names, *(f"period {p}" for p in periods)]
+    column = pd.Series(pd.Categorical.from_codes(codes.tolist(), every), index=table.index, name="attractor")
     own = [group == number for number in range(rows.size)]
     records = [_described(space, states[mine], flat[mine], gathered.side, columns) for mine in own]
+    records += [{"dimension": 0, "kind": "orbit"} for _ in periods]
     summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
-    counted = pd.DataFrame({"attractor": names, "rows": rows, "share": rows / max(len(points), 1)})
+    rows = np.concatenate([rows, [np.count_nonzero(orbits == p) for p in periods]]).astype(int)
+    counted = pd.DataFrame({"attractor": every, "rows": rows, "share": rows / max(rows.sum(), 1)})
     of_each = {name: states[mine] for name, mine in zip(names, own, strict=True)}
     return Attractors(column, pd.concat([counted, summary], axis=1), link, grain, of_each)
 
@@ -130,12 +139,21 @@ def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> fl
 
 def _grain_of(table: pd.DataFrame) -> float:
     tolerance = table.attrs.get("job", {}).get("run", {}).get("tolerance")
+    if isinstance(tolerance, Mapping):  # one for each observable: a grain is as long as the longest
+        tolerance = max(tolerance.values(), default=None)
     return CYCLES_OF_A_GRAIN * float(tolerance) if tolerance else _GRAIN
 
 
 def _settled(table: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
     known = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
-    return known & (table["status"].astype(str) == Status.settled.name).to_numpy()
+    return known & (table["status"].astype(str) == Status.settled.name).to_numpy() & (_orbits(table) <= 1)
+
+
+def _orbits(table: pd.DataFrame) -> np.ndarray:
+    """The period (n,) of each row's attractor in crossings; 1 in tables of before there was such a column."""
+    if "attractor_period" not in table.columns:
+        return np.ones(len(table), int)
+    return table["attractor_period"].fillna(0).to_numpy(int)
 
 
 def _cut_at_corners(

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
@@ -43,6 +43,19 @@ def counts(by_status: dict[str, int]) -> str:
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
 
 
+def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
+    """Say which guards stalled rows and when: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
+    told = []
+    for names, found in stalls.items():
+        when = ""
+        for key, words in (("t", "t ="), ("after", "after t =")):
+            span = [f"{each:.6g}" for each in found.get(key, [])]
+            if span:
+                when = f", {words} {' to '.join(dict.fromkeys(span))} s"
+        told.append(f"{found.get('rows', 0)} {Status.event_stall.name}: {names}{when}")
+    return "; ".join(told)
+
+
 def outcome(snapshot: Snapshot) -> str:
     """Say what a run left on disk."""
     rows = snapshot.manifest["rows"]
@@ -53,6 +66,8 @@ def outcome(snapshot: Snapshot) -> str:
     ]
     if gaits := snapshot.manifest.get("gaits"):
         lines.insert(1, f"Gaits: {counts(gaits)}.")
+    if stalls := snapshot.manifest.get("stalls"):
+        lines.insert(1, f"Stalled: {stalled(stalls)}.")
     if snapshot.counts and not set(snapshot.counts) & Status.of(Verdict.sound):
         worst = next(iter(snapshot.counts))
         meaning = Status[worst].sentence if worst in Status.__members__ else "a status of another version."
@@ -77,7 +92,9 @@ def directory(snapshot: Snapshot) -> str:
     for number in snapshot.damaged:
         lines[f"part {number}"] = "damaged: running the job again makes it anew"
     for key, value in snapshot.manifest.items():
-        if key not in ("rows", "counts", "quantities"):
+        if key == "stalls" and isinstance(value, dict):
+            lines[key] = stalled(value)
+        elif key not in ("rows", "counts", "quantities"):
             lines[key] = plain(value)
     for number, figure in enumerate(snapshot.figures):
         lines["figures" if number == 0 else " " * (8 + number)] = str(figure)
