@@ -122,11 +122,15 @@ def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:
     stalled = table[table["stalled_by"].notna()]
     time = "t_end" if "t_end" in table.columns else "t"
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
+    by, at = last["by"].astype(str).to_numpy(), last["t"].to_numpy(float)
     found: dict[str, dict[str, Any]] = {}
-    for names, rows in last.groupby(last["by"].astype(str)):
-        when = rows["t"].dropna()
-        span = [float(when.min()), float(when.max())] if len(when) else []
-        found[str(names)] = {"rows": len(rows), "t" if time == "t_end" else "after": span}
+    for names in np.unique(by):
+        when = at[(by == names) & np.isfinite(at)]
+        span = [float(when.min()), float(when.max())] if when.size else []
+        found[str(names)] = {
+            "rows": int(np.count_nonzero(by == names)),
+            "t" if time == "t_end" else "after": span,
+        }
     return found
 
 

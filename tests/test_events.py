@@ -1,8 +1,9 @@
-"""Events: sections by a plane, flows without any event, and rows that events stall, told by their guards' names."""
+"""Events: sections by a plane, flows without any, and rows that they stall, told by their guards' names."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def crossings(model: HybridModel, count: int, starts: dict[str, Any], **options:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_crossings_of_lorenz_are_scipys(engine: str) -> None:
-    """The first ten crossings downwards: DOP853 at 1e-13 is right to some 1e-11 there, as a step of .25 ms is."""
+    """The first ten crossings downwards: DOP853 at 1e-13 is right to 1e-11 there, as a step of .25 ms is."""
 
     def flow(t: float, at: np.ndarray) -> list[float]:
         x, y, z = at
@@ -108,7 +109,7 @@ def test_each_crossing_of_any_wave_is_met_once(size: float, wave: list[float]) -
             armed = plane.armed_after(armed, fired)
         assert not (plane.guards(x, armed) >= 0.0).any(), "it chatters"
     below = [value < 0.0 for value in points]
-    assert met == sum(1 for before, after in zip(below, below[1:], strict=False) if before and not after)
+    assert met == sum(1 for before, after in itertools.pairwise(below) if before and not after)
 
 
 def test_a_plane_that_misses_zero_tells_rounding_from_the_far_side() -> None:

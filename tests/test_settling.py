@@ -1,4 +1,4 @@
-"""What counts as settled: each observable by its own size, orbits by their period, and what kept a row from it."""
+"""What counts as settled: observables by their own size, orbits by their period; and what does not."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> Non
 def test_no_period_is_found_that_is_not_there() -> None:
     """3 000 orbits, chaotic ones and slow ones near bifurcations among them, against 200 000 steps of NumPy.
 
-    The fixed points are left out: a row lingers at an unstable one, as it does within 1e-2 of it for 10 cycles.
+    The fixed points are left out: a row that stays within 1e-2 of an unstable one for 10 cycles settles.
     """
     random = np.random.default_rng(12)
     r, start = random.uniform(2.9, 4.0, 3000), random.uniform(0.05, 0.95, 3000)
@@ -78,7 +78,7 @@ def test_no_period_is_found_that_is_not_there() -> None:
 
 @pytest.mark.parametrize("cycles", [150, 1000])
 def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
-    """Turns near k/p of a circle, shorter by 1e-5 to .3 a step, so that every p-th point nearly comes back."""
+    """Turns near k/p of a circle, shorter by 1e-5 to .3 a step: every p-th point nearly comes back."""
     random = np.random.default_rng(3)
     n = 4000
     p, k = random.integers(1, 9, n), random.integers(0, 8, n)
@@ -171,7 +171,9 @@ def test_the_table_of_orbits(tmp_path: Path) -> None:
     table = gs.run(gs.Job.model_validate(job()), tmp_path / "out").table
     assert table["attractor_period"].dtype == np.int8
     assert table["attractor_period"].tolist() == [1, 2, 4, 0]
-    assert table["slowest"].astype(object).where(table["slowest"].notna(), None).tolist() == [None] * 3 + ["x"]
+    assert table["slowest"].astype(object).where(table["slowest"].notna(), None).tolist() == [None] * 3 + [
+        "x"
+    ]
     assert list(table["slowest"].cat.categories) == ["x", "y"]
     assert table["stalled_by"].isna().all()
     # the gait is that of the last crossing's values
@@ -248,5 +250,7 @@ def test_periods_are_looked_for_in_float32_too() -> None:
 
     model = Single()
     numerics = Numerics(dt=1.0, precision="float32")
-    found = run_rows(model, Settle(model), {"x_0": np.full(3, 0.3)}, params={"r": [3.2, 3.5, 3.9]}, numerics=numerics)
+    found = run_rows(
+        model, Settle(model), {"x_0": np.full(3, 0.3)}, params={"r": [3.2, 3.5, 3.9]}, numerics=numerics
+    )
     assert found.period.tolist() == [2, 4, 0]

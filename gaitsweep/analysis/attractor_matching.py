@@ -85,7 +85,9 @@ def follow_attractors(
         summary.insert(0, parameter, value)
         summaries.append(summary)
     together = pd.concat(columns).reindex(table.index)
-    column = pd.Series(pd.Categorical(together, [*seen, *sorted(called)]), index=table.index, name="attractor")
+    column = pd.Series(
+        pd.Categorical(together, [*seen, *sorted(called)]), index=table.index, name="attractor"
+    )
     labelled = table.assign(attractor=column)
     labelled.attrs = table.attrs
     shares = fractions(labelled, label="attractor", by=parameter)

@@ -30,7 +30,7 @@ class State:
 class SmoothFlow(HybridModel):
     """x' = f(x) with a section by a plane, or without one.
 
-    A model of one's own derives from it, gives its `name`, its `variables`, its `parameters`, `rates`, `plane`
+    A model of one's own derives from it, gives its `name`, `variables` and `parameters`, its `rates`, `plane`
     and `period`, and may replace all else. Starts are the variables' names with `_0`, and their defaults;
     observables and signals are the variables. Without a `plane` there are no crossings: such a model runs for
     a given time (`kind: trace`).

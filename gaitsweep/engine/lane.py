@@ -25,8 +25,8 @@ ADAPTIVE_STEPS = 64.0
 class Given(NamedTuple):
     """What a chunk of attempts gives to the host, one element of each array for each lane.
 
-    `record` (its window and its moves are left out), `kept` the rows in the buffers (lanes, BUFFER, width), of which
-    `record.filled` are new, `t` (s), `attempts`.
+    `record` (its window and its moves are left out), `kept` the rows in the buffers (lanes, BUFFER, width),
+    of which `record.filled` are new, `t` (s), `attempts`.
     """
 
     record: Record

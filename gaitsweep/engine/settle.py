@@ -37,10 +37,10 @@ _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 class Settle(Recorder):
     """Until the section's state stops moving, or moves on an orbit of 2 to `MOST_PERIOD` crossings.
 
-    Settled with period 1: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings
-    than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). Settled with period p:
-    see `_period`. `tolerance` is one for all observables, or one for each. `max_time` (s) defaults to four
-    nominal periods for each cycle allowed.
+    Settled with period 1: no observable is farther from its value at any of the last `SETTLE_WINDOW`
+    crossings than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). Settled with
+    period p: see `_period`. `tolerance` is one for all observables, or one for each. `max_time` (s) defaults
+    to four nominal periods for each cycle allowed.
     """
 
     labelled: ClassVar[bool] = True
@@ -140,7 +140,7 @@ class Settle(Recorder):
 
 
 def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:
-    """The tolerance of each observable in their order, from one for all or some by name (else the default)."""
+    """The tolerance of each observable in their order, from one for all or some by name."""
     if not isinstance(given, Mapping):
         return given
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
@@ -164,7 +164,7 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: jax.Array
 
 
 def slowest(moved: jax.Array) -> jax.Array:
-    """The observable (its number) that moved most (w, n), in units of its bound; -1 where that is not known."""
+    """The number of the observable that moved most (w, n), in units of its bound; -1 if it is not known."""
     most = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
 

@@ -18,7 +18,7 @@ from gaitsweep.engine.stairs import Stairs
 
 @dataclasses.dataclass(frozen=True)
 class Staircase(Recorder):
-    """The end of each stair: stair, crossings so far, t, settled, slowest, the observables at the last crossing.
+    """The end of each stair: stair, crossings, t, settled, slowest, the observables at the last crossing.
 
     Settled: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings than
     `SETTLE_WINDOW` times its `tolerance`, in units of its scale, and as many crossings were on this stair

@@ -56,8 +56,8 @@ class Settle(Part):
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = Field(
         default=1e-3,
-        description="change a cycle below which a row has settled: of angles in rad, of other observables as a "
-        "share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
+        description="change a cycle below which a row has settled: of angles in rad, of other observables as "
+        "a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
     )
     max_time: Positive | None = Field(
         default=None, description="simulated time after which a row is given up, in s"
@@ -148,8 +148,8 @@ class Staircase(Part):
     )
     tolerance: PositiveOrEach = Field(
         default=1e-3,
-        description="change a cycle below which a stair has settled: of angles in rad, of other observables as "
-        "a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
+        description="change a cycle below which a stair has settled: of angles in rad, of other observables "
+        "as a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
     )
 
 
