@@ -89,6 +89,7 @@ class FakeRunner(types.ModuleType):
         return types.SimpleNamespace(
             rows=10,
             simulated=10,
+            records=10,
             blocks=3,
             memory_bytes=35e6,
             disk_bytes=2100,

@@ -30,6 +30,7 @@ def estimate(needs: Estimate) -> str:
     return aligned(
         {
             "rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}",
+            **({"records": f"about {needs.records}"} if needs.records > needs.rows else {}),
             "engine": f"{needs.engine} on {needs.device}, {needs.lanes} lanes",
             "memory": f"about {size(needs.memory_bytes)}",
             "disk": f"about {size(needs.disk_bytes)}",

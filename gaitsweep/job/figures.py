@@ -7,8 +7,10 @@ from collections.abc import Iterable
 from gaitsweep import nearmiss
 from gaitsweep.contract import Model
 from gaitsweep.job.complaints import Complaint
+from gaitsweep.job.figure_checks import Given, refusals
 from gaitsweep.job.figure_kinds import Figure, Hysteresis
 from gaitsweep.job.gait_figures import GaitRamp
+from gaitsweep.job.plan import Plan
 from gaitsweep.job.runs import Continuation, Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
 
 
@@ -41,9 +43,11 @@ def branch_columns(run: Continuation) -> list[str]:
     return ["gait", "time", *(f"drift_{name}" for name in run.fix), *found, "end", "status"]
 
 
-def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], run: Run) -> list[Complaint]:
-    """Complaints about figures that do not fit the run, name what is not there, or share a name."""
-    columns = table_columns(model, varied, run)
+def check_figures(figures: list[Figure], plan: Plan, run: Run) -> list[Complaint]:
+    """Complaints about figures that cannot be drawn of the table that the run makes, or share a name."""
+    model = plan.model
+    columns = table_columns(model, plan.names, run)
+    given = Given(plan, run, columns)
     observables = [quantity.name for quantity in model.observables]
     complaints: list[Complaint] = []
     stems: dict[str, int] = {}
@@ -53,6 +57,7 @@ def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], ru
             text = f"is {figure.kind}, which needs a run of {' or '.join(figure.runs)}, not of {run.kind}."
             complaints.append(Complaint((*path, "kind"), text))
             continue
+        before = len(complaints)
         for field, column in figure.columns().items():
             if column not in columns:
                 near = nearmiss.suggestion(column, columns)
@@ -70,6 +75,8 @@ def check_figures(figures: list[Figure], model: Model, varied: Iterable[str], ru
         if isinstance(figure, GaitRamp) and moved is None:
             text = "is gait_ramp, but this run moves nothing: name its run.parameter, with path and rate."
             complaints.append(Complaint((*path, "kind"), text))
+        if len(complaints) == before:
+            complaints += [Complaint((*path, *place), text) for place, text in refusals(figure, given)]
         stem = figure.name or figure.kind
         if stem in stems:
             text = f"is {stem}, the name of figures[{stems[stem]}] too: give each figure a name of its own."

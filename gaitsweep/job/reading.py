@@ -224,7 +224,7 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
         text = f"is {moving}, but the table has a column of that name: rename the model's quantity."
         complaints.append(Complaint(("run", "parameter"), text))
     complaints.extend(check_ranges(plan, subject, run))
-    complaints.extend(check_figures(figures, subject.model, plan.names, run))
+    complaints.extend(check_figures(figures, plan, run))
     reading.refuse(complaints)
     reading.refuse(check_steps(plan, run, numerics.engine(subject.model)))
     return plan
