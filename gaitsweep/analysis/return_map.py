@@ -2,8 +2,9 @@
 
 The map x_n -> x_{n+1} is read as its drift x_{n+1} - x_n over x_n, smoothed by local fits. Where the drift
 is zero the map has a fixed point, stable where its slope (1 + the drift's) is between -1 and 1; where it is
-small without being zero, a ghost: rows stay there for long, and leave. All this holds as far as the state is
-one-dimensional on the section: let the faster directions die out first (`run.after_cycles`).
+small without being zero, a ghost: rows stay there for long, and leave. Nothing is told of the map where the
+data have a gap, and it is not smoothed over a jump. All this holds as far as the state is one-dimensional on
+the section: let the faster directions die out first (`run.after_cycles`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.circular import TURN, cut, is_circular, on_line, wrapped
-from gaitsweep.analysis.drift import NEAR, Drift, ghosts_of, zeros_of
+from gaitsweep.analysis.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 from gaitsweep.analysis.records import axes_of, require, section_column, sound
 
 BANDWIDTH = 0.05  # rad: half the width of the window of the local lines
@@ -69,10 +70,11 @@ def drift(
 
     Returns:
         One record a place, five to a bandwidth: by, value (angles on one turn, uncut where the data are),
-        drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter), count.
+        drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter), count,
+        piece (the number of the piece of the data, between gaps and jumps, that the place lies on).
     """
     found = []
-    for place, curve, _ in _drifts(table, observable, by, bandwidth):
+    for place, piece, curve in _drifts(table, observable, by, bandwidth):
         smooth = curve.smooth
         columns = {
             "value": smooth.at,
@@ -81,10 +83,11 @@ def drift(
             "drift_error": smooth.value_error,
             "slope_error": smooth.slope_error,
             "count": smooth.points,
+            "piece": np.full(len(smooth.at), piece),
         }
         part = pd.DataFrame({**{name: [each] * len(smooth.at) for name, each in place.items()}, **columns})
         found.append(part[np.isfinite(smooth.value)])
-    columns = [*_listed(by), "value", "drift", "slope", "drift_error", "slope_error", "count"]
+    columns = [*_listed(by), "value", "drift", "slope", "drift_error", "slope_error", "count", "piece"]
     return pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=columns)
 
 
@@ -93,8 +96,10 @@ def fixed_points(
 ) -> pd.DataFrame:
     """The fixed points of the return map: zero crossings of the drift from one sure sign to the other.
 
-    A sign is sure where the drift is two standard errors from zero; crossings outside the data are none. The
-    last fit, at the fixed point, is a parabola where the data show that the map bends.
+    A sign is sure where the drift is two standard errors from zero. There is no fixed point in a gap of the
+    data or where the map jumps, and none without points on both sides, the drift's sign turning between them;
+    but where rows come to rest at an end of the data there is one. The last fit, at the fixed point, is a
+    parabola where the data show that the map bends.
 
     Args:
         table, observable, by, bandwidth: as for `drift`.
@@ -106,13 +111,13 @@ def fixed_points(
     """
     columns = [*_listed(by), "value", "value_error", "slope", "slope_error", "stable", "count"]
     found = []
-    for place, curve, circular in _drifts(table, observable, by, bandwidth):
+    for place, _, curve in _drifts(table, observable, by, bandwidth):
         for value, smooth, falls, within in zeros_of(curve):
             slope, error = float(smooth.slope[0]), float(smooth.value_error[0])
             found.append(
                 {
                     **place,
-                    "value": np.mod(value, TURN) if circular else value,
+                    "value": np.mod(value, TURN) if curve.circular else value,
                     "value_error": min(error / max(abs(slope), 1e-12), within),
                     "slope": 1.0 + slope,
                     "slope_error": float(smooth.slope_error[0]),
@@ -140,9 +145,9 @@ def ghosts(
         One record a ghost: by, value, drift (least in size there, signed), drift_error (standard error).
     """
     found = []
-    for place, curve, circular in _drifts(table, observable, by, bandwidth):
+    for place, _, curve in _drifts(table, observable, by, bandwidth):
         for value, least, error in ghosts_of(curve, near):
-            where = np.mod(value, TURN) if circular else value
+            where = np.mod(value, TURN) if curve.circular else value
             found.append({**place, "value": where, "drift": least, "drift_error": error})
     return pd.DataFrame(found, columns=[*_listed(by), "value", "drift", "drift_error"])
 
@@ -184,8 +189,8 @@ def _listed(by: By) -> list[str]:
 
 def _drifts(
     table: pd.DataFrame, observable: str, by: By, bandwidth: float | None
-) -> Iterator[tuple[dict[str, Any], Drift, bool]]:
-    """The drift of each combination of `by`: its values, the curve, and whether it is an angle's."""
+) -> Iterator[tuple[dict[str, Any], int, Drift]]:
+    """The drift of each combination of `by`, piece by piece: its values, the piece's number, the curve."""
     name, names = section_column(table, observable), _listed(by)
     circular = is_circular(table, name)
     found = pairs(table, observable, by)
@@ -198,7 +203,8 @@ def _drifts(
         value = on_line(value, cut(value)) if circular else value
         place = dict(zip(names, key if isinstance(key, tuple) else (key,), strict=True))
         change, row = part["change"].to_numpy(), part["row"].to_numpy()
-        yield place, Drift.of(value, change, row, width, circular), circular
+        for piece, curve in enumerate(drifts_of(value, change, row, width, circular)):
+            yield place, piece, curve
 
 
 def _joined(points: pd.DataFrame, parameter: str, circular: bool) -> np.ndarray:

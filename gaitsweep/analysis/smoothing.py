@@ -39,6 +39,7 @@ def local_polynomial(
     at: np.ndarray,
     bandwidth: float,
     degree: int = 1,
+    widen: bool = True,
 ) -> Smooth:
     """Fit a line or a parabola around each place, by weights that fall to zero at `bandwidth` from it.
 
@@ -56,10 +57,11 @@ def local_polynomial(
         at: the places, (k,).
         bandwidth: half the width of the window, in the unit of x.
         degree: 1 or 2; a parabola is fitted only where its bending is three standard errors from none.
+        widen: whether a line may take a wider window where points are few.
     """
     order = np.argsort(x, kind="stable")
     x, y, group, share = x[order], y[order], group[order], share[order]
-    widths = bandwidth * np.array(WIDER if degree == 1 else WIDER[:1])
+    widths = bandwidth * np.array(WIDER if degree == 1 and widen else WIDER[:1])
     found = []
     for place in at:
         line = (*_NOTHING, 0)

@@ -28,6 +28,7 @@ from gaitsweep.plot.columns import (
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
 _POINTS, _CURVE, _POINT, _GHOST = "#B8B8B8", "#0072B2", "#D55E00", "#009E73"
+_FAST = 2.0  # ranges of the other steps that fast ones take: they are left out of the limits
 FORMS = ("change", "next")
 
 
@@ -43,8 +44,9 @@ def return_map(
     """The change from crossing to crossing over the value, or the next value over it with the diagonal.
 
     A grey point is one step of one start; the line is their local linear regression with two standard errors
-    on either side. Fixed points are filled where they are stable and open where they are not; a triangle
-    marks a ghost, where the change comes near to zero and turns back.
+    on either side, broken where the points have a gap, a jump or two branches. Fixed points are filled where
+    they are stable and open where they are not; a triangle marks a ghost, where the change comes near to zero
+    and turns back.
 
     Args:
         table: a return map's table.
@@ -150,13 +152,14 @@ def _panel(
 
 
 def _curve(axes: Axes, curve: pd.DataFrame, form: str, origin: float | None) -> None:
-    """The smoothed change and two standard errors on either side, broken where there are too few points."""
+    """The smoothed change and two standard errors on either side, broken where `drift` tells of none."""
     at = _on_axis(curve["value"], origin)
     order = np.argsort(at)
-    at, mean = at[order], curve["drift"].to_numpy(float)[order]
+    at, mean, piece = at[order], curve["drift"].to_numpy(float)[order], curve["piece"].to_numpy()[order]
     error = 2.0 * curve["drift_error"].to_numpy(float)[order]
     step = np.diff(at)
-    gaps = np.flatnonzero(step > 1.5 * np.median(step)) + 1 if len(step) else np.zeros(0, int)
+    parted = (step > 1.5 * np.median(step)) | (np.diff(piece) != 0) if len(step) else np.zeros(0, bool)
+    gaps = np.flatnonzero(parted) + 1
     at, mean, error = (np.insert(each, gaps, np.nan) for each in (at, mean, error))
     line = mean + at * (form == "next")
     axes.fill_between(at, line - error, line + error, color=_CURVE, alpha=0.25, lw=0, zorder=3)
@@ -169,12 +172,18 @@ def _on_axis(values: Any, origin: float | None) -> np.ndarray:
 
 
 def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
-    """Limits that the slow part of the map fills, fast transients left outside; ticks of angles in pi."""
+    """Limits that the steps fill, without those few that are far faster than the others; ticks in pi."""
     if form == "change":
-        heights = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
-        reach = 1.25 * float(np.nanmax(np.abs(np.concatenate([[0.0], *heights]))))
-        if reach > 0.0:
-            grid[0].set_ylim(-reach, reach)
+        marked = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
+        points = [np.asarray(each.get_offsets())[:, 1] for axes in grid for each in axes.collections[:1]]
+        spread = [np.quantile(each, (0.05, 0.95)) for each in points if len(each)]
+        heights = np.concatenate([[0.0], *marked, *spread])
+        low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
+        every = np.concatenate([[0.0], *points])
+        if np.ptp(every) <= _FAST * (high - low):
+            low, high = min(low, float(every.min())), max(high, float(every.max()))
+        if high > low:
+            grid[0].set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
     if origin is not None:
         style.angle_ticks(grid[0], "x")
         if form == "next":
