@@ -200,7 +200,7 @@ def _compare_ends(
     # an orbit of several cycles may have been read at another of its points
     same = settled & ~other_gait & (once.period <= 1)
     if isinstance(work.recorder, Hold):
-        same = ~other_status & ~other_gait & (once.cycles == half.cycles)
+        same = ~other_status & ~other_gait & ~_failed(once.status)
         resting = np.ones(rows.size, bool)
     change = np.abs(_apart(plan.model, once.last - half.last))
     _take_largest(check, plan.model, change[same])

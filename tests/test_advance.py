@@ -32,8 +32,9 @@ def test_order_of_convergence_with_events() -> None:
     steps = np.array([0.04, 0.02, 0.01, 0.005])
     errors = []
     for dt in steps:
+        numerics = Numerics(dt=dt, method="rk4")
         _, t = crossing_times(
-            Neuron(), {"v_0": v_0}, 10, params={"current": current}, numerics=Numerics(dt=dt, method="rk4"), lanes=64
+            Neuron(), {"v_0": v_0}, 10, params={"current": current}, numerics=numerics, lanes=64
         )
         # over many neurons: the error of one depends on where its steps happen to end
         errors.append(np.sqrt(np.mean((t - exact) ** 2)))

@@ -52,13 +52,13 @@ def left(state: Any) -> jax.Array:
 
 
 def located(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-    attempt = advance(MODEL, Numerics(dt=dt))  # type: ignore[arg-type] (traced: one compilation for all)
+    attempt = advance(MODEL, Numerics(method="rk4"))
 
     def tried(_: Any, carry: Any) -> Any:
         return attempt(params, dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt)))
 
     params, state = begun(T_hold)
-    end = jax.lax.fori_loop(0, 300, tried, start(MODEL, params, state, stop=END))
+    end = jax.lax.fori_loop(0, 300, tried, start(MODEL, params, state, dt=dt, stop=END))
     return left(end.state), end.state.held
 
 
