@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 from collections.abc import Mapping
 from typing import Any
 
@@ -30,6 +31,13 @@ def complete(model: Model, params: Mapping[str, Any], n: int) -> dict[str, np.nd
 def scalars(model: Model, **params: Any) -> Any:
     """The model's own parameters of one trajectory."""
     return model.params({k: jax.numpy.asarray(v[0]) for k, v in complete(model, params, 1).items()})
+
+
+def devices_on(platform: str | None, engine: str) -> list[Any]:
+    """The devices of a platform; the kernels of a CPU need none of JAX's, which JAX_PLATFORMS may hide."""
+    if platform == "cpu" and engine == "kernel":
+        return [types.SimpleNamespace(platform="cpu")]
+    return jax.local_devices(backend=platform)
 
 
 def run_rows(
@@ -61,7 +69,7 @@ def run_rows(
         n_rows=n,
         block=block or n,
         lanes=lanes,
-        devices=jax.local_devices(backend=on)[:devices],
+        devices=devices_on(on, engine)[:devices],
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
         drive=drive,
         engine=engine,

@@ -22,6 +22,7 @@ from gaitsweep.analysis.records import axes_of, require, section_column, sound
 BANDWIDTH = 0.05  # rad: half the width of the window of the local lines
 _SHARE = 0.05  # of the values' range: the bandwidth of what is no angle
 _NEIGHBOURS = 0.25  # rad: fixed points of two neighbouring parameter values farther apart are not one branch
+_NEAR_ON_A_LINE = 0.25  # of the values' range: the same for what is no angle
 
 By = str | Sequence[str] | None
 
@@ -167,7 +168,8 @@ def branches(
 
     Returns:
         As `fixed_points`, and `branch`: a number for the fixed points of one stability that are each other's
-        nearest from one value of the parameter to the next, and, if angles, no farther apart than 0.25 rad.
+        nearest from one value of the parameter to the next, and no farther apart than 0.25 rad (of what is no
+        angle: a quarter of the values' range).
     """
     if isinstance(tables_by_parameter, Mapping):
         found = [
@@ -175,12 +177,19 @@ def branches(
             for value, table in sorted(tables_by_parameter.items())
         ]
         points = pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=[parameter])
-        tables = list(tables_by_parameter.values())
-        circular = bool(tables) and is_circular(tables[0], section_column(tables[0], observable))
+        tables, tried = list(tables_by_parameter.values()), sorted(tables_by_parameter)
     else:
         points = fixed_points(tables_by_parameter, observable, parameter, bandwidth)
-        circular = is_circular(tables_by_parameter, section_column(tables_by_parameter, observable))
-    return points.assign(branch=_joined(points, parameter, circular))
+        tables, tried = [tables_by_parameter], sorted(tables_by_parameter[parameter].dropna().unique())
+    names = [section_column(table, observable) for table in tables]
+    circular = bool(tables) and is_circular(tables[0], names[0])
+    spans = [
+        np.ptp(table[name].dropna().to_numpy(float))
+        for table, name in zip(tables, names, strict=True)
+        if table[name].notna().any()
+    ]
+    reach = _NEIGHBOURS if circular else _NEAR_ON_A_LINE * float(max(spans, default=np.inf))
+    return points.assign(branch=_joined(points, parameter, tried, reach, circular))
 
 
 def _listed(by: By) -> list[str]:
@@ -207,14 +216,15 @@ def _drifts(
             yield place, piece, curve
 
 
-def _joined(points: pd.DataFrame, parameter: str, circular: bool) -> np.ndarray:
-    """The branch of each fixed point."""
+def _joined(
+    points: pd.DataFrame, parameter: str, tried: Sequence[float], reach: float, circular: bool
+) -> np.ndarray:
+    """The branch of each fixed point; none goes on over a value of the parameter at which it has no point."""
     branch = np.full(len(points), -1)
     if not len(points):
         return branch
     value, stable = points["value"].to_numpy(float), points["stable"].to_numpy(bool)
-    reach = _NEIGHBOURS if circular else np.inf
-    at = [np.flatnonzero(points[parameter] == each) for each in sorted(points[parameter].unique())]
+    at = [np.flatnonzero(points[parameter] == each) for each in tried]
     count = 0
     before = np.zeros(0, int)
     for now in at:

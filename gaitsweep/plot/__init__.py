@@ -25,6 +25,7 @@ from gaitsweep.plot.gait_shares import gait_shares_figure as gait_shares
 from gaitsweep.plot.hysteresis import hysteresis
 from gaitsweep.plot.loading_rule import loading_rule
 from gaitsweep.plot.nine_gaits import nine_gaits
+from gaitsweep.plot.provenance_marks import marked
 from gaitsweep.plot.return_map import return_map
 from gaitsweep.plot.shock import shock
 from gaitsweep.plot.solution_set import solution_set
@@ -55,6 +56,27 @@ __all__ = [
     "speed_gaits",
     "stable_ranges",
 ]
+
+# each figure says of its table what a reader has to know beside it, however it is called
+basin = marked(basin)
+solution_set = marked(solution_set)
+cycles = marked(cycles)
+footprints = marked(footprints)
+hysteresis = marked(hysteresis)
+return_map = marked(return_map)
+branches = marked(branches)
+continuation = marked(continuation)
+stable_ranges = marked(stable_ranges)
+gait_map = marked(gait_map)
+drift_law = marked(drift_law)
+gait_shares = marked(gait_shares)
+basin_measures = marked(basin_measures)
+shock = marked(shock)
+speed_gaits = marked(speed_gaits)
+gait_series = marked(gait_series)
+gait_ramp = marked(gait_ramp)
+nine_gaits = marked(nine_gaits)
+loading_rule = marked(loading_rule)
 
 KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
     {

@@ -90,9 +90,10 @@ def basin(
             figure.colorbar(image, ax=list(grid), label=axis_label(table, hue), shrink=0.8)
             names = [name for name in names if name in (NOT_SETTLED, FAILED)]
         if names:
-            _legend(
-                figure, [shown.loc[part.index] for part in parts], names, looks, symbol(table, panels or hue)
-            )
+            status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
+            inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
+            each = [shown.loc[part.index] for part in parts]
+            _legend(figure, each, names, looks, symbol(table, panels or hue), inferred)
     return figure
 
 
@@ -172,7 +173,9 @@ def _points(
     return None
 
 
-def _legend(figure: Figure, parts: list[pd.Series], names: list[str], looks: _Looks, panels: str) -> None:
+def _legend(
+    figure: Figure, parts: list[pd.Series], names: list[str], looks: _Looks, panels: str, inferred: float
+) -> None:
     """Below the panels: each outcome with its share, panel by panel where they are few."""
     colour, _ = looks
     apart = parts if 1 < len(parts) <= _PANELS_A_ROW else [pd.concat(parts)]
@@ -184,7 +187,12 @@ def _legend(figure: Figure, parts: list[pd.Series], names: list[str], looks: _Lo
         hatch = style.HATCH if name in (NOT_SETTLED, FAILED) else None
         face = {"facecolor": colour[name], "edgecolor": "#333333", "hatch": hatch, "linewidth": 0.4}
         handles.append(Patch(label=f"{name}  {shares} %", **face))
-    heading = "share of starts" if len(apart) == 1 else f"share of starts, by {panels}, left to right"
+    guessed = f" ({style.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
+    heading = (
+        f"share of starts{guessed}"
+        if len(apart) == 1
+        else f"share of starts{guessed}, by {panels}, left to right"
+    )
     columns = min(len(handles), 3 if len(parts) > 1 else 2)
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, title=heading, title_fontsize=7.5

@@ -123,8 +123,13 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
         for k in range(len(at) - 1)
     ]
     start = 0
-    for kind, group in itertools.groupby(pieces):
+    number = branch["point"].to_numpy(int)
+    absent = np.diff(number) > 1  # no line over a point that the table has not
+    for (kind, missing), group in itertools.groupby(zip(pieces, absent, strict=True)):
         end = start + len(list(group))
+        if missing:
+            start = end
+            continue
         look: dict[str, Any] = {"zorder": 2, "lw": 1.4}
         if kind == "kink":
             look |= {"color": colour or "#555555", "ls": ":", "lw": 0.8}

@@ -26,7 +26,8 @@ def cycles(
     hue: str = "row",
     title: str | None = None,
 ) -> Figure:
-    """One panel for each observable, one line for each row; an angle's line is broken where it wraps.
+    """One panel for each observable, one line for each row; broken where crossings are missing or an angle
+    wraps.
 
     Args:
         table: a crossing table (return map or ramp).
@@ -78,9 +79,14 @@ def _line_colours(values: Sequence[Any]) -> dict[Any, str]:
 def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle: bool) -> None:
     """One row's line, and a cross where the row failed."""
     across, up = part[x].to_numpy(float), part[name].to_numpy(float)
+    parted = np.zeros(max(len(up) - 1, 0), bool)
+    if "crossing" in part.columns:
+        parted |= np.diff(part["crossing"].to_numpy(int)) > 1  # crossings that the table has not
+    up = np.mod(up, 2 * np.pi) if angle else up
     if angle:
-        up = np.mod(up, 2 * np.pi)
-        wraps = np.flatnonzero(np.abs(np.diff(up)) > np.pi) + 1
+        parted |= np.abs(np.diff(up)) > np.pi
+    if parted.any():
+        wraps = np.flatnonzero(parted) + 1
         across, up = np.insert(across, wraps, np.nan), np.insert(up, wraps, np.nan)
     lone = np.isfinite(up) & ~np.isfinite(np.r_[np.nan, up[:-1]]) & ~np.isfinite(np.r_[up[1:], np.nan])
     axes.plot(across, up, color=colour, lw=0.9)

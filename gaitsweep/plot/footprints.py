@@ -60,7 +60,7 @@ def footprints(
     height = len(parts) * (0.85 + 0.17 * len(legs)) + (0.45 if guides else 0.15)
     with style.canvas(style.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
-        joined = False
+        joined: set[str] = set()
         for number, (axes, (value, part)) in enumerate(zip(grid, parts, strict=True)):
             heading = _heading(table, panels, value, number, titles or ())
             joined |= _panel(axes, part.sort_values("t"), legs, heading, guides)
@@ -70,7 +70,8 @@ def footprints(
                 "direct": "forwards, as in a direct wave",
                 "retrograde": "backwards, as in a retrograde wave",
             }
-            look = [(style.COLOURS[gait], f"swings pass {words}") for gait, words in names.items()]
+            there = [gait for gait in names if gait in joined]
+            look = [(style.COLOURS[gait], f"swings pass {names[gait]}") for gait in there]
             handles = [Line2D([], [], color=colour, lw=1.4, label=label) for colour, label in look]
             figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
@@ -88,8 +89,10 @@ def _heading(
     return f"row {value}" if panels == "row" else written(table, str(panels), value)
 
 
-def _panel(axes: Axes, part: pd.DataFrame, legs: Sequence[int], heading: str | None, guides: bool) -> bool:
-    """Draw one panel; whether swings were joined in it."""
+def _panel(
+    axes: Axes, part: pd.DataFrame, legs: Sequence[int], heading: str | None, guides: bool
+) -> set[str]:
+    """Draw one panel; which way swings were joined in it."""
     part = rows_where(part, part["t"].notna())
     axes.set_yticks(range(len(legs)), [f"Leg {leg}" for leg in legs])
     axes.tick_params(axis="y", length=0)
@@ -97,7 +100,7 @@ def _panel(axes: Axes, part: pd.DataFrame, legs: Sequence[int], heading: str | N
     title = axes.set_title(heading or "", loc="left")
     if len(part) < 2:
         style.message(axes, "nothing was recorded")
-        return False
+        return set()
     t = part["t"].to_numpy(float)
     stances = [spells(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
     for row, (starts, stops) in enumerate(stances):
@@ -107,16 +110,14 @@ def _panel(axes: Axes, part: pd.DataFrame, legs: Sequence[int], heading: str | N
     stances = [_without_hops(*one) for one in stances]
     period = _period(stances, t[0])
     if period is None:
-        return False
+        return set()
     begin = float(t[0])
     there_and_back: Any = (lambda seconds: (seconds - begin) / period, lambda count: begin + count * period)
     above = axes.secondary_xaxis("top", functions=there_and_back)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
     above.xaxis.set_major_locator(_whole(t[-1] - t[0], period))
     axes.set_title(title.get_text(), loc="left", y=1.0, pad=17)  # beside the upper axis' label, not above it
-    if guides:
-        _guides(axes, [_swings(*one) for one in stances], period)
-    return guides
+    return _guides(axes, [_swings(*one) for one in stances], period) if guides else set()
 
 
 def _whole(duration: float, period: float) -> MultipleLocator:
@@ -157,8 +158,9 @@ def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) 
     return float(gaps[np.abs(gaps / np.median(gaps) - 1.0) < 0.2].mean())
 
 
-def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float) -> None:
-    """Join each swing to the next leg's nearest one."""
+def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float) -> set[str]:
+    """Join each swing to the next leg's nearest one; returns which way they pass, of those that there are."""
+    drawn = set()
     for row, (here, there) in enumerate(itertools.pairwise(swings)):
         if not len(there):
             continue
@@ -168,3 +170,5 @@ def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float) -> None:
                 continue
             gait = "retrograde" if other > middle else "direct"
             axes.plot([middle, other], [row, row + 1], color=style.COLOURS[gait], lw=1.4, zorder=4)
+            drawn.add(gait)
+    return drawn

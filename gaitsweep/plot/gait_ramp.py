@@ -83,11 +83,14 @@ def _panel(axes: Axes, along: pd.DataFrame, rows: np.ndarray, parameter: str) ->
 
 
 def _bar(axes: Axes, part: pd.DataFrame, parameter: str, height: float) -> None:
-    """The readings of one pass, each from half way to the one before to half way to the next."""
+    """The readings of one pass, each from half way to the one before to half way to the next, but no farther
+    than readings usually lie apart."""
     if len(part) < 2:
         return
     at = part[parameter].to_numpy(float)
     edges = np.r_[at[0], 0.5 * (at[1:] + at[:-1]), at[-1]]
     colours = [COLOURS[str(gait)] for gait in part["gait"]]
-    for low, high, colour in zip(edges[:-1], edges[1:], colours, strict=True):
+    usual = float(np.median(np.abs(np.diff(at))))
+    begins, ends = (np.clip(each, at - usual, at + usual) for each in (edges[:-1], edges[1:]))
+    for low, high, colour in zip(begins, ends, colours, strict=True):
         axes.barh(height, high - low, _BAR, left=low, color=colour, linewidth=0)

@@ -148,10 +148,8 @@ def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame) -> None:
     axes.set_xlim(low, high)
     width = style.PAGE * 0.86 / (high - low)  # inches a second
     found = spells(mine, "gait", _LEAST).to_dict("records")
-    # between two of them the gait changes half way
-    turns = [0.5 * (one["end"] + other["begin"]) for one, other in itertools.pairwise(found)]
-    for spell, since, until in zip(found, [low, *turns], [*turns, high], strict=True):
-        begin, end = max(since, low), min(until, high)
+    for spell in found:
+        begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
         if end <= begin:
             continue
         name = str(spell["gait"])

@@ -37,7 +37,8 @@ def gait_shares_figure(
 
     Curves have their 95 % intervals. Broken lines are the edges of m/2 < m_B < m and of m g/kappa < a < L,
     solid ones those of the exact conditions (`existence`); what is not along the axes is taken from the job,
-    or from Table 1 where it varies. On a map of sets that lie on no grid each place shows the nearest set.
+    or from Table 1 where it varies. On a map of sets that lie on no grid each place shows the nearest set,
+    and the sets are white dots.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
@@ -88,6 +89,7 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     # nothing is said of places that are far from every set
     known = np.where(away < 3.0 / np.sqrt(len(points)), shares[gait].to_numpy(float)[nearest], np.nan)
     edges = np.linspace(0.0, 1.0, _PLACES + 1)[:, None] * size + low
+    axes.plot(*points.T, ".", ms=1.0, mew=0, color="white", zorder=2, rasterized=True)  # the sets themselves
     return axes.pcolormesh(edges[:, 0], edges[:, 1], known, **look)
 
 

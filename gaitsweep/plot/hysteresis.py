@@ -29,6 +29,7 @@ from gaitsweep.plot.columns import (
     written,
 )
 from gaitsweep.plot.passes import DOWN, UP, draw_arrows, draw_row
+from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
@@ -55,7 +56,8 @@ def hysteresis(
     """An observable over the parameter that moves, the way up and the way down apart, jumps shaded.
 
     A ramp is a thin line through its crossings; a staircase has a marker at the end of each hold, open where
-    the hold had not settled. The legend gives the interval of each pass's jump, the median over the rows.
+    the hold had not settled, and a faint line between holds of one branch. The legend gives the interval of
+    each pass's jump, the median over the rows.
 
     Args:
         table: a ramp or staircase table.
@@ -98,7 +100,8 @@ def hysteresis(
             axes.set_visible(False)
         if origin is not None:
             style.angle_ticks(grid[0], "y")
-        figure.legend(handles=_key(shown, table, parameter), loc="outside lower center", ncols=3)
+        drawn = {str(line.get_color()) for axes in grid for line in axes.lines}
+        figure.legend(handles=_key(shown, table, parameter, drawn), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -135,13 +138,20 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
     if other is None:
         return []
     if isinstance(other, pd.DataFrame):
-        return _split(other, panels, True)
+        return _remarked(_split(other, panels, True), other)
     beside = Path(str(table.attrs.get("path", "."))).parent / other
     path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
     try:
-        return _split(load(path), panels, True)
+        found = load(path)
+        return _remarked(_split(found, panels, True), found)
     except TableError:
         return [_Panel(path.name, None, f"{path.name}\nhas no table yet:\nrun its job, then\ngaitsweep plot")]
+
+
+def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
+    """The panels of a second table, with what has to be known of it in their headings."""
+    told = "; ".join(remarks(table))
+    return [panel._replace(heading=f"{panel.heading}\n({told})") for panel in shown] if told else shown
 
 
 def _pace(table: pd.DataFrame) -> str:
@@ -182,7 +192,7 @@ def _draw(
     jumping = largest_jumps(panel.table, name, parameter, least)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first to jump on each way
     for row, part in table.groupby("row", sort=True):
-        passes = draw_row(axes, part, name, parameter, origin, alpha)
+        passes = draw_row(axes, part, name, parameter, origin, alpha, least)
         if row == with_arrows:
             draw_arrows(axes, passes)
     found = edges(panel.table, name, parameter, least)
@@ -220,11 +230,13 @@ def _told(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
     return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
 
 
-def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str) -> list[Line2D]:
-    """What the two colours and the markers mean."""
+def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
+    """What the colours that are drawn and the markers mean."""
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []
     for colour, marker, words in ((UP, "^", "rises"), (DOWN, "v", "falls")):
+        if colour not in drawn:
+            continue
         handles.append(
             Line2D(
                 [],

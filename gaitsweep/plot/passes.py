@@ -11,7 +11,7 @@ from matplotlib.patches import FancyArrowPatch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import on_line
-from gaitsweep.analysis.jumps import where_it_moves
+from gaitsweep.analysis.jumps import STEEPER, where_it_moves
 
 UP, DOWN = "#D55E00", "#0072B2"  # apart for the colour-blind, and in lightness
 
@@ -25,14 +25,24 @@ class Pass(NamedTuple):
 
 
 def draw_row(
-    axes: Axes, part: pd.DataFrame, name: str, parameter: str, origin: float | None, alpha: float
+    axes: Axes,
+    part: pd.DataFrame,
+    name: str,
+    parameter: str,
+    origin: float | None,
+    alpha: float,
+    least: float,
 ) -> list[Pass]:
-    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes."""
+    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes.
+
+    No line goes over a record that is missing, around the circle, or, between holds, over a jump by `least`.
+    """
     stairs = "stair" in part.columns
     if not stairs:
         part = part.iloc[where_it_moves(part[parameter].to_numpy(float)) :]
     at, value = part[parameter].to_numpy(float), part[name].to_numpy(float)
     numbers = part["pass"].to_numpy(int)
+    count = part["stair" if stairs else "crossing"].to_numpy(int)
     value = value if origin is None else on_line(value, origin)
     settled = part["settled"].to_numpy(bool) if "settled" in part.columns else np.ones(len(part), bool)
     passes = []
@@ -42,9 +52,14 @@ def draw_row(
         colour, marker = (UP, "^") if at[line[-1]] >= at[line[0]] else (DOWN, "v")
         passes.append(Pass(at[line], value[line], colour))
         across, along = at[line], value[line]
+        change = np.abs(np.diff(along))
+        parted = np.diff(count[line]) > 1
         if origin is not None:
-            wraps = np.flatnonzero(np.abs(np.diff(along)) > np.pi) + 1
-            across, along = np.insert(across, wraps, np.nan), np.insert(along, wraps, np.nan)
+            parted |= change > np.pi
+        if stairs and len(change):
+            parted |= change >= max(least, STEEPER * float(np.quantile(change, 0.25)))
+        ends = np.flatnonzero(parted) + 1
+        across, along = np.insert(across, ends, np.nan), np.insert(along, ends, np.nan)
         axes.plot(across, along, color=colour, lw=0.7, alpha=alpha * (0.5 if stairs else 1.0))
         if stairs:
             look: dict[str, Any] = {"ls": "", "marker": marker, "ms": 4.0, "mew": 0.8, "alpha": alpha}

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.analysis.gait_tables import gaits_in
+from gaitsweep.analysis.outcomes import UNSETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
 from gaitsweep.plot.gait_looks import COLOURS, MARKERS, NAMES, ORDER, gait_key
@@ -31,7 +32,8 @@ def speed_gaits(
     Rows of nearly one speed stand one above the other, so that how many starts came to a gait can be seen.
 
     Args:
-        table: a settle table of a model whose gaits are the nine; rows that fell are left out.
+        table: a settle table of a model whose gaits are the nine; rows that fell are left out, and markers of
+            rows that had not settled are open.
         y: `gait`, or the column whose values are bands; gaits are then told by colour and marker.
         panels: column of which each value gets a panel.
         speed: the observable along the axis.
@@ -41,7 +43,7 @@ def speed_gaits(
         PlotError: a column is not there.
     """
     speed = column(table, speed, ("_end", ""))
-    for name in (y, *([panels] if panels else [])):
+    for name in (y, "status", *([panels] if panels else [])):
         column(table, name)
     gaits = gaits_in(table).set_index("row")["gait"].astype(str)
     shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
@@ -77,12 +79,14 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
     for place, band in enumerate(bands):
         mine = rows_where(part, part[y] == band)
         at = mine[speed].to_numpy(float)
+        moving = mine["status"].astype(str).isin(list(UNSETTLED)).to_numpy()
         offset = _stacked(at, _SAME * extent) * _SPREAD
         for gait in ORDER:
             which = (mine["gait"] == gait).to_numpy()
-            if which.any():
-                look = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.2, "mew": 0.6, "ls": ""}
-                axes.plot(at[which], place + offset[which], **look)
+            look = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.2, "mew": 0.6, "ls": ""}
+            for some, face in ((which & ~moving, COLOURS[gait]), (which & moving, "white")):
+                if some.any():
+                    axes.plot(at[some], place + offset[some], mfc=face, **look)
 
 
 def _stacked(at: np.ndarray, same: float) -> np.ndarray:

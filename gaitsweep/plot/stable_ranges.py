@@ -66,9 +66,12 @@ def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
         if name != "none":
             area = edges(table, x, name)
             area = area.assign(up=[up[row] for row in area["row"]])
-            found[name] = pd.DataFrame(
+            area = pd.DataFrame(
                 [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
             )
+            # no area goes over a value of y at which the gait is not stable
+            every = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
+            found[name] = every.merge(area, on="up", how="left").fillna({"low_by": "", "high_by": ""})
     return found
 
 

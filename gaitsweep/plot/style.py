@@ -100,10 +100,24 @@ def markers(names: Iterable[str]) -> dict[str, str]:
 
 
 def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
-    """Show an angle from 0 to 2 pi on axis x, y or z, ticks at multiples of pi, `steps` intervals a turn."""
+    """Show an angle on axis x, y or z, ticks at multiples of pi, `steps` intervals a turn.
+
+    The axis goes from 0 to 2 pi, or only as far as the data do where they take less than half of that.
+    """
+    if which in "xy" and not _half_a_turn(axes, which):
+        angle_ticks(axes, which)
+        return
     names = {2: ["0", "π", "2π"], 4: ["0", "π/2", "π", "3π/2", "2π"]}[steps]
     getattr(axes, f"set_{which}lim")(0.0, 2 * np.pi)
     getattr(axes, f"set_{which}ticks")(np.linspace(0.0, 2 * np.pi, steps + 1), names)
+
+
+def _half_a_turn(axes: Axes, which: str) -> bool:
+    """Whether the data of an axis, and of those that share it, take half a turn or more; or there are none."""
+    shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
+    spans = np.array([getattr(each.dataLim, f"interval{which}") for each in shared])
+    spans = spans[np.isfinite(spans).all(axis=1)]
+    return not len(spans) or float(np.ptp(spans)) >= np.pi
 
 
 def percent(share: float) -> str:

@@ -55,11 +55,11 @@ def _open(lane: OneLane, values: Any, starts: Any) -> Any:
 
 
 def _opening_device() -> Any:
-    """Where starts are worked out: the CPU, unless JAX was told not to see it."""
-    try:
-        return jax.devices("cpu")[0]
-    except RuntimeError:
-        return jax.devices()[0]
+    """Where starts are worked out: the CPU, unless JAX was told not to see it (JAX_PLATFORMS=cuda)."""
+    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    if platforms and "cpu" not in platforms.split(","):
+        return jax.local_devices()[0]
+    return jax.local_devices(backend="cpu")[0]
 
 
 class KernelLanes(abc.ABC):
