@@ -144,23 +144,26 @@ def _peak() -> float:
 
 
 def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
-    """Give damaged jobs to `gaitsweep check`, and those that are good to a dry run or a run."""
+    """Give damaged jobs to `gaitsweep check`, and of those that are good a fifth of all to a (dry) run."""
     from gaitsweep.job import load_job
     from gaitsweep.user_error import UserError
 
     shop = Workshop(folder, seed, tiny=True)
-    mutants = [shop.make(10**6 + number) for number in range(count)]
-    commands: list[tuple[str, Mutant, list[str]]] = []
-    for number, mutant in enumerate(mutants):
+    checks: list[tuple[str, Mutant, list[str]]] = []
+    runs: list[tuple[str, Mutant, list[str]]] = []
+    number = 10**6
+    while len(checks) < count - count // 5 or len(runs) < count // 5:
+        mutant = shop.make(number := number + 1)
         try:
             rows = load_job(mutant.path).plan.n_rows
         except UserError:
             rows = 0
-        if rows and number % 2:
-            out = ["--dry-run"] if rows > 100 or number % 4 == 1 else ["--out", str(folder / f"out_{number}")]
-            commands.append((f"run {out[0]}", mutant, ["run", str(mutant.path), *out]))
-        else:
-            commands.append(("check", mutant, ["check", str(mutant.path)]))
+        if rows and len(runs) < count // 5:
+            out = ["--out", str(folder / f"out_{number}")] if rows <= 100 and len(runs) % 2 else ["--dry-run"]
+            runs.append((f"run {out[0]}", mutant, ["run", str(mutant.path), *out]))
+        elif len(checks) < count - count // 5:
+            checks.append(("check", mutant, ["check", str(mutant.path)]))
+    commands = [*checks, *runs]
     with ThreadPoolExecutor(max(os.cpu_count() or 1, 1)) as pool:
         return list(pool.map(lambda each: run_one(*each, folder), commands))
 
@@ -239,9 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     large = [answer for answer in checks if answer.memory > MOST_MEMORY]
     for answer in (*bad, *late, *large)[:20]:
         print(f"\n{answer.kind}, {answer.path}: {answer.wall:.1f} s, {answer.memory:.0f} MB\n{answer.fault}")
-    print(
-        f"{len(bad)} tracebacks, {len(late)} answers after {LATEST:g} s, {len(large)} above {MOST_MEMORY:g} MB"
-    )
+    print(f"{len(bad)} tracebacks, {len(late)} late answers, {len(large)} above {MOST_MEMORY:g} MB")
     print(f"{time.perf_counter() - began:.0f} s in all")
     return 1 if bad or late or large else 0
 

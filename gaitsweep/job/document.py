@@ -205,6 +205,8 @@ def _read_regular(path: Path, name: str) -> bytes:
         if kind := _kind(os.fstat(descriptor).st_mode):
             raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
         raw = file.read(_LARGEST + 1)  # a file of /proc has no size before it is read
+    if raw is None:
+        raise _refused(name, None, "cannot be read: there is nothing in it yet.")
     if len(raw) > _LARGEST:
         raise _refused(name, None, f"is larger than {_LARGEST / 2**20:g} MiB, which no job is.")
     return raw

@@ -22,7 +22,7 @@ from pydantic_core import PydanticCustomError
 from gaitsweep import nearmiss
 from gaitsweep.effort import MOST, Effort
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
-from gaitsweep.job.complaints import found
+from gaitsweep.job.complaints import Complaint, JobError, found
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,9 @@ def read_number(value: Any) -> float | str:
         Refused: what is not a finite number or arithmetic, YAML's traps (1:30, 010, dates) by their name.
     """
     if isinstance(value, str):
-        if not Effort.spend("expressions"):
-            raise Refused(f"is an expression too many: a job has at most {MOST['expressions']} of them.")
+        if not Effort.spend("expressions"):  # no complaint for each: the reading ends here
+            text = f"has more than {MOST['expressions']} numbers that are written as text or expressions."
+            raise JobError([Complaint((), text)])
         for trap, sentence in _TRAPS:
             if len(value) < 100 and trap.match(value):
                 raise Refused(f"is {found(value)}, {sentence}.")

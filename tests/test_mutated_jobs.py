@@ -1,0 +1,122 @@
+"""A damaged job gets an answer: a sentence or a job, soon, and in little memory (benchmarks.reliability)."""
+
+from __future__ import annotations
+
+import os
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from benchmarks.reliability.mutated_jobs import Mutant
+from benchmarks.reliability.mutations import LATEST, MOST_MEMORY, check_all, check_one
+from gaitsweep.job import Job, JobError, load_job
+from gaitsweep.job.axes import MOST_LISTED
+from gaitsweep.job.vary import MOST_DRAWN
+
+HEAD = "name: a\nmodel: multilegged\nrun: {kind: settle}\nstart: {psi_1: 1, psi_2: 1, psi_3: 1}\n"
+
+
+def test_damaged_jobs_are_answered(tmp_path: Path) -> None:
+    for answer in check_all(40, seed=7, folder=tmp_path):
+        assert not answer.fault, f"{answer.path}: {answer.fault}"
+        assert answer.processor < LATEST, answer.path
+        assert answer.memory < MOST_MEMORY, answer.path
+
+
+def many(form: str, count: int = 6_000) -> str:
+    return ", ".join(form.format(number) for number in range(count))
+
+
+FLOODS = {
+    "fields of a job": many('"key{}": 1').join(("{", "}")),
+    "parameters": HEAD + "params: {" + many("bet{}: 1") + "}\n",
+    "axes": HEAD + "vary: {" + many("psi_{}x: [1]") + "}\n",
+    "fields of a run": HEAD.replace("settle}", "settle, " + many("m{}: 1") + "}"),
+    "expressions": HEAD + "vary: {beta: {values: [" + many("'{}*pi/1e6'", 20_000) + "]}}\n",
+    "laughs": "a: &a [1]\n" + "".join(f"{b}: &{b} [{f'*{a}, ' * 9}]\n" for a, b in pairwise("abcdefg")),
+    "aliases of fields": "x: &x {" + many("k{}: 1", 375) + "}\ny: [" + "*x, " * 375 + "]\n",
+    "brackets": "a: " + "[" * 100_000,
+    "a key": "? " + "x" * 1_000_000 + "\n: 1\n" + HEAD,
+    "sobol points": HEAD
+    + "vary: {sample: {n: 1e7, method: sobol, of: {beta: [.6, .7], kappa: [1, 2], m_B: [.8, .9]}}}",
+    "groups": HEAD + "vary: {sample: [" + "{n: 1e7, of: {beta: [0, 1]}}, " * 1000 + "]}\n",
+}
+
+
+@pytest.mark.parametrize("name", FLOODS)
+def test_floods_are_refused_soon(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "job.yaml"
+    path.write_text(FLOODS[name])
+    answer = check_one(Mutant(name, path))
+    assert not answer.good
+    assert not answer.fault
+    assert answer.processor < LATEST
+    with pytest.raises(JobError) as error:
+        load_job(path)
+    assert len(str(error.value)) < 5_000
+
+
+@pytest.mark.parametrize("asked", ["job", "config"])
+def test_only_regular_files_are_read(asked: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "loop").symlink_to("loop")
+    with open(tmp_path / "sparse", "wb") as sparse:
+        sparse.truncate(2**33)
+    words = {"fifo": "a named pipe", "zero": "a device", "folder": "a directory", "loop": "cannot be read"}
+    for name, word in {**words, "sparse": "larger than"}.items():
+        path = tmp_path / name
+        if asked == "config":
+            path = tmp_path / "job.yaml"
+            path.write_text(f"config: {name}\n" + HEAD)
+        began = time.process_time()
+        with pytest.raises(JobError, match=word):
+            load_job(path)
+        assert time.process_time() - began < 2.0
+
+
+def test_a_file_that_becomes_a_pipe_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The look at its kind and its opening are two calls, between which anything may happen."""
+    path = tmp_path / "job.yaml"
+    path.write_text(HEAD)
+    regular = os.stat(path)
+    path.unlink()
+    os.mkfifo(path)
+    monkeypatch.setattr("gaitsweep.job.document.os.stat", lambda _: regular)
+    with pytest.raises(JobError, match="a named pipe"):
+        load_job(path)
+
+
+def test_points_are_counted_before_they_are_drawn() -> None:
+    fields = {"name": "a", "model": "multilegged", "run": {"kind": "settle"}, "start": {"psi_3": 1.0}}
+    box = {"psi_1": [0, 1], "psi_2": [0, 1], "beta": [0.6, 0.7]}
+    began = time.process_time()
+    with pytest.raises(JobError, match=rf"draws 30000000 numbers .*at most {MOST_DRAWN}"):
+        Job(**fields, vary={"sample": {"n": 10**7, "of": box}})
+    with pytest.raises(JobError, match=rf"has {MOST_LISTED + 1} points; a list has at most {MOST_LISTED}"):
+        Job(**fields, vary={"psi_1": [0.5] * (MOST_LISTED + 1), "psi_2": [1]})
+    with pytest.raises(JobError, match="makes more than 1e30 rows"):
+        Job(
+            **fields,
+            vary={
+                f"{name}": {"linspace": [0.6, 0.7, 10**7]}
+                for name in ("psi_1", "psi_2", "beta", "kappa", "m_B")
+            },
+        )
+    job = Job(**fields, vary={"sample": {"n": 10**7, "of": dict(list(box.items())[:2])}})
+    assert time.process_time() - began < LATEST
+    assert job.plan.n_rows == 10**7
+
+
+def test_words_that_a_terminal_obeys_are_shown_by_their_escapes(tmp_path: Path) -> None:
+    with pytest.raises(JobError) as error:
+        load_job(tmp_path / "\x1b[31mred\nmissing.yaml")
+    assert "\x1b" not in str(error.value)
+    assert r"\x1b[31mred missing.yaml: does not exist." in str(error.value)
+    with pytest.raises(JobError, match="cannot be read"):
+        load_job(tmp_path / "nul\0.yaml")
