@@ -33,7 +33,12 @@ def test_order_of_convergence_with_events() -> None:
     errors = []
     for dt in steps:
         _, t = crossing_times(
-            Neuron(), {"v_0": v_0}, 10, params={"current": current}, numerics=Numerics(dt=dt, method="rk4"), lanes=64
+            Neuron(),
+            {"v_0": v_0},
+            10,
+            params={"current": current},
+            numerics=Numerics(dt=dt, method="rk4"),
+            lanes=64,
         )
         # over many neurons: the error of one depends on where its steps happen to end
         errors.append(np.sqrt(np.mean((t - exact) ** 2)))
