@@ -59,12 +59,14 @@ def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
 
 
 def test_a_settled_row_that_moves_is_told(tmp_path: Path) -> None:
-    """The well's bottom moves by lean dt / 4, 0.0125 m: more than ten tolerances of 1e-4, not of 1e-2."""
+    """The well's bottom moves by lean dt / 4, 0.0125 m: more than ten tolerances."""
     fields: dict[str, Any] = {"vary": {"x_0": [0.5, 0.8]}, "params": {"lean": 1.0}}
     found = checked(tmp_path / "fine", run=SETTLE, warns=True, **fields)
     assert (found["verdict"], found["moved"], found["gait_differs"]) == ("warned", 2, 0)
     assert found["largest"]["x"] == pytest.approx(0.0125, rel=0.1)
-    assert checked(tmp_path / "coarse", run={**SETTLE, "tolerance": 1e-2}, **fields)["verdict"] == "passed"
+    # from the well's bottom, which then moves by 2.5e-4 m: as much as settles
+    still = checked(tmp_path / "still", run=SETTLE, vary={"x_0": [1.0]}, params={"lean": 0.02})
+    assert still["verdict"] == "passed"
 
 
 def test_strict_runs_fail_where_others_warn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

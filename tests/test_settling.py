@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from plane_maps import Logistic, Spiral
+from simplest_walker import ANGLE, RATE, SimplestWalker
 from sweeping import run_rows
 
 import gaitsweep as gs
@@ -254,3 +255,49 @@ def test_periods_are_looked_for_in_float32_too() -> None:
         model, Settle(model), {"x_0": np.full(3, 0.3)}, params={"r": [3.2, 3.5, 3.9]}, numerics=numerics
     )
     assert found.period.tolist() == [2, 4, 0]
+
+
+@pytest.mark.slow
+def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
+    """Garcia et al. 1998: one step up to a slope of .0151 rad, two from there on, then four, chaos before .019.
+
+    Each slope starts from where the one before settled: the basin of the gait is small.
+    """
+    model, numerics = SimplestWalker(), Numerics(method="rk4", dt=5e-3)
+    names = [quantity.name for quantity in model.starts]
+    kept = 1.0 - np.cos(2.0 * ANGLE)
+    at = np.array([ANGLE, RATE, 2.0 * ANGLE, kept * RATE])
+    found = {}
+    for slope in (
+        0.009,
+        0.0105,
+        0.012,
+        0.013,
+        0.014,
+        0.0145,
+        0.015,
+        0.0155,
+        0.016,
+        0.017,
+        0.0175,
+        0.018,
+        0.0185,
+    ):
+        starts = {name: [value] for name, value in zip(names, at, strict=True)}
+        end = run_rows(
+            model,
+            Settle(model, 600),
+            starts,
+            params={"gamma": [slope]},
+            numerics=numerics,
+            engine="kernel",
+        )
+        found[slope] = int(end.period[0])
+        if slope == 0.009:
+            # the paper's fixed point, printed to 15 digits
+            np.testing.assert_allclose(end.last[0, :2], [ANGLE, RATE], rtol=0, atol=1e-9)
+        if found[slope]:
+            at = end.last[0]
+    assert all(found[slope] == 1 for slope in found if slope <= 0.015)
+    assert all(found[slope] == 2 for slope in found if 0.0155 <= slope <= 0.0175)
+    assert (found[0.018], found[0.0185]) == (4, 0)

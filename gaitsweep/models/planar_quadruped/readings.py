@@ -14,36 +14,40 @@ from gaitsweep.models.planar_quadruped.state import State
 _PAIRS = {1: f"{LEGS[HIND_1]} - {LEGS[FORE_1]}", 2: f"{LEGS[HIND_2]} - {LEGS[FORE_2]}"}
 
 
-def _of_legs(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, ...]:
+def _of_legs(
+    name: str, unit: str, meaning: str, symbol: str, scale: float | None = None
+) -> tuple[Quantity, ...]:
     return tuple(
-        Quantity(f"{name}_{leg}", unit, meaning.format(leg), symbol=f"{symbol}^\\mathrm{{{leg}}}")
+        Quantity(
+            f"{name}_{leg}", unit, meaning.format(leg), symbol=f"{symbol}^\\mathrm{{{leg}}}", scale=scale
+        )
         for leg in LEGS
     )
 
 
 OBSERVABLES = (
     *(
-        Quantity(f"delta_{i}", "cycles", f"phase of {legs}, -0.5 to 0.5", symbol=rf"\delta_{i}")
+        Quantity(f"delta_{i}", "cycles", f"phase of {legs}, -0.5 to 0.5", symbol=rf"\delta_{i}", scale=1.0)
         for i, legs in _PAIRS.items()
     ),
     Quantity("speed", "m/s", "mean forward speed over LF's last cycle", symbol="v"),
     Quantity("period", "s", "duration of LF's last cycle", symbol="T"),
-    Quantity("flight", "1", "share of the last cycle without a foot on the ground"),
+    Quantity("flight", "1", "share of the last cycle without a foot on the ground", scale=1.0),
     *(
         Quantity(f"delta_{i}_mean", "cycles", f"delta_{i} averaged over the last cycles",
-                 symbol=rf"\bar\delta_{i}")
+                 symbol=rf"\bar\delta_{i}", scale=1.0)
         for i in _PAIRS
     ),
-    Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise"),
-    Quantity("length", "1", "least resultant length of both shifts and that of the fore legs"),
-    Quantity("variation", "1", "coefficient of variation of the period over the last cycles"),
-    Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive"),
-    Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle"),
-    *_of_legs("since", "s", "time since {}'s last swing onset", r"t"),
+    Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
+    Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
+    Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
+    Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
+    Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle", scale=1.0),
+    *_of_legs("since", "s", "time since {}'s last swing onset", r"t", scale=1.0),
     *_of_legs("late_load", "N", "mean load on {} in late stance (see `cycle`)", r"F_\mathrm{late}"),
     *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
-    *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}"),
-    *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi"),
+    *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}", scale=1.0),
+    *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi", scale=1.0),
 )  # fmt: skip
 
 SIGNALS = (
