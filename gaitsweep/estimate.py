@@ -75,7 +75,7 @@ def estimate(job: Job) -> Estimate:
     """
     ready = prepare(job)
     work = ready.work
-    pace = _measured(work)
+    pace = _measured(work, float(np.min(ready.steps.dt)))
     likely, most, records = _row_needs(work, job, pace)
     slots = work.lanes * len(work.devices)
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
@@ -136,7 +136,7 @@ class Measured:
     crossings: float
 
 
-def _measured(work: Work) -> Measured:
+def _measured(work: Work, dt: float) -> Measured:
     """Run a chunk of the first rows, for how fast it goes and how far it comes."""
     began = time.perf_counter()
     pool = Pool(work, range(math.ceil(work.n_rows / work.block)))
@@ -156,7 +156,7 @@ def _measured(work: Work) -> Measured:
     if crossings < 2.0 * np.count_nonzero(ran):  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:
-        return Measured(rate, compile_s, EVENTS_SHARE / work.numerics.dt, nominal)
+        return Measured(rate, compile_s, EVENTS_SHARE / dt, nominal)
     attempts = float(np.sum(given.attempts[ran])) / simulated
     return Measured(rate, compile_s, attempts, crossings / simulated)
 

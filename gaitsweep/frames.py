@@ -122,7 +122,7 @@ def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:
     stalled = table[table["stalled_by"].notna()]
     time = "t_end" if "t_end" in table.columns else "t"
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
-    by, at = last["by"].astype(str).to_numpy(), last["t"].to_numpy(float)
+    by, at = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
     found: dict[str, dict[str, Any]] = {}
     for names in np.unique(by):
         when = at[(by == names) & np.isfinite(at)]

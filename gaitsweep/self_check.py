@@ -204,9 +204,10 @@ def _compare_ends(
         resting = np.ones(rows.size, bool)
     change = np.abs(_apart(plan.model, once.last - half.last))
     _take_largest(check, plan.model, change[same])
-    if isinstance(work.recorder, Settle):
+    recorder = work.recorder
+    if isinstance(recorder, Settle):
         # SETTLE_WINDOW tolerances, in each observable's unit
-        bound = np.asarray(jax.vmap(lambda last: work.recorder.bound(last[None, :]))(once.last[same]))
+        bound = np.asarray(jax.vmap(lambda last: recorder.bound(last[None, :]))(once.last[same]))
         check.moved += int(np.sum(np.any(change[same] > TOLERANCES / SETTLE_WINDOW * bound, axis=1)))
     return resting
 

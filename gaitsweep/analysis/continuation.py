@@ -101,7 +101,7 @@ def continuation(
     again["row"] = doubtful[again["row"].to_numpy()]
     kept = branches[~branches["row"].isin(doubtful)]
     both = again if kept.empty else pd.concat([kept, again])
-    return both.sort_values("row", kind="stable", ignore_index=True)
+    return both.iloc[np.argsort(both["row"].to_numpy(), kind="stable")].reset_index(drop=True)
 
 
 def _followed(

@@ -61,7 +61,7 @@ def slowest_limit(model: HybridModel, params: Params, state: State, method: str)
     eigenvalues = flow_eigenvalues(model, params, state)
     rates = np.abs(eigenvalues)
     fast = rates > 0.0
-    damping = np.where(fast, -eigenvalues.real / np.where(fast, rates, 1.0), 1.0)
+    damping = np.where(fast, -np.real(eigenvalues) / np.where(fast, rates, 1.0), 1.0)
     ratios, limits = zip(*METHODS[method].limits, strict=True)
     allowed = np.interp(damping, ratios, limits) / np.where(fast, rates, 1.0)
     return float(np.min(np.where(fast, allowed, np.inf)))

@@ -127,7 +127,7 @@ def check_steps(plan: Plan, run: object, numerics: Numerics) -> list[Complaint]:
     of = f"{rows} of {plan.n_rows}" if rows is not None else f"some of {plan.n_rows}"
     text = (
         f"is {numerics.dt:g} s, too long for {of} rows: the longest step of {numerics.method} that is right "
-        f"for all of them is {_rounded_down(longest[worst]):g} s{f' (at {where})' if where else ''}. "
+        f"for all of them is {_rounded_down(float(longest[worst])):g} s{f' (at {where})' if where else ''}. "
         "Leave it out, and each row takes a step that is right for it."
     )
     return [Complaint(("numerics", "dt"), text)]
@@ -145,7 +145,7 @@ def values_with_right_steps(
         dt, longest = _steps(plan, run, numerics, rows)
         wrong = np.flatnonzero(dt > longest * _ROUNDING)
         if wrong.size:
-            row, right = int(rows[wrong[0]]), _rounded_down(longest[wrong[0]])
+            row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
             text = f"is {numerics.dt:g} s, too long for row {row}, where {right:g} s is right: leave it out."
             raise JobError([Complaint(("numerics", "dt"), text)])
         return plan.values(first, last)
