@@ -110,4 +110,8 @@ def test_jobs_ask_for_them(tmp_path: Path) -> None:
     ):
         with pytest.raises(JobError, match=said):
             gs.Job(**given, figures=[wrong])
-    gs.Job(**given, figures=[{"kind": "basin_measures", "hue": "attractor"}])
+    attractor = {"kind": "basin_measures", "hue": "attractor"}
+    with pytest.raises(JobError, match="infers rows"):
+        gs.Job(**given, figures=[attractor])
+    every_row = {**given, "run": {"kind": "settle", "max_cycles": 60}}
+    gs.Job(**every_row, figures=[attractor])
