@@ -1,9 +1,9 @@
 """The simplest walking model: two stiff legs with light feet, that walk down a slope by gravity alone.
 
-Source: Garcia, Chatterjee, Ruina and Coleman 1998, J. Biomech. Eng. 120:281: eq. (1), (2) of the swing, (4) of
-the heel strike. Its long-period gait takes two steps to repeat from a slope of about .0151 rad on, then four, and
-is chaotic before it is lost at .019. (The compass gait, whose feet have mass, doubles at 4.39 degrees: Goswami,
-Thuilot and Espiau 1998.)
+Source: Garcia, Chatterjee, Ruina and Coleman 1998, J. Biomech. Eng. 120:281: eq. (1), (2) of the swing, (4)
+of the heel strike. Its long-period gait takes two steps to repeat from a slope of about .0151 rad on, then
+four, and is chaotic before it is lost at .019. (The compass gait, whose feet have mass, doubles at 4.39
+degrees: Goswami, Thuilot and Espiau 1998.)
 """
 
 from __future__ import annotations
