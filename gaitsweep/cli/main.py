@@ -32,8 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
-    except KeyboardInterrupt:
-        return STOPPED
+    except KeyboardInterrupt as stop:
+        return getattr(stop, "exit_code", STOPPED)
     except UserError as error:
         print(error.sentence, file=sys.stderr)
         return error.exit_code

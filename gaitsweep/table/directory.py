@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 from collections.abc import Mapping
@@ -274,7 +275,7 @@ class ResultDirectory:
         """Store finished rows of open blocks; they are safe when this returns, until their part has them.
 
         Args:
-            rows: arrays by name: `row` (n,) int64, `kept` (n,) and `samples` (sum of kept, width), others (n, ...).
+            rows: arrays by name: `row` (n,) int64, `kept` (n,), `samples` (sum of kept, width), others (n,).
 
         Raises:
             WriteError: the disk is full or the file cannot be written.
@@ -356,9 +357,7 @@ class ResultDirectory:
         self.close()
 
 
-def _claimed(
-    path: Path, job_hash: str, n_rows: int, block: int
-) -> dict[str, Any] | DamagedManifest | None:
+def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
     """The manifest as `claim` gives it; or its damage, where the table's parts tell that they are this job's.
 
     Raises:

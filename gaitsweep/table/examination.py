@@ -105,7 +105,7 @@ class Examination:
                     )
                 if footer.part != number or footer.rows != stop - start:
                     raise DamagedPart(
-                        f"it holds {footer.rows} rows of part {footer.part}, not the {stop - start} of {number}"
+                        f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
                     )
                 if digest is None and self._needs_digests:
                     raise DamagedPart(f"{DIGESTS} has no line for it")

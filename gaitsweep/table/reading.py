@@ -26,9 +26,10 @@ _LARGEST_JOB = 64 * 2**20  # bytes
 class Snapshot:
     """What a result directory held at one moment, read without its records; a run may be writing it.
 
-    `job` is the one that was run; `job_edited` says that `job.yaml` was changed since. `footers` and `faults`
-    (parts that are damaged or another table's) are by block, `strangers` have no block. `rows_open`: finished
-    rows of blocks that are not complete. `without_digest`: parts of an older version, which carry none.
+    `job` is the one that was run, `written` what `job.yaml` says; it was edited where the two differ.
+    `footers` and `faults` (parts that are damaged or another table's) are by block, `strangers` have no
+    block. `rows_open`: finished rows of blocks that are not complete. `without_digest`: parts of an older
+    version, which carry none.
     """
 
     path: Path
@@ -39,7 +40,7 @@ class Snapshot:
     strangers: tuple[Fault, ...]
     rows_open: int
     open_faults: tuple[Fault, ...]
-    job_edited: bool
+    written: dict[str, Any]
     without_digest: tuple[int, ...]
 
     @classmethod
@@ -50,6 +51,11 @@ class Snapshot:
             TableError: it is none, or its manifest or `job.yaml` cannot be read.
         """
         return _look(Path(path), None)
+
+    @property
+    def job_edited(self) -> bool:
+        """Whether `job.yaml` was changed after the run wrote it."""
+        return self.written is not self.job
 
     @property
     def damaged(self) -> tuple[int, ...]:
@@ -65,6 +71,11 @@ class Snapshot:
     def rows_done(self) -> int:
         """How many rows of the sweep stand in complete parts."""
         return sum(footer.rows for footer in self.footers.values())
+
+    @property
+    def rows_safe(self) -> int:
+        """How many rows no later run has to run again, those of open blocks included."""
+        return self.rows_done + self.rows_open
 
     @property
     def table_folder(self) -> Path:
@@ -112,13 +123,11 @@ def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
     """Look at a directory, and read the records of its sound parts into `tables` where it is given."""
     manifest = read_manifest(path)
     examined = Examination(path, manifest)
-    job, edited = _job_of(path, manifest, examined.digests.get(JOB))
+    job, written = _job_of(path, manifest, examined.digests.get(JOB))
     for number, table in examined.parts(records=tables is not None):
         if tables is not None and table is not None:
             tables[number] = table
-    opened = np.concatenate(
-        [np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())]
-    )
+    opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
     return Snapshot(
@@ -130,22 +139,25 @@ def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
         strangers=tuple(examined.strangers),
         rows_open=waiting.size,
         open_faults=tuple(examined.open_faults),
-        job_edited=edited,
+        written=written,
         without_digest=tuple(examined.without_digest),
     )
 
 
-def _job_of(path: Path, manifest: dict[str, Any], digest: str | None) -> tuple[dict[str, Any], bool]:
-    """The job of a directory, and whether `job.yaml` was changed after the run wrote it."""
+def _job_of(
+    path: Path, manifest: dict[str, Any], digest: str | None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The job that was run, and what `job.yaml` says: the same object unless it was edited."""
     file = path / JOB
     known = manifest.get("job")
     try:
         data = read_file(file, _LARGEST_JOB)
         if known is not None and digest == digest_of(data):
-            return known, False
+            return known, known
         written = yaml.safe_load(data.decode())
     except FileNotFoundError:
-        return known or {}, False
+        job = known or {}
+        return job, job
     except OSError as error:
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
@@ -153,7 +165,7 @@ def _job_of(path: Path, manifest: dict[str, Any], digest: str | None) -> tuple[d
         raise TableError(f"{file} cannot be read: {text}. {_written_anew(path)}") from error
     if not is_job(written):
         raise TableError(f"{file} is no job any more. {_written_anew(path)}")
-    return (written, False) if known is None else (known, True)
+    return (written, written) if known is None else (known, written)
 
 
 def _written_anew(path: Path) -> str:
@@ -243,7 +255,7 @@ def _warn(snapshot: Snapshot) -> None:
         )
     if snapshot.job_edited:
         warnings.warn(
-            f"{snapshot.path / JOB} was changed after the run; the job that was run is taken from the manifest.",
+            f"{snapshot.path / JOB} was changed after the run: the manifest's job is the one that was run.",
             stacklevel=4,
         )
     if snapshot.without_digest:
