@@ -369,7 +369,9 @@ def _draw_missing_figures(
         name
         for name, spec in by_name.items()
         # one that shows another table too may have changed with that
-        if spec.get("with_table") or drawn.get(name) != _figure_digest(directory.path / FIGURES / name, spec)
+        if spec.get("with_table")
+        or name not in drawn
+        or drawn[name] != _figure_digest(directory.path / FIGURES / name, spec)
     }
     if not wanted:
         return
