@@ -20,6 +20,7 @@ from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
 _LARGEST_JOB = 64 * 2**20  # bytes
+_DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +155,7 @@ def _job_of(
         data = read_file(file, _LARGEST_JOB)
         if known is not None and digest == digest_of(data):
             return known, known
-        written = yaml.safe_load(data.decode())
+        written = _parsed(data.decode())
     except FileNotFoundError:
         job = known or {}
         return job, job
@@ -166,6 +167,23 @@ def _job_of(
     if not is_job(written):
         raise TableError(f"{file} is no job any more. {_written_anew(path)}")
     return (written, written) if known is None else (known, written)
+
+
+def _parsed(text: str) -> Any:
+    """The plain values of YAML that somebody may have edited.
+
+    Raises:
+        ValueError, yaml.YAMLError, and what YAML's readings of values raise: it cannot be read.
+    """
+    depth = 0
+    for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
+        # PyYAML's time grows with the square of the depth, and its readings of values are recursive
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise ValueError("it is nested too deep")
+        if number > _MOST_EVENTS:
+            raise ValueError("it has too many values")
+    return yaml.safe_load(text)
 
 
 def _written_anew(path: Path) -> str:
