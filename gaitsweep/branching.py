@@ -40,6 +40,9 @@ def follow_branches(
 ) -> None:
     """Follow the branches of the blocks that a directory still lacks, and write the parts of its table.
 
+    The rows of a block are followed together, and their branches stand in the table when all have ended: a
+    block is what a kill can lose.
+
     Args:
         ready: the job made ready.
         directory: its result directory.
@@ -51,17 +54,23 @@ def follow_branches(
         TableError: a part cannot be written.
         ValueError: the run fixes what the model does not conserve.
     """
-    work, done = ready.work, 0
+    work, done, first_done = ready.work, 0, directory.rows_done
     for number in missing:
         began = time.perf_counter()
         first = number * work.block
         last = min(first + work.block, work.n_rows)
-        directory.write_part(number, branches_of(ready, first, last))
+
+        def between(done: int = done) -> None:  # so that Ctrl-C need not wait for the block's end
+            if progress is not None:
+                progress(first_done + done, work.n_rows, 0.0, (first_done + done) / work.n_rows, "branches")
+
+        directory.write_part(number, branches_of(ready, first, last, between))
         timings.run_s += time.perf_counter() - began
         done += last - first
         if progress is not None:
             rate = done / max(timings.run_s, 1e-9)
-            progress(last, work.n_rows, rate, last / work.n_rows, "branches")
+            share = (first_done + done) / work.n_rows
+            progress(first_done + done, work.n_rows, rate, share, "branches")
 
 
 def check_branch_starts(
@@ -116,8 +125,10 @@ def _map_of(ready: Prepared, rows: np.ndarray) -> tuple[ReturnMap, Values, Value
     return mapping, {name: each for name, each in parameters.items() if name not in away}, starts
 
 
-def branches_of(ready: Prepared, first: int, last: int) -> pd.DataFrame:
-    """The records of the branches of rows first..last-1."""
+def branches_of(
+    ready: Prepared, first: int, last: int, between: Callable[[], None] | None = None
+) -> pd.DataFrame:
+    """The records of the branches of rows first..last-1; `between` is called before each of their steps."""
     run, plan = ready.job.run, ready.plan
     assert isinstance(run, Continuation)
     mapping, values, starts = _map_of(ready, np.arange(first, last))
@@ -132,7 +143,7 @@ def branches_of(ready: Prepared, first: int, last: int) -> pd.DataFrame:
         begin=begin,
         towards=1 if end > begin else -1,
         fix=run.fix,
-        steps=Steps(run.step, run.longest, run.shortest, run.most),
+        steps=Steps(run.step, run.longest, run.shortest, run.most, between),
         shown=(),
     )
     row = table["row"].to_numpy(np.int64)

@@ -145,7 +145,7 @@ def _measured(work: Work, dt: float) -> Measured:
         lanes.run_chunk(0)
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.chunk()
+    given = pool.chunk(looks_of(work))
     spent = time.perf_counter() - began
     slots = work.lanes * len(work.devices)
     rate = slots * CADENCE * looks_of(work) / spent

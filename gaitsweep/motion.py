@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model
-from gaitsweep.job import load_job, plan
+from gaitsweep.job import Job, plan
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.table import load
-from gaitsweep.table.manifest import JOB
 
 _NAMED = 4  # quantities in a title
 
@@ -72,7 +71,8 @@ def read_motion(directory: str | Path, row: int) -> Motion:
     if kind != "trace":
         raise PlotError(f"{directory} holds {kind} rows, which have no motion: use a run of kind trace.")
     part = _samples(table, directory, row)
-    rows = plan(load_job(directory / JOB))
+    # the job that was run, whatever `job.yaml` says by now
+    rows = plan(Job.model_validate(table.attrs["job"], context={"folder": directory}))
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")

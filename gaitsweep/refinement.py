@@ -100,7 +100,7 @@ def _round(
         if missing := part.missing_blocks():
             spent = Timings()
             try:
-                sweep(work, missing, write, tell, spent)
+                sweep(work, missing, write, tell, spent, open_rows=part)
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))

@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from gaitsweep.contract import Status
-from gaitsweep.table import Snapshot, WriteError, replace_file
+from gaitsweep.table import Snapshot, not_written, reason, replace_file
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -33,23 +33,22 @@ def write_report(path: str | Path) -> Path:
         Where the report stands.
 
     Raises:
-        TableError: it is no result directory.
+        TableError: it is no result directory, or a file of its table is damaged.
         WriteError: the report cannot be written.
     """
     snapshot = Snapshot.of(path)
+    snapshot.require_sound()
     target = snapshot.path / "report.html"
     try:
         text = _page(snapshot)
         replace_file(target, lambda file: file.write(text.encode()))
     except OSError as error:
-        raise WriteError(
-            f"{target} could not be written: {(error.strerror or str(error)).lower()}."
-        ) from error
+        raise not_written(f"{target} could not be written: {reason(error)}.", error) from error
     return target
 
 
 def _page(snapshot: Snapshot) -> str:
-    name = html.escape(str(snapshot.job.get("name", snapshot.path.name)))
+    name = html.escape(str(snapshot.written.get("name", snapshot.path.name)))
     model = html.escape(str(snapshot.job.get("model", "unknown")))
     rows = snapshot.manifest["rows"]
     state = f"{rows} rows" if snapshot.complete else f"{snapshot.rows_done} of {rows} rows so far"
@@ -92,7 +91,7 @@ def _counts(snapshot: Snapshot) -> str:
 def _provenance(snapshot: Snapshot) -> str:
     lines = []
     for key, value in snapshot.manifest.items():
-        if key == "quantities":
+        if key in ("quantities", "job", "figures_drawn"):
             continue
         text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
         lines.append(f"<tr><th>{html.escape(key)}</th><td>{html.escape(text)}</td></tr>")

@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import hashlib
 import inspect
+import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,14 +21,15 @@ import pandas as pd
 from gaitsweep import provenance
 from gaitsweep.branching import check_branch_starts, follow_branches
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.block import BlockResult
+from gaitsweep.engine.block import BlockResult, EndedRows
 from gaitsweep.engine.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep import Timings, sweep
 from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.engine.work import Work
 from gaitsweep.engine.xla import local_devices
 from gaitsweep.frames import stalls
-from gaitsweep.job import Job, Plan, plan
+from gaitsweep.job import Job, JobError, Plan, plan, read_figures
+from gaitsweep.job.document import read_document
 from gaitsweep.job.steps import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.plot import draw
@@ -35,8 +37,22 @@ from gaitsweep.recording import Drive, frame_of, recorder_of
 from gaitsweep.refinement import refine, refines
 from gaitsweep.self_check import SelfCheckError, self_check
 from gaitsweep.self_check_report import advice, sentence
-from gaitsweep.table import ResultDirectory, WriteError, load, reason, replace_file
+from gaitsweep.table import (
+    ResultDirectory,
+    Snapshot,
+    TableError,
+    WriteError,
+    load,
+    load_with_snapshot,
+    not_written,
+    own_folder,
+    read_file,
+    reason,
+    replace_file,
+)
+from gaitsweep.table.manifest import FIGURES, JOB
 from gaitsweep.user_error import FAILED, UserError
+from gaitsweep.version import version
 
 RESULTS = Path("results")
 
@@ -171,9 +187,12 @@ def carry_out(
         missing = directory.missing_blocks()
         if missing:
             _run_missing(ready, directory, missing, progress)
+        elif not _summed_up(ready, directory):  # killed after its last part
+            _describe(ready, directory)
+            _sum_up(ready, directory, directory.manifest.get("timings", {}))
         checked = _self_checked(ready, directory, progress)
-    if figures:
-        _draw_of_complete(path, work.n_rows, tell)
+        if figures:
+            _draw_of_complete(directory, resolved["figures"], progress, tell)
     _tell_of_self_check(checked, work.numerics.dt, tell, strict)
     return path
 
@@ -220,11 +239,17 @@ def _told_by_file() -> Iterator[None]:
         raise WriteError(f"{error.filename} cannot be used: {reason(error)}.") from error
 
 
-def _draw_of_complete(path: Path, rows: int, tell: Callable[[str], None] | None) -> None:
-    """Draw the figures of a table that is complete, which no figure that fails may hide."""
-    safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {path})"
+def _draw_of_complete(
+    directory: ResultDirectory,
+    specs: list[dict[str, Any]],
+    progress: Progress | None,
+    tell: Callable[[str], None] | None,
+) -> None:
+    """Draw the figures that a complete table lacks, none of which may hide by failing that it is complete."""
+    rows = directory.n_rows
+    safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
     try:
-        draw_figures(path)
+        _draw_missing_figures(directory, specs, progress)
     except FigureError as error:
         raise FigureError(f"{safe}, but a figure is not drawn. {error}", error.drawn) from error
     except UserError as error:
@@ -235,10 +260,8 @@ def _draw_of_complete(path: Path, rows: int, tell: Callable[[str], None] | None)
         raise
 
 
-def _run_missing(
-    ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress | None
-) -> None:
-    before = directory.rows_done
+def _describe(ready: Prepared, directory: ResultDirectory) -> None:
+    """Say in the manifest with what the rows are run."""
     directory.update_manifest(
         engine=ready.engine,
         device=ready.device,
@@ -250,7 +273,18 @@ def _run_missing(
         versions=provenance.versions(),
         git_commit=provenance.git_commit(),
     )
-    spent = Timings(**directory.manifest.get("timings", {}))
+
+
+def _run_missing(
+    ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress | None
+) -> None:
+    before = directory.rows_done + directory.rows_open
+    _describe(ready, directory)
+    spent = directory.manifest.get("timings", {})
+    timings = Timings()
+
+    def spent_so_far() -> dict[str, float]:
+        return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
 
     def write(number: int, block: BlockResult) -> None:
         frame = ready.frame(block)
@@ -265,68 +299,162 @@ def _run_missing(
 
     if progress is not None:
         progress(before, ready.work.n_rows, 0.0, before / ready.work.n_rows, "compiling")
-    timings = Timings()
-
-    def sum_up() -> None:
-        total = {name: value + getattr(spent, name) for name, value in dataclasses.asdict(timings).items()}
-        complete = not directory.missing_blocks()
-        counts = directory.counts()
-        directory.update_manifest(timings=total, counts=counts, complete=complete)
-        if complete and counts.get(Status.event_stall.name):
-            directory.update_manifest(stalls=stalls(load(directory.path)))
-        if complete and ready.job.run.kind in ("settle", "hold"):
-            gaits = load(directory.path)["gait"].value_counts()
-            directory.update_manifest(gaits={str(gait): int(n) for gait, n in gaits.items() if n})
-
     try:
         if refines(ready.job.run):
             refine(ready, directory, progress, timings)
         elif ready.job.run.kind == "continuation":
             follow_branches(ready, directory, missing, progress, timings)
         else:
-            sweep(ready.work, missing, write, tell, timings)
+            sweep(ready.work, missing, write, tell, timings, _Open(directory, spent_so_far))
     except BaseException:
         # what stopped the run is the news, not that the manifest cannot be written either
-        with contextlib.suppress(WriteError):
-            sum_up()
+        with contextlib.suppress(TableError):
+            _sum_up(ready, directory, spent_so_far())
         raise
-    sum_up()
+    _sum_up(ready, directory, spent_so_far())
+
+
+@dataclasses.dataclass
+class _Open:
+    """Where a sweep stores finished rows of open blocks: the directory, with the time that they took."""
+
+    directory: ResultDirectory
+    spent: Callable[[], dict[str, float]]
+
+    def restored(self, number: int) -> EndedRows | None:
+        return self.directory.restored(number)
+
+    def keep(self, rows: EndedRows) -> None:
+        self.directory.keep(rows)
+        self.directory.update_manifest(timings=self.spent())
+
+
+def _sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float]) -> None:
+    """Write what is known of the rows so far into the manifest, all of it at once."""
+    complete, counts = not directory.missing_blocks(), directory.counts()
+    fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
+    if complete:
+        directory.tidy_digests()
+        if counts.get(Status.event_stall.name):
+            fields["stalls"] = stalls(load(directory.path))
+        if _has_gaits(ready):
+            gaits = load(directory.path)["gait"].value_counts()
+            fields["gaits"] = {str(gait): int(n) for gait, n in gaits.items() if n}
+    directory.update_manifest(**fields)
+
+
+def _has_gaits(ready: Prepared) -> bool:
+    return ready.job.run.kind in ("settle", "hold")
+
+
+def _summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
+    """Whether the manifest of a table that has all its parts says so, and all else that a run adds."""
+    known = directory.manifest
+    return (
+        known.get("complete") is True
+        and known.get("counts") == directory.counts()
+        and ("gaits" in known or not _has_gaits(ready))
+        and ("stalls" in known or not directory.counts().get(Status.event_stall.name))
+        and "quantities" in known
+    )
+
+
+def _draw_missing_figures(
+    directory: ResultDirectory, specs: list[dict[str, Any]], progress: Progress | None
+) -> None:
+    """Draw the figures that a complete directory lacks; those that stand were drawn of the same rows."""
+    drawn = directory.manifest.get("figures_drawn", {})
+    by_name = {f"{spec.get('name') or spec['kind']}.png": spec for spec in specs}
+    wanted = {
+        name
+        for name, spec in by_name.items()
+        # one that shows another table too may have changed with that
+        if spec.get("with_table")
+        or name not in drawn
+        or drawn[name] != _figure_digest(directory.path / FIGURES / name, spec)
+    }
+    if not wanted:
+        return
+
+    def between(number: int) -> None:
+        if progress is not None:
+            progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
+
+    _draw(directory.path, wanted, between)
+    now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
+    directory.update_manifest(figures_drawn={name: digest for name, digest in now.items() if digest})
+
+
+def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
+    """What tells a figure that was drawn as asked from another, None where there is none."""
+    try:
+        drawn = read_file(file)
+    except OSError:
+        return None
+    return hashlib.sha256(json.dumps([spec, version()], sort_keys=True).encode() + drawn).hexdigest()
 
 
 def draw_figures(path: str | Path) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
+    They are those of its `job.yaml`, where their titles and columns may be edited.
+
     Returns:
         The files, in the job's order.
 
     Raises:
-        TableError: there is no table yet.
+        TableError: there is no table yet, or what `job.yaml` asks for is no figure.
         WriteError: a figure cannot be written; the old one stands.
         FigureError: the table does not give what some of them show; the others are drawn.
     """
-    table = load(path)
-    folder = Path(path) / "figures"
-    with _told_by_file():
-        folder.mkdir(exist_ok=True)
+    return _draw(Path(path))
+
+
+def _draw(
+    path: Path, names: set[str] | None = None, between: Callable[[int], None] | None = None
+) -> list[Path]:
+    """Draw the figures of a directory, or those with these file names; `between` is called before each."""
+    snapshot, table = load_with_snapshot(path)
+    specs = _figures_of(snapshot)
+    if not specs:
+        return []
+    folder = path / FIGURES
+    try:
+        own_folder(folder)
+    except OSError as error:
+        raise not_written(f"{folder} cannot be made: {reason(error)}.", error) from error
     files, refused = [], []
-    for number, spec in enumerate(table.attrs["job"].get("figures", [])):
-        given = {
-            key: value for key, value in spec.items() if value is not None and key not in ("kind", "name")
-        }
+    for number, spec in enumerate(specs):
+        file = folder / f"{spec.get('name') or spec['kind']}.png"
+        if names is not None and file.name not in names:
+            continue
+        if between is not None:
+            between(len(files) + 1)
+        given = {key: value for key, value in spec.items() if key not in ("kind", "name")}
         try:
             figure = draw(spec["kind"], table, **given)
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue
-        file = folder / f"{spec.get('name') or spec['kind']}.png"
         try:
             replace_file(file, lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=150))
         except OSError as error:
-            raise WriteError(f"{file} could not be written: {reason(error)}.") from error
+            raise not_written(f"{file} could not be written: {reason(error)}.", error) from error
         files.append(file)
     if refused:
         raise FigureError("\n".join(refused), files)
     return files
+
+
+def _figures_of(snapshot: Snapshot) -> list[dict[str, Any]]:
+    file = snapshot.path / JOB
+    try:
+        asked = snapshot.job.get("figures", [])
+        if snapshot.job_edited or "job" not in snapshot.manifest:
+            asked = read_document(file).data.get("figures", []) if file.exists() else []
+        return read_figures(asked, str(file))
+    except JobError as error:
+        raise TableError(str(error)) from None
 
 
 def _hash(job: Job, model: Model, **chosen: Any) -> str:

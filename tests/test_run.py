@@ -15,6 +15,9 @@ import pytest
 from toy_model import launches
 
 import gaitsweep as gs
+from gaitsweep import runner
+from gaitsweep.engine import sweep
+from gaitsweep.table import Snapshot
 
 JOB = """
 name: hops
@@ -64,7 +67,7 @@ def finish(job_file: Path, out: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_goes_on_and_gives_the_same_table(
     job_file: Path, tmp_path: Path, sent: signal.Signals
 ) -> None:
@@ -72,8 +75,9 @@ def test_a_stopped_run_goes_on_and_gives_the_same_table(
     out = tmp_path / "stopped"
     process = run_and_stop(job_file, out, sent)
     _, errors = process.communicate(timeout=60)
-    if sent == signal.SIGINT:
-        assert process.returncode == 130
+    if sent != signal.SIGKILL:
+        assert process.returncode == 128 + sent
+        assert f"{Snapshot.of(out).rows_safe} of 480 rows are safe" in errors
         assert "the same command continues" in errors
         assert "Traceback" not in errors
     partial = gs.load(out)
@@ -85,6 +89,85 @@ def test_a_stopped_run_goes_on_and_gives_the_same_table(
         assert (out / "table" / name).stat().st_mtime_ns == since
     pd.testing.assert_frame_equal(gs.load(out), whole, check_exact=True)
     assert not [path for path in out.rglob(".*") if path.name != ".lock"]
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        {"kind": "settle", "max_cycles": 400, "tolerance": 1e-6},
+        {"kind": "return_map", "crossings": 40},
+        {"kind": "trace", "duration": 20.0, "every": 0.25},
+        {"kind": "staircase", "parameter": "mass", "path": [1, 2], "step": 0.25, "hold": 4.0},
+    ],
+    ids=lambda run: run["kind"],
+)
+def test_finished_rows_of_a_block_of_all_rows_are_kept(
+    job_file: Path, tmp_path: Path, run: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped again and again, rows being stored at once: no row that has ended is run again."""
+    monkeypatch.setattr(sweep, "SAFE_WITHIN", 0.0)
+    job = gs.Job(
+        name="hops",
+        model="toy_model:Toy",
+        vary={"launch_1": {"linspace": [0.2, 3.0, 60]}},
+        run=run,
+        numerics={"method": "rk4", "dt": 5e-4},
+        engine={"block": 1000, "lanes": 8},
+        verify=0,
+    )
+    whole = gs.run(job, tmp_path / "whole").table
+    out = tmp_path / "stopped"
+    safe = stops = 0
+
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        assert done >= safe
+        if note != "compiling" and done >= safe + 15:
+            raise KeyboardInterrupt
+
+    while True:
+        try:
+            gs.run(job, out, progress=stop)
+            break
+        except KeyboardInterrupt:
+            stops += 1
+            held = Snapshot.of(out)
+            assert held.rows_safe >= safe + 15
+            assert held.rows_safe == 60 or held.rows_done == 0
+            safe = held.rows_safe
+    assert stops >= 2
+    pd.testing.assert_frame_equal(gs.load(out), whole, check_exact=True)
+    assert not list(out.glob("table/open-*"))
+
+
+def test_a_run_killed_after_its_last_part_is_completed(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = "figures=[{kind: basin, x: launch_1, y: stiffness}]"
+    small = ["vary.stiffness={linspace: [2, 8, 2]}", figure]
+    whole = gs.run(job_file, tmp_path / "whole", overrides=small)
+
+    def killed(*_arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "_sum_up", killed)
+        with pytest.raises(KeyboardInterrupt):
+            gs.run(job_file, out, overrides=small)
+    assert Snapshot.of(out).complete
+    assert "counts" not in Snapshot.of(out).manifest
+    parts = {path: path.stat().st_mtime_ns for path in (out / "table").iterdir()}
+    result = gs.run(job_file, out, overrides=small)
+    assert parts == {path: path.stat().st_mtime_ns for path in (out / "table").iterdir()}
+    for name in ("complete", "counts", "gaits", "quantities", "self_check"):
+        assert result.manifest[name] == whole.manifest[name]
+    drawn = {path: path.stat().st_mtime_ns for path in result.figures}
+    assert len(drawn) == 1
+    again = gs.run(job_file, out, overrides=small)
+    assert drawn == {path: path.stat().st_mtime_ns for path in again.figures}
+    again.figures[0].write_bytes(b"")
+    gs.run(job_file, out, overrides=small)
+    assert again.figures[0].stat().st_size > 1000
 
 
 def test_a_complete_run_does_nothing(job_file: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -34,12 +35,14 @@ class Steps:
     """Lengths of the first step, of the longest and of the shortest, and the most points of a branch.
 
     In a length the parameter counts as a share of its range, and coordinates in proportion to their size.
+    `between` is called before each step; what it raises stops the continuation.
     """
 
     first: float = 0.02
     longest: float = 0.08
     shortest: float = 1e-4
     most: int = 300
+    between: Callable[[], None] | None = None
 
 
 class OnTheWay:
@@ -62,6 +65,8 @@ class OnTheWay:
     def follow(self) -> None:
         """Follow each branch to its end."""
         while self.going.any():
+            if self.steps.between is not None:
+                self.steps.between()
             rows = np.flatnonzero(self.going)
             track, here = self.track[rows], self.places[rows]
             there, found = track.step(here, self.length[rows])

@@ -117,7 +117,7 @@ def _stopped(job: Job, out: Path | None) -> str:
         snapshot = Snapshot.of(path)
     except TableError:
         return "Stopped before anything was written; the same command starts the job again."
-    safe = f"{snapshot.rows_done} of {snapshot.manifest['rows']} rows are safe in {path}"
+    safe = f"{snapshot.rows_safe} of {snapshot.manifest['rows']} rows are safe in {path}"
     return f"Stopped: {safe}, and the same command continues from them."
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import typer
 
@@ -31,9 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
-    except KeyboardInterrupt:
-        return STOPPED
+        with warnings.catch_warnings():
+            warnings.showwarning = _shown_as_sentence(warnings.showwarning)
+            code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
+    except KeyboardInterrupt as stop:
+        return getattr(stop, "exit_code", STOPPED)
     except UserError as error:
         print(error.sentence, file=sys.stderr)
         return error.exit_code
@@ -45,3 +49,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     return code if isinstance(code, int) else 0
+
+
+def _shown_as_sentence(otherwise: Callable[..., None]) -> Callable[..., None]:
+    """Show a warning of ours, such as that a table is not complete, without the line of code it came from."""
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if category is UserWarning:
+            print(f"Warning: {message}", file=sys.stderr)
+        else:
+            otherwise(message, category, *where, **more)
+
+    return show

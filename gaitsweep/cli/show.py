@@ -90,12 +90,21 @@ def directory(snapshot: Snapshot) -> str:
     for status, number in snapshot.counts.items():
         meaning = f"   {Status[status].sentence}" if status in Status.__members__ else ""
         lines[f"  {status}"] = f"{number}{meaning}"
-    for number in snapshot.damaged:
-        lines[f"part {number}"] = "damaged: running the job again makes it anew"
+    if snapshot.rows_open:
+        lines["rows open"] = f"{snapshot.rows_open} more have ended in blocks that are not complete"
+    for number, fault in sorted(snapshot.faults.items()):
+        what = "another job's" if fault.foreign else "damaged"
+        lines[f"part {number}"] = f"{what}: {fault.file}: {fault.what} Running the job again makes it anew"
+    for fault in (*snapshot.strangers, *snapshot.open_faults):
+        lines[fault.file.name] = fault.what
+    if snapshot.without_digest:
+        lines["digests"] = "none, as in older versions: not every damage of the parts is found"
+    if snapshot.job_edited:
+        lines["job.yaml"] = "changed after the run; the job that was run is in the manifest"
     for key, value in snapshot.manifest.items():
         if key == "stalls" and isinstance(value, dict):
             lines[key] = stalled(value)
-        elif key not in ("rows", "counts", "quantities"):
+        elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):
             lines[key] = plain(value)
     for number, figure in enumerate(snapshot.figures):
         lines["figures" if number == 0 else " " * (8 + number)] = str(figure)

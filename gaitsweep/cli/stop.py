@@ -1,4 +1,4 @@
-"""Ctrl-C during a run: noted at once, obeyed between two chunks of work."""
+"""Ctrl-C and SIGTERM during a run: noted at once, obeyed between two chunks of work."""
 
 from __future__ import annotations
 
@@ -7,35 +7,44 @@ import threading
 from types import FrameType, TracebackType
 from typing import Any
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM asked the run to stop."""
+
+    exit_code = 128 + signal.SIGTERM
+
 
 class StopRequest:
-    """A context in which the first SIGINT is only noted, and `obey` raises it; a second one raises at once.
+    """A context in which the first SIGINT or SIGTERM is noted, for `obey` to raise; a second raises at once.
 
     A KeyboardInterrupt can strike anywhere, inside a library's callback too, which may swallow it.
     """
 
     def __init__(self) -> None:
-        self._asked = False
-        self._before: Any = None
+        self._asked: type[KeyboardInterrupt] | None = None
+        self._before: dict[signal.Signals, Any] = {}
 
     def obey(self) -> None:
-        """Raise KeyboardInterrupt where a stop was asked for."""
-        if self._asked:
-            raise KeyboardInterrupt
+        """Raise KeyboardInterrupt, or Terminated, where a stop was asked for."""
+        if self._asked is not None:
+            raise self._asked
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if self._asked:
-            raise KeyboardInterrupt
-        self._asked = True
+        again = self._asked is not None
+        self._asked = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        if again:
+            raise self._asked
 
     def __enter__(self) -> StopRequest:
         # only a main thread may handle signals; elsewhere Python's own way stays
         if threading.current_thread() is threading.main_thread():
-            self._before = signal.signal(signal.SIGINT, self._note)
+            self._before = {number: signal.signal(number, self._note) for number in _SIGNALS}
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)

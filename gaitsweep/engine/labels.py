@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Status, Verdict
+from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.block import Block
 from gaitsweep.engine.staircase import Staircase, readable
 from gaitsweep.engine.work import Work
@@ -24,14 +26,7 @@ class Labels:
 
     def __init__(self, work: Work) -> None:
         self.work = work
-        model = work.model
-        names = [q.name for q in model.observables]
-
-        def one(values: Any, t: jax.Array, observed: jax.Array) -> dict[str, jax.Array]:
-            params = model.params(values) if work.drive is None else work.drive(values, t)
-            return model.label(params, {name: observed[i] for i, name in enumerate(names)})
-
-        self._label = jax.jit(jax.vmap(one))
+        self._label = _reader(work.model, work.drive)
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
         """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
@@ -73,3 +68,15 @@ class Labels:
         gait = np.where(good, found.pop("gait"), -1).astype(np.int32)
         traits = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
         return {"gait": gait, **traits}
+
+
+# kept for the process, as the engine's programs are: a refined run's rounds need not compile it again
+@lru_cache(maxsize=16)
+def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
+    names = [q.name for q in model.observables]
+
+    def one(values: Any, t: jax.Array, observed: jax.Array) -> dict[str, jax.Array]:
+        params = model.params(values) if drive is None else drive(values, t)
+        return model.label(params, {name: observed[i] for i, name in enumerate(names)})
+
+    return jax.jit(jax.vmap(one))

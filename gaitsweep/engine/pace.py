@@ -13,6 +13,8 @@ LONGEST = 0.25
 NEWEST = 0.2
 # A buffer fuller than this after a chunk makes the next one shorter: a full one makes its row wait.
 FULL = 0.75 * BUFFER
+# As LONGEST, for XLA, whose chunks are as long as `shortest` allows unless they take longer than this (s).
+LONGEST_XLA = 1.0
 
 
 class Pace:
@@ -57,6 +59,11 @@ class Pace:
         if fullest > FULL:
             most = min(most, 0.5 * self.looks)
         self.looks = max(self.shortest, int(most))
+
+    def limit(self) -> None:
+        """Set the looks of XLA's next chunk: as many as it has, or as fit into `LONGEST_XLA`."""
+        if self._look > 0.0:
+            self.looks = max(1, min(self.shortest, int(LONGEST_XLA / self._look), 4 * self.looks))
 
 
 def _smoothed(old: float, new: float) -> float:

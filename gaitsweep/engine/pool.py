@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import numpy as np
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.block import Block
+from gaitsweep.engine.block import Block, EndedRows
 from gaitsweep.engine.engines import lanes_on, looks_of
 from gaitsweep.engine.lane import Given
 from gaitsweep.engine.pace import Pace
 from gaitsweep.engine.work import Progress, Work
 
+# Looks of XLA's first chunk, from which the length of the others follows.
+FIRST_LOOKS = 4
+
 
 class Pool:
-    """Which lane runs which row, and the blocks that are open."""
+    """Which lane runs which row, and the blocks that are open.
 
-    def __init__(self, work: Work, blocks: Sequence[int]) -> None:
+    Args:
+        work: what is run.
+        blocks: the blocks whose rows are wanted.
+        restored: gives the rows of a block that an earlier run ended, where there are any.
+    """
+
+    def __init__(
+        self,
+        work: Work,
+        blocks: Sequence[int],
+        restored: Callable[[int], EndedRows | None] | None = None,
+    ) -> None:
         self.work = work
+        self._restored: dict[int, EndedRows] = {}
+        for number in blocks:
+            found = None if restored is None else restored(number)
+            if found is not None:
+                self._restored[number] = found
         self.total = sum(min(work.block, work.n_rows - b * work.block) for b in blocks)
+        self.total -= sum(len(rows["row"]) for rows in self._restored.values())
         # a device without rows would have nothing to run
-        self.groups = [lanes_on(device, work) for device in work.devices[: max(self.total, 1)]]
+        self.groups = [lanes_on(device, work) for device in work.devices[: self.total]]
         size = work.lanes * len(self.groups)
         self.open: dict[int, Block] = {}
+        self.complete: list[int] = []  # open blocks all of whose rows have ended
         self.block_of = np.full(size, -1)
         self.row_of = np.zeros(size, np.int64)
         # rows go to the devices in turn, so that few rows are shared among all of them
@@ -38,6 +59,8 @@ class Pool:
         self._waiting = list(blocks)[::-1]
         self._newest: Block | None = None
         self.pace = Pace(looks_of(work))
+        if work.engine == "xla":
+            self.pace.looks = FIRST_LOOKS
         # a thread for each device: JAX lets go of Python while a program is compiled or runs
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
         # what the lanes run with: parameters, then starts
@@ -72,11 +95,11 @@ class Pool:
         """Put waiting rows into free lanes."""
         fresh = np.zeros(self.block_of.size, bool)
         free = self._order[self.block_of[self._order] < 0]
-        while free.size:
+        while free.size or not self.groups:
             block = self._with_waiting_rows()
             if block is None:
                 break
-            rows = np.arange(block.opened, min(block.rows, block.opened + free.size))
+            rows = block.waiting[block.opened : block.opened + free.size]
             lanes, free = free[: rows.size], free[rows.size :]
             block.opened += rows.size
             self.block_of[lanes], self.row_of[lanes], fresh[lanes] = block.number, rows, True
@@ -98,26 +121,28 @@ class Pool:
 
     def _with_waiting_rows(self) -> Block | None:
         """The newest block while it has rows that wait, then the next one."""
-        if self._newest is None or self._newest.opened == self._newest.rows:
+        while self._newest is None or self._newest.opened == self._newest.waiting.size:
             if not self._waiting:
                 return None
-            self._newest = Block(self.work, self._waiting.pop())
-            self.open[self._newest.number] = self._newest
+            number = self._waiting.pop()
+            self._newest = Block(self.work, number, self._restored.pop(number, None))
+            self.open[number] = self._newest
+            if self._newest.missing == 0:  # the run was killed between its last row and its part
+                self.complete.append(number)
         return self._newest
 
-    def collect(self, given: Given) -> list[int]:
-        """Take what a chunk gave; the numbers of the blocks that it completed."""
+    def collect(self, given: Given) -> None:
+        """Take what a chunk gave."""
         record, _, t, attempts = given
         busy = self.block_of >= 0
         running = busy & (record.status == Status.running)
         ended = busy & ~running
-        complete = []
         for number in np.unique(self.block_of[busy & (ended | (record.filled > 0))]):
             block, mine = self.open[number], self.block_of == number
             block.keep(self.row_of, given, np.flatnonzero(mine & (record.filled > 0)))
             block.end(self.row_of, given, np.flatnonzero(mine & ended))
             if block.missing == 0:
-                complete.append(int(number))
+                self.complete.append(int(number))
         self.done += int(np.count_nonzero(ended))
         self.attempts += int(attempts[ended].sum())
         self.cycles += int(record.cycles[ended].sum())
@@ -132,11 +157,29 @@ class Pool:
             of_ended = self.attempts / self.done if self.done else 0.0
             of_running = float(np.mean(attempts[running])) if running.any() else 0.0
             self.pace.choose(max(of_ended, of_running), int(record.filled.max(initial=0)))
-        return complete
+        else:
+            self.pace.limit()
 
-    def close(self, number: int) -> Block:
-        return self.open.pop(number)
+    def close(self, number: int) -> None:
+        """Forget a block that is complete and written."""
+        self.complete.remove(number)
+        del self.open[number]
+
+    @property
+    def unstored(self) -> bool:
+        """Whether an open block has rows that have ended and are not on disk."""
+        return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
+
+    def ended(self) -> list[EndedRows]:
+        """The rows of open blocks that have ended and are not on disk, by block."""
+        found = [block.unstored() for block in self.open.values()]
+        return [rows for rows in found if len(rows["row"])]
+
+    def mark_stored(self, ended: Sequence[EndedRows]) -> None:
+        """Take it that what `ended` gave is on disk."""
+        for rows in ended:
+            self.open[int(rows["row"][0]) // self.work.block].mark_stored(rows["row"])
 
     def progress(self, seconds: float) -> Progress:
-        share = (self.done + self._running_share) / self.total
+        share = (self.done + self._running_share) / self.total if self.total else 1.0
         return Progress(self.done, self.total, share, self.attempts + self._running_attempts, seconds)

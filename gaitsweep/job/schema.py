@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import math
@@ -14,6 +15,7 @@ from pydantic import (
     ModelWrapValidatorHandler,
     PlainValidator,
     PrivateAttr,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     model_validator,
@@ -21,7 +23,7 @@ from pydantic import (
 
 from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
-from gaitsweep.job.complaints import Owner
+from gaitsweep.job.complaints import Complaint, JobError, Owner, from_pydantic
 from gaitsweep.job.figure_kinds import FIGURES, Figure
 from gaitsweep.job.numbers import Stem, Text, VerifyCount
 from gaitsweep.job.plan import Plan
@@ -219,6 +221,32 @@ _OWNERS = {
     # a figure's kind may be a run's too (return_map), hence the prefix
     **{f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()},
 }
+
+
+class _Figures(Part):
+    """The figures of a job, without the rest of it."""
+
+    figures: list[Figure]
+
+
+def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
+    """Read the figures that a table's job asks for, as plain values, without its model and its other fields.
+
+    Raises:
+        JobError: what is wrong with them, a sentence each, which names the file.
+    """
+    try:
+        read = _Figures.model_validate({"figures": value})
+    except ValidationError as error:
+        wrong = from_pydantic(error, {**_OWNERS, "": Owner("a job", _Figures)}, "")
+        raise JobError([dataclasses.replace(complaint, file=file) for complaint in wrong]) from None
+    plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
+    stems = [figure.get("name") or figure["kind"] for figure in plain]
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice is not None:
+        text = f"has two figures named {twice}: give each a name of its own."
+        raise JobError([Complaint(("figures",), text, file=file)])
+    return plain
 
 
 def schema() -> dict[str, Any]:

@@ -1,13 +1,35 @@
 """Result directories: a table in parts that survive any interruption, and what made it.
 
 A directory holds `job.yaml` (resolved), `manifest.json`, `table/part-00000.parquet` and so on (one part a
-block of rows), `figures/` and perhaps `report.html`. A part that exists is complete.
+block of rows), `SHA256SUMS` (the digest of each part), `figures/` and perhaps `report.html`. A part that
+exists is complete; while a run is under way, finished rows of other blocks stand in
+`table/open-00001.parquet` and so on.
 """
 
 from __future__ import annotations
 
 from gaitsweep.table.directory import ResultDirectory
-from gaitsweep.table.files import TableError, WriteError, reason, replace_file
-from gaitsweep.table.reading import Snapshot, load
+from gaitsweep.table.files import (
+    TableError,
+    WriteError,
+    not_written,
+    own_folder,
+    read_file,
+    reason,
+    replace_file,
+)
+from gaitsweep.table.reading import Snapshot, load, load_with_snapshot
 
-__all__ = ["ResultDirectory", "Snapshot", "TableError", "WriteError", "load", "reason", "replace_file"]
+__all__ = [
+    "ResultDirectory",
+    "Snapshot",
+    "TableError",
+    "WriteError",
+    "load",
+    "load_with_snapshot",
+    "not_written",
+    "own_folder",
+    "read_file",
+    "reason",
+    "replace_file",
+]

@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import yaml
 
-from gaitsweep.table.files import Lock, TableError, WriteError, reason, remove_partials, replace_file
-from gaitsweep.table.manifest import FIGURES, JOB, MANIFEST, TABLE, claim, new_manifest
-from gaitsweep.table.parts import (
-    DamagedPart,
-    Footer,
-    check_frame,
-    count_statuses,
-    part_name,
-    part_numbers,
-    read_footer,
-    write_part,
+from gaitsweep.table.digests import DIGESTS, add_digest, digest_of, read_digests, write_digests
+from gaitsweep.table.examination import FOREIGN, Examination, Fault
+from gaitsweep.table.files import (
+    Lock,
+    TableError,
+    WriteError,
+    not_written,
+    own_folder,
+    read_file,
+    reason,
+    remove_partials,
+    replace_file,
 )
+from gaitsweep.table.manifest import (
+    FIGURES,
+    JOB,
+    MANIFEST,
+    TABLE,
+    DamagedManifest,
+    claim,
+    new_manifest,
+    sealed,
+)
+from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes, open_name
+from gaitsweep.table.parts import Footer, check_frame, count_statuses, part_bytes, part_name
 from gaitsweep.table.reading import add_counts
 
 _FIXED = ("format", "job_hash", "rows", "block")
@@ -42,6 +57,11 @@ class ResultDirectory:
         self.notes: list[str] = []
         self._lock = lock
         self._footers: dict[int, Footer] = {}
+        self._digests: dict[str, str] = {}
+        # files of finished rows whose block is open, and the blocks that still need them
+        self._open_files: dict[Path, set[int]] = {}
+        self._restored: dict[int, Rows] = {}
+        self._last_open = 0
 
     @classmethod
     def open(
@@ -62,7 +82,7 @@ class ResultDirectory:
             WriteError: it cannot be made or written.
         """
         path = Path(path)
-        claim(path, job_hash, n_rows, block)
+        _claimed(path, job_hash, n_rows, block)
         try:
             path.mkdir(parents=True, exist_ok=True)
             lock = Lock(path)
@@ -72,17 +92,22 @@ class ResultDirectory:
             raise kind(f"The result directory {path} cannot be made: {reason(error)}.") from error
         try:
             # Looked at again, since another run may have made it between the first look and the lock.
-            manifest = claim(path, job_hash, n_rows, block)
-            directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block))
+            damaged = _claimed(path, job_hash, n_rows, block)
+            manifest = damaged if isinstance(damaged, dict) else None
+            directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block, job))
+            if isinstance(damaged, DamagedManifest):
+                directory.notes.append(f"{damaged} It is made anew, since the table's parts are this job's.")
             if not lock.exclusive:
                 directory.notes.append(
                     f"The file system of {path} has no locks: do not run this job twice at once."
                 )
             directory._prepare(job, new=manifest is None)
-            directory._examine_parts()
+            directory._examine()
         except OSError as error:
             lock.release()
-            raise WriteError(f"The result directory {path} cannot be written: {reason(error)}.") from error
+            raise not_written(
+                f"The result directory {path} cannot be written: {reason(error)}.", error
+            ) from error
         except BaseException:
             lock.release()
             raise
@@ -91,34 +116,83 @@ class ResultDirectory:
     def _prepare(self, job: Mapping[str, Any], new: bool) -> None:
         for folder in (self.path, self.path / TABLE, self.path / FIGURES):
             remove_partials(folder)
-        if new:  # first of all, since a directory without one is foreign
+        plain = json.loads(json.dumps(dict(job), default=_plain))
+        if new or self.manifest.get("job") != plain:  # first of all, since a directory without one is foreign
+            self.manifest["job"] = plain
             self._write_manifest()
-        (self.path / TABLE).mkdir(exist_ok=True)
-        text = yaml.dump(dict(job), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
-        job_file = self.path / JOB
-        if not job_file.is_file() or job_file.read_text(encoding="utf-8") != text:
-            replace_file(job_file, lambda file: file.write(text.encode()))
+        own_folder(self.path / TABLE)
+        text = yaml.dump(dict(job), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100).encode()
+        digest, job_file = digest_of(text), self.path / JOB
+        try:
+            stands = read_file(job_file) == text
+        except FileNotFoundError:
+            stands = False
+        except OSError as error:
+            raise TableError(f"{job_file} cannot be read: {reason(error)}. Move it away.") from error
+        if not stands or read_digests(self.path).get(JOB) != digest:
+            add_digest(self.path, JOB, digest)
+            replace_file(job_file, lambda file: file.write(text))
 
-    def _examine_parts(self) -> None:
-        for number in part_numbers(self.path / TABLE):
-            file = self.path / TABLE / part_name(number)
+    def _examine(self) -> None:
+        """Find out what stands, and clear away what is damaged."""
+        examined = Examination(self.path, self.manifest)
+        for _ in examined.parts():
+            pass
+        if examined.strangers:
+            raise TableError(examined.strangers[0].sentence)
+        for fault in examined.faults.values():
+            if fault.foreign and not fault.digest_known:
+                # no part of ours ever stood there: somebody put it into the wrong place
+                raise TableError(f"{fault.sentence[:-1]}: move it out of this directory, and run again.")
+            self._clear(fault)
+        self._footers = examined.footers
+        self._digests = examined.digests
+        if examined.without_digest:
+            self.notes.append(
+                f"{len(examined.without_digest)} parts of {self.path} are of an older version and carry no "
+                "digests: not every damage of them is found."
+            )
+        stored: dict[int, list[Rows]] = {}
+        self._last_open = examined.last_open
+        for file, rows in examined.open_rows():
+            blocks = rows["row"] // self.manifest["block"]
+            missing = [int(number) for number in np.unique(blocks) if int(number) not in self._footers]
+            for number in missing:
+                stored.setdefault(number, []).append(chosen(rows, np.flatnonzero(blocks == number)))
+            if missing:
+                self._open_files[file] = set(missing)
+            else:  # the run was killed after it had written their parts
+                file.unlink(missing_ok=True)
+        for fault in examined.open_faults:
+            self._clear(fault)
+        self._restored = {number: joined(parts) for number, parts in stored.items()}
+
+    def _clear(self, fault: Fault) -> None:
+        """Take a file away that cannot be used; what is another job's is kept under another name."""
+        file = fault.file
+        if file.is_dir() and not file.is_symlink():
             try:
-                footer = read_footer(file)
-            except DamagedPart:
-                file.unlink()
-                self.notes.append(f"{file} was damaged: it is removed, and its rows are run again.")
-                continue
-            start, stop = self.rows_of(number)
-            if (
-                footer.job_hash != self.manifest["job_hash"]
-                or footer.part != number
-                or footer.rows != stop - start
-            ):
+                file.rmdir()
+            except OSError as error:
                 raise TableError(
-                    f"{file} belongs to another job (hash {footer.job_hash[:12]}, part {footer.part}): "
-                    "move it out of this directory, and run again."
-                )
-            self._footers[number] = footer
+                    f"{file} is a folder, where a file belongs: move it out of this directory."
+                ) from error
+            self.notes.append(f"{file} was a folder: it is removed, and its rows are run again.")
+        elif fault.foreign:
+            aside = file.with_name(file.name + FOREIGN)
+            number = 1
+            while aside.exists():
+                number += 1
+                aside = file.with_name(f"{file.name}.{number}{FOREIGN}")
+            file.rename(aside)
+            self.notes.append(
+                f"{fault.sentence} It is set aside as {aside.name}, and this table's rows are run again."
+            )
+        else:
+            file.unlink(missing_ok=True)
+            self.notes.append(
+                f"{file} was damaged: it is removed, and its rows are run again ({fault.what[:-1]})."
+            )
 
     @property
     def n_rows(self) -> int:
@@ -136,11 +210,9 @@ class ResultDirectory:
         return sum(footer.rows for footer in self._footers.values())
 
     @property
-    def figures(self) -> Path:
-        """The folder of the figures, which is made when it is asked for."""
-        folder = self.path / FIGURES
-        folder.mkdir(exist_ok=True)
-        return folder
+    def rows_open(self) -> int:
+        """How many rows stood finished in open blocks when the directory was opened."""
+        return sum(len(rows["row"]) for rows in self._restored.values())
 
     def rows_of(self, number: int) -> tuple[int, int]:
         """Give the first row of a block and the row after its last (equal past the table's end)."""
@@ -176,20 +248,57 @@ class ResultDirectory:
             raise ValueError(
                 f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
             )
-        footer: list[Footer] = []
-
-        def write(file: BinaryIO) -> None:
-            footer.append(write_part(file, frame, number, self.manifest["job_hash"], counts))
-
+        data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts)
         try:
-            replace_file(self.path / TABLE / part_name(number), write)
+            self._write(part_name(number), data)
         except OSError as error:
-            raise WriteError(
+            raise not_written(
                 f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}: "
                 f"{reason(error)}; {self.rows_done} of {self.n_rows} rows are safe there, "
-                "and the same command continues from them."
+                "and the same command continues from them.",
+                error,
             ) from error
-        self._footers[number] = footer[0]
+        self._footers[number] = footer
+        self._restored.pop(number, None)
+        for file, blocks in list(self._open_files.items()):
+            blocks.discard(number)
+            if not blocks:
+                del self._open_files[file]
+                with contextlib.suppress(OSError):  # the next run tries again
+                    file.unlink(missing_ok=True)
+
+    def restored(self, number: int) -> Rows | None:
+        """Give the rows of an open block that an earlier run finished, as `keep` was given them."""
+        return self._restored.get(number)
+
+    def keep(self, rows: Rows) -> None:
+        """Store finished rows of open blocks; they are safe when this returns, until their part has them.
+
+        Args:
+            rows: arrays by name: `row` (n,) int64, `kept` (n,), `samples` (sum of kept, width), others (n,).
+
+        Raises:
+            WriteError: the disk is full or the file cannot be written.
+        """
+        name = open_name(self._last_open + 1)
+        try:
+            self._write(name, open_bytes(rows, self.manifest["job_hash"]))
+        except OSError as error:
+            raise not_written(
+                f"{len(rows['row'])} finished rows could not be stored in {self.path / TABLE / name}: "
+                f"{reason(error)}.",
+                error,
+            ) from error
+        self._last_open += 1
+        blocks = {int(number) for number in np.unique(rows["row"] // self.manifest["block"])}
+        self._open_files[self.path / TABLE / name] = blocks
+
+    def _write(self, name: str, data: bytes) -> None:
+        """Write a file of the table, its digest before it."""
+        digest = digest_of(data)
+        add_digest(self.path, f"{TABLE}/{name}", digest)
+        replace_file(self.path / TABLE / name, lambda file: file.write(data))
+        self._digests[f"{TABLE}/{name}"] = digest
 
     def update_manifest(self, **fields: Any) -> None:
         """Set fields of `manifest.json` (JSON values; None removes one), which is replaced as a whole.
@@ -207,10 +316,32 @@ class ResultDirectory:
             self._write_manifest()
         except OSError as error:
             self.manifest = old
-            raise WriteError(f"{self.path / MANIFEST} could not be written: {reason(error)}.") from error
+            raise not_written(
+                f"{self.path / MANIFEST} could not be written: {reason(error)}.", error
+            ) from error
+
+    def tidy_digests(self) -> None:
+        """Leave in `SHA256SUMS` the files that stand, a line each.
+
+        Raises:
+            WriteError: it cannot be written; the old one stands.
+        """
+        names = {JOB, *(f"{TABLE}/{part_name(number)}" for number in self._footers)}
+        names |= {f"{TABLE}/{file.name}" for file in self._open_files}
+        known = read_digests(self.path)
+        try:
+            write_digests(self.path, {name: known[name] for name in names if name in known})
+        except OSError as error:
+            raise not_written(
+                f"{self.path / DIGESTS} could not be written: {reason(error)}.", error
+            ) from error
 
     def _write_manifest(self) -> None:
-        text = json.dumps(self.manifest, indent=2, ensure_ascii=False, default=_plain) + "\n"
+        plain = json.loads(json.dumps(self.manifest, default=_plain))
+        if plain["format"] > 1:
+            plain = sealed(plain)
+        self.manifest = plain
+        text = json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
         replace_file(self.path / MANIFEST, lambda file: file.write(text.encode()))
 
     def close(self) -> None:
@@ -224,6 +355,22 @@ class ResultDirectory:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
+    """The manifest as `claim` gives it; or its damage, where the table's parts tell that they are this job's.
+
+    Raises:
+        TableError: the directory is not for this job.
+    """
+    try:
+        return claim(path, job_hash, n_rows, block)
+    except DamagedManifest as error:
+        assumed = new_manifest(job_hash, n_rows, block, {})
+        examined = Examination(path, assumed)
+        if not any(True for _ in examined.parts()) and not any(True for _ in examined.open_rows()):
+            raise
+        return error
 
 
 class _Dumper(yaml.SafeDumper):

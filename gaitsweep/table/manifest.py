@@ -3,52 +3,141 @@
 from __future__ import annotations
 
 import datetime
+import hashlib
 import json
+import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gaitsweep.table.files import LOCK_NAME, TableError, is_partial, reason
+from gaitsweep.table.files import LOCK_NAME, TableError, is_partial, read_file, reason
 from gaitsweep.version import version
 
 MANIFEST = "manifest.json"
 JOB = "job.yaml"
 TABLE = "table"
 FIGURES = "figures"
-FORMAT = 1  # of the directory; a change that older code cannot read raises it
+FORMAT = 2  # of the directory; a change that older code cannot read raises it
+FORMATS = (1, FORMAT)  # that are read; those of format 1 have no digests
+SEAL = "sha256"  # of all other fields
+_LARGEST = 256 * 2**20  # bytes
+
+
+class DamagedManifest(TableError):
+    """A manifest that is not as gaitsweep wrote it."""
+
+
+def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Give a manifest of JSON values with the digest of its fields, which tells an edited one."""
+    fields = {name: value for name, value in manifest.items() if name != SEAL}
+    text = json.dumps(fields, sort_keys=True, separators=(",", ":"))
+    return {**fields, SEAL: hashlib.sha256(text.encode()).hexdigest()}
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read a directory's manifest.
 
     Raises:
-        TableError: there is none, it is no JSON, or this version of gaitsweep does not know its format.
+        DamagedManifest: it is no JSON, or was changed after it was written.
+        TableError: there is none, or this version of gaitsweep does not know its format.
     """
+    file = path / MANIFEST
     try:
-        manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        text = read_file(file, _LARGEST).decode()
     except (FileNotFoundError, NotADirectoryError):
         what = "is not a directory" if path.exists() and not path.is_dir() else f"has no {MANIFEST}"
         what = what if path.exists() else "does not exist"
         raise TableError(f"{path} is no result directory of gaitsweep: it {what}.") from None
     except OSError as error:
-        raise TableError(f"{path / MANIFEST} cannot be read: {reason(error)}.") from error
+        raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except ValueError as error:
+        raise DamagedManifest(f"{file} is no text any more ({error}): {_again(path)}") from error
+    try:
+        manifest = json.loads(text)
+        json.dumps(manifest, ensure_ascii=False).encode()  # half a surrogate could not be printed
+    except (ValueError, RecursionError) as error:
+        raise DamagedManifest(f"{file} is no JSON any more ({error}): {_again(path)}") from error
+    needed = ("format", "job_hash", "rows", "block")
+    if not isinstance(manifest, dict) or not all(name in manifest for name in needed):
+        raise DamagedManifest(f"{file} is no manifest of gaitsweep: it lacks one of {', '.join(needed)}.")
+    if manifest["format"] in FORMATS:  # a later one may have other fields
+        _check_fields(file, manifest)
+    if manifest["format"] not in FORMATS or isinstance(manifest["format"], bool):
         raise TableError(
-            f"{path / MANIFEST} is no JSON any more ({error}): remove {path} and run the job again."
-        ) from error
-    needed = {"format": int, "job_hash": str, "rows": int, "block": int}
-    if not isinstance(manifest, dict) or not all(isinstance(manifest.get(k), t) for k, t in needed.items()):
-        raise TableError(
-            f"{path / MANIFEST} is no manifest of gaitsweep: it lacks one of {', '.join(needed)}."
+            f"{path} was written in format {_short(manifest['format'])}, and this version of gaitsweep reads "
+            f"formats up to {FORMAT}: use the version that its manifest names."
         )
-    if manifest["format"] != FORMAT:
-        raise TableError(
-            f"{path} was written in format {manifest['format']}, and this version of gaitsweep reads "
-            f"format {FORMAT}: use the version that its manifest names."
-        )
+    if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
+        raise DamagedManifest(f"{file} was changed after gaitsweep wrote it: {_again(path)}")
     return manifest
 
 
-def new_manifest(job_hash: str, n_rows: int, block: int) -> dict[str, Any]:
+def _again(path: Path) -> str:
+    return f"run the job of {path} again, which makes it anew where the parts of the table are its own."
+
+
+def _short(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 40 else f"{text[:40]}..."
+
+
+def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
+    for name, (fits, allowed) in _FIELDS.items():
+        if name in manifest and not fits(manifest[name]):
+            raise DamagedManifest(
+                f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but is {allowed}: "
+                f"{_again(file.parent)}"
+            )
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 2**63
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _by_name(fits: Callable[[Any], bool]) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, dict) and all(map(fits, value.values()))
+
+
+def _is_quantity(value: object) -> bool:
+    if not isinstance(value, dict) or not isinstance(value.get("circular", False), bool):
+        return False
+    return all(isinstance(value.get(name, ""), str) for name in ("unit", "meaning", "symbol"))
+
+
+def is_job(value: object) -> bool:
+    """Tell whether plain values could be a job, as far as a table's reader goes into it."""
+    if not isinstance(value, dict):
+        return False
+    mappings = ("structure", "params", "start", "vary", "run", "numerics", "engine")
+    if not all(isinstance(value.get(name, {}), dict) for name in mappings):
+        return False
+    figures = value.get("figures", [])
+    if not isinstance(figures, list) or not all(isinstance(figure, dict) for figure in figures):
+        return False
+    return all(isinstance(value.get(name, ""), str) for name in ("name", "model"))
+
+
+_COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
+# the fields that something reads, what they are, and that in words
+_FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
+    "job_hash": (lambda value: isinstance(value, str), "text"),
+    "rows": (_is_count, "a number of rows"),
+    "block": (_is_count, "a number of rows"),
+    "job": (is_job, "the resolved job"),
+    "quantities": (_by_name(_is_quantity), "unit, meaning and symbol by name"),
+    "timings": (_by_name(_is_number), "seconds and attempts by name"),
+    "counts": (_COUNTS, "numbers of rows by status"),
+    "gaits": (_COUNTS, "numbers of rows by gait"),
+    "figures_drawn": (_by_name(lambda value: isinstance(value, str)), "digests by name"),
+    "complete": (lambda value: isinstance(value, bool), "true or false"),
+}
+
+
+def new_manifest(job_hash: str, n_rows: int, block: int, job: Mapping[str, Any]) -> dict[str, Any]:
     """Make the manifest that a new directory starts with."""
     if n_rows < 1 or block < 1:
         raise ValueError(f"A table has at least one row and one row a part, not {n_rows} and {block}.")
@@ -60,6 +149,7 @@ def new_manifest(job_hash: str, n_rows: int, block: int) -> dict[str, Any]:
         "block": block,
         "gaitsweep": version(),
         "created": created,
+        "job": dict(job),
     }
 
 
@@ -70,6 +160,7 @@ def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] 
         The manifest of this job's directory, or None where nothing stands yet.
 
     Raises:
+        DamagedManifest: nothing can be said by its manifest.
         TableError: the directory is another job's, or not gaitsweep's.
     """
     try:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 _KEY = b"gaitsweep"
-_NAME = re.compile(r"part-(\d{5,})\.parquet")
+_NAME = re.compile(r"part-([0-9]{5,18})\.parquet")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Footer:
 
 
 class DamagedPart(Exception):
-    """A part's file is cut short or is no parquet file."""
+    """A part's bytes are not those that were written; the message says what tells so."""
 
 
 def part_name(number: int) -> str:
@@ -42,12 +42,18 @@ def part_name(number: int) -> str:
     return f"part-{number:05d}.parquet"
 
 
+def part_number(name: str) -> int | None:
+    """Give the block of a file's name, None for a name that is no part's."""
+    match = _NAME.fullmatch(name)
+    return int(match[1]) if match and part_name(int(match[1])) == name else None
+
+
 def part_numbers(folder: Path) -> list[int]:
     """List the blocks whose part stands in a folder, in order."""
     if not folder.is_dir():
         return []
-    found = (_NAME.fullmatch(path.name) for path in folder.iterdir())
-    return sorted(int(match[1]) for match in found if match)
+    found = (part_number(path.name) for path in folder.iterdir())
+    return sorted(number for number in found if number is not None)
 
 
 def count_statuses(frame: pd.DataFrame) -> dict[str, int]:
@@ -76,16 +82,13 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
         raise ValueError(f"The rows of a part stand in order, from {start} to {stop - 1}.")
 
 
-def write_part(
-    file: BinaryIO, frame: pd.DataFrame, number: int, job_hash: str, counts: Mapping[str, int]
-) -> Footer:
-    """Write a block's records as parquet, its `Footer` in the file's metadata.
+def part_bytes(
+    frame: pd.DataFrame, number: int, job_hash: str, counts: Mapping[str, int]
+) -> tuple[bytes, Footer]:
+    """Encode a block's records as parquet with a checksum for each page, its `Footer` in the metadata.
 
     Categories are stored as text, which parquet encodes by a dictionary of its own; their order is kept in
     the footer. So any other reader of parquet sees plain text.
-
-    Returns:
-        The footer.
     """
     plain = frame.copy(deep=False)
     categories: dict[str, list[str]] = {}
@@ -104,38 +107,80 @@ def write_part(
         fields.append(pa.field(column, arrays[-1].type))
     footer = Footer(number, job_hash, dict(counts), categories)
     metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
+    file = io.BytesIO()
     pq.write_table(
         pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata)),
         file,
         compression="zstd",
         use_dictionary=list(categories),  # pyright: ignore[reportArgumentType] (its stub says bool only)
+        write_page_checksum=True,
     )
-    return footer
+    return file.getvalue(), footer
 
 
-def read_footer(path: Path) -> Footer:
+def read_footer(data: bytes) -> Footer:
     """Read what a part says of itself, without its records.
 
     Raises:
-        DamagedPart: the file is cut short, is no parquet file, or none of ours.
-        OSError: the file cannot be read.
+        DamagedPart: these bytes are cut short, are no parquet file, or none of ours.
     """
     try:
-        metadata = pq.read_metadata(path).metadata or {}
-        return Footer(**json.loads(metadata[_KEY]))
-    except FileNotFoundError:
-        raise
-    except (pa.ArrowInvalid, pa.ArrowException, KeyError, ValueError, TypeError, EOFError) as error:
-        raise DamagedPart(str(error)) from error
+        metadata = pq.read_metadata(pa.BufferReader(data)).metadata or {}
+        footer = Footer(**json.loads(metadata[_KEY]))
+        sound = (
+            type(footer.part) is int
+            and isinstance(footer.job_hash, str)
+            and all(type(n) is int and n > 0 for n in footer.counts.values())
+            and all(isinstance(name, str) for names in footer.categories.values() for name in names)
+        )
+    except UNREADABLE as error:
+        raise DamagedPart(f"it cannot be read as parquet ({on_one_line(error)})") from error
+    if not sound:
+        raise DamagedPart("its footer is none of gaitsweep's")
+    return footer
 
 
-def read_records(path: Path, categories: Mapping[str, list[str]]) -> pa.Table:
+def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table:
     """Read a part's records, its categorical columns dictionary-encoded.
 
+    Args:
+        data: the part's bytes.
+        footer: what `read_footer` gave for them.
+        start, stop: the first row of its block, and the row after its last.
+
     Raises:
-        DamagedPart: the records cannot be decoded.
+        DamagedPart: the records cannot be decoded, or are not those of these rows.
     """
     try:
-        return pq.ParquetFile(path, read_dictionary=list(categories)).read().replace_schema_metadata(None)
-    except pa.ArrowException as error:
-        raise DamagedPart(str(error)) from error
+        file = pq.ParquetFile(
+            pa.BufferReader(data), read_dictionary=list(footer.categories), page_checksum_verification=True
+        )
+        table = file.read().replace_schema_metadata(None)
+        rows = table.column("row").to_numpy()
+    except UNREADABLE as error:
+        raise DamagedPart(f"its records cannot be read ({on_one_line(error)})") from error
+    each = rows[np.flatnonzero(np.diff(rows, prepend=start - 1))] if rows.size else rows
+    if not np.array_equal(each, np.arange(start, stop)):
+        raise DamagedPart(f"its rows are not {start} to {stop - 1}, each of them in its place")
+    return table
+
+
+# what parquet's reader and a footer's JSON raise where bytes are not as they were written
+UNREADABLE = (
+    pa.ArrowException,
+    OSError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    OverflowError,
+    RecursionError,
+    MemoryError,
+)
+
+
+def on_one_line(error: BaseException) -> str:
+    """Write what a library says of its trouble so that it fits into a sentence."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= 120 else f"{text[:120]}..."

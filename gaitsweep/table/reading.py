@@ -4,56 +4,64 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import yaml
 
-from gaitsweep.table.files import TableError
-from gaitsweep.table.manifest import FIGURES, JOB, TABLE, read_manifest
-from gaitsweep.table.parts import DamagedPart, Footer, part_name, part_numbers, read_footer, read_records
+from gaitsweep.table.digests import digest_of
+from gaitsweep.table.examination import Examination, Fault
+from gaitsweep.table.files import TableError, read_file, reason
+from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
+from gaitsweep.table.parts import Footer
+
+_LARGEST_JOB = 64 * 2**20  # bytes
+_DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited one
 
 
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
     """What a result directory held at one moment, read without its records; a run may be writing it.
 
-    `footers` are by block; `damaged` lists the blocks whose part cannot be read.
+    `job` is the one that was run, `written` what `job.yaml` says; it was edited where the two differ.
+    `footers` and `faults` (parts that are damaged or another table's) are by block, `strangers` have no
+    block. `rows_open`: finished rows of blocks that are not complete. `without_digest`: parts of an older
+    version, which carry none.
     """
 
     path: Path
     job: dict[str, Any]
     manifest: dict[str, Any]
     footers: dict[int, Footer]
-    damaged: tuple[int, ...]
+    faults: dict[int, Fault]
+    strangers: tuple[Fault, ...]
+    rows_open: int
+    open_faults: tuple[Fault, ...]
+    written: dict[str, Any]
+    without_digest: tuple[int, ...]
 
     @classmethod
     def of(cls, path: str | Path) -> Snapshot:
         """Look at a result directory.
 
         Raises:
-            TableError: it is none.
+            TableError: it is none, or its manifest or `job.yaml` cannot be read.
         """
-        path = Path(path)
-        manifest = read_manifest(path)
-        try:
-            job = yaml.safe_load((path / JOB).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            job = {}
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            raise TableError(f"{path / JOB} cannot be read: {' '.join(str(error).split())}.") from error
-        footers: dict[int, Footer] = {}
-        damaged: list[int] = []
-        for number in part_numbers(path / TABLE):
-            try:
-                footers[number] = read_footer(path / TABLE / part_name(number))
-            except FileNotFoundError:
-                continue
-            except DamagedPart:
-                damaged.append(number)
-        return cls(path, job if isinstance(job, dict) else {}, manifest, footers, tuple(damaged))
+        return _look(Path(path), None)
+
+    @property
+    def job_edited(self) -> bool:
+        """Whether `job.yaml` was changed after the run wrote it."""
+        return self.written is not self.job
+
+    @property
+    def damaged(self) -> tuple[int, ...]:
+        """The blocks whose part cannot be used."""
+        return tuple(sorted(self.faults))
 
     @property
     def counts(self) -> dict[str, int]:
@@ -66,6 +74,11 @@ class Snapshot:
         return sum(footer.rows for footer in self.footers.values())
 
     @property
+    def rows_safe(self) -> int:
+        """How many rows no later run has to run again, those of open blocks included."""
+        return self.rows_done + self.rows_open
+
+    @property
     def table_folder(self) -> Path:
         """Where the parts stand."""
         return self.path / TABLE
@@ -73,12 +86,30 @@ class Snapshot:
     @property
     def figures(self) -> list[Path]:
         """The figures that have been drawn, by name."""
-        return sorted((self.path / FIGURES).glob("*.png"))
+        return sorted(file for file in (self.path / FIGURES).glob("*.png") if file.is_file())
 
     @property
     def complete(self) -> bool:
         """Whether every row is there."""
         return self.rows_done == self.manifest["rows"]
+
+    def require_sound(self) -> None:
+        """Refuse a table of which a file is damaged or another table's.
+
+        Raises:
+            TableError: it names the files.
+        """
+        found = [*self.faults.values(), *self.strangers]
+        if found:
+            raise TableError(_refusal(found))
+
+
+def _refusal(found: list[Fault]) -> str:
+    more = ", ".join(fault.file.name for fault in found[1:6]) + (", ..." if len(found) > 6 else "")
+    others = f" So {'is' if len(found) == 2 else 'are'} {more}." if more else ""
+    if all(fault.file.suffix == ".parquet" and fault.foreign and not fault.digest_known for fault in found):
+        return f"{found[0].sentence}{others}"
+    return f"{found[0].sentence}{others} Run its job again, which makes that part anew."
 
 
 def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
@@ -89,11 +120,85 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
+def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
+    """Look at a directory, and read the records of its sound parts into `tables` where it is given."""
+    manifest = read_manifest(path)
+    examined = Examination(path, manifest)
+    job, written = _job_of(path, manifest, examined.digests.get(JOB))
+    for number, table in examined.parts(records=tables is not None):
+        if tables is not None and table is not None:
+            tables[number] = table
+    opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
+    done = np.array(sorted(examined.footers), np.int64)
+    waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
+    return Snapshot(
+        path=path,
+        job=job,
+        manifest=manifest,
+        footers=examined.footers,
+        faults=examined.faults,
+        strangers=tuple(examined.strangers),
+        rows_open=waiting.size,
+        open_faults=tuple(examined.open_faults),
+        written=written,
+        without_digest=tuple(examined.without_digest),
+    )
+
+
+def _job_of(
+    path: Path, manifest: dict[str, Any], digest: str | None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The job that was run, and what `job.yaml` says: the same object unless it was edited."""
+    file = path / JOB
+    known = manifest.get("job")
+    try:
+        data = read_file(file, _LARGEST_JOB)
+        if known is not None and digest == digest_of(data):
+            return known, known
+        written = _parsed(data.decode())
+    except FileNotFoundError:
+        job = known or {}
+        return job, job
+    except OSError as error:
+        raise TableError(f"{file} cannot be read: {reason(error)}.") from error
+    except (ValueError, TypeError, OverflowError, RecursionError, yaml.YAMLError) as error:
+        text = " ".join(str(error).split())[:200]
+        raise TableError(f"{file} cannot be read: {text}. {_written_anew(path)}") from error
+    if not is_job(written):
+        raise TableError(f"{file} is no job any more. {_written_anew(path)}")
+    return (written, written) if known is None else (known, written)
+
+
+def _parsed(text: str) -> Any:
+    """The plain values of YAML that somebody may have edited.
+
+    Raises:
+        ValueError, yaml.YAMLError, and what YAML's readings of values raise: it cannot be read.
+    """
+    depth = 0
+    for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
+        # PyYAML's time grows with the square of the depth, and its readings of values are recursive
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise ValueError("it is nested too deep")
+        if number > _MOST_EVENTS:
+            raise ValueError("it has too many values")
+    return yaml.safe_load(text)
+
+
+def _written_anew(path: Path) -> str:
+    return f"Run the job of {path} again, which writes it anew."
+
+
 def load(path: str | Path) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
 
-    `.attrs` holds `job` and `manifest` (dicts), `quantities` (unit, meaning and symbol by name), `path` and
-    `complete` (whether every row is there).
+    A table that is not complete is read with a warning: finished rows of blocks that are still open are left
+    out, until the run that goes on has completed their part.
+
+    `.attrs` holds `job` and `manifest` (dicts, as the run wrote them), `quantities` (unit, meaning and symbol
+    by name), `path`, `complete` (whether every row is there), `rows_missing` (how many are not) and
+    `rows_open` (how many of those have ended, and wait for their block).
 
     Args:
         path: the directory.
@@ -102,38 +207,78 @@ def load(path: str | Path) -> pd.DataFrame:
         One record a row, or a crossing or a sample; `status`, `gait` and other names are categories.
 
     Raises:
-        TableError: it is no result directory, has no finished part yet, or a part of it is damaged.
+        TableError: it is no result directory, has no finished part yet, or a file of it is damaged.
     """
-    snapshot = Snapshot.of(path)
-    if snapshot.damaged:
-        raise TableError(
-            f"{snapshot.table_folder / part_name(snapshot.damaged[0])} is damaged: "
-            "run its job again, which makes that part anew."
-        )
+    _, table = load_with_snapshot(path)
+    return table
+
+
+def load_with_snapshot(path: str | Path) -> tuple[Snapshot, pd.DataFrame]:
+    """Read the table of a result directory as `load` does, and what else the directory holds."""
+    tables: dict[int, pa.Table] = {}
+    snapshot = _look(Path(path), tables)
+    snapshot.require_sound()
+    waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
     if not snapshot.footers:
-        raise TableError(f"{snapshot.path} has no finished part yet: run its job until there is one.")
-    categories: dict[str, list[str]] = {}
-    for footer in snapshot.footers.values():
-        for column, names in footer.categories.items():
-            known = categories.setdefault(column, [])
-            known.extend(name for name in names if name not in known)
-    try:
-        tables = [
-            read_records(snapshot.table_folder / part_name(number), categories)
-            for number in sorted(snapshot.footers)
-        ]
-    except DamagedPart as error:
         raise TableError(
-            f"A part of {snapshot.path} is damaged ({error}): remove it and run the job again."
-        ) from error
-    frame = pa.concat_tables(tables, promote_options="permissive").unify_dictionaries().to_pandas()
-    for column, names in categories.items():
-        frame[column] = pd.Categorical(frame[column], categories=names)
+            f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
+        )
+    _warn(snapshot)
+    frame = _frame(snapshot, [tables[number] for number in sorted(tables)])
+    rows = snapshot.manifest["rows"]
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
         quantities=snapshot.manifest.get("quantities", {}),
         path=str(snapshot.path),
         complete=snapshot.complete,
+        rows_missing=rows - snapshot.rows_done,
+        rows_open=snapshot.rows_open,
     )
+    return snapshot, frame
+
+
+def _frame(snapshot: Snapshot, tables: list[pa.Table]) -> pd.DataFrame:
+    categories: dict[str, list[str]] = {}
+    for footer in snapshot.footers.values():
+        for column, names in footer.categories.items():
+            known = categories.setdefault(column, [])
+            known.extend(name for name in names if name not in known)
+    for i, table in enumerate(tables):
+        for column in categories:
+            place = table.schema.get_field_index(column)
+            if place >= 0 and not pa.types.is_dictionary(table.schema.field(place).type):
+                tables[i] = table = table.set_column(place, column, table.column(place).dictionary_encode())
+    try:
+        frame = pa.concat_tables(tables, promote_options="permissive").unify_dictionaries().to_pandas()
+    except pa.ArrowException as error:
+        raise TableError(
+            f"The parts of {snapshot.path} do not fit together ({' '.join(str(error).split())}): "
+            "they were written by different versions; run its job into another directory."
+        ) from error
+    for column, names in categories.items():
+        if column in frame:
+            frame[column] = pd.Categorical(frame[column], categories=names)
     return frame
+
+
+def _warn(snapshot: Snapshot) -> None:
+    if not snapshot.complete:
+        rows = snapshot.manifest["rows"]
+        waiting = f" ({snapshot.rows_open} of them have ended, in blocks that are open)"
+        warnings.warn(
+            f"{snapshot.path} is not complete: {rows - snapshot.rows_done} of {rows} rows are missing"
+            f"{waiting if snapshot.rows_open else ''}. Its job, run again, goes on.",
+            stacklevel=4,
+        )
+    if snapshot.job_edited:
+        warnings.warn(
+            f"{snapshot.path / JOB} was changed after the run: the manifest's job is the one that was run.",
+            stacklevel=4,
+        )
+    if snapshot.without_digest:
+        warnings.warn(
+            f"{snapshot.path} is of an older version, whose parts carry no digests: "
+            "not every damage of them is found.",
+            stacklevel=4,
+        )

@@ -1,0 +1,70 @@
+"""The digests of a directory's files, in `SHA256SUMS`, which `sha256sum -c` reads too.
+
+A line is appended and on disk before the file that it tells of gets its name: whatever a kill leaves, a file
+that stands has a line. Of several lines for a name the last one counts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from gaitsweep.table.files import TableError, read_file, reason, replace_file, sync_folder
+
+DIGESTS = "SHA256SUMS"
+_LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
+_LARGEST = 2**30  # bytes
+
+
+def digest_of(data: bytes) -> str:
+    """Give the sha256 of bytes, in hex."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def read_digests(folder: Path) -> dict[str, str]:
+    """Read the digests of a directory by the names of its files; lines that are none are left out.
+
+    Raises:
+        TableError: the file is there and cannot be read.
+    """
+    try:
+        text = read_file(folder / DIGESTS, _LARGEST).decode(errors="replace")
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise TableError(f"{folder / DIGESTS} cannot be read: {reason(error)}.") from error
+    found = (_LINE.fullmatch(line) for line in text.split("\n"))
+    return {match[2]: match[1] for match in found if match}
+
+
+def add_digest(folder: Path, name: str, digest: str) -> None:
+    """Append the digest of a file that is about to be written.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path = folder / DIGESTS
+    flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    new = not path.exists()
+    with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:
+        size = os.fstat(file.fileno()).st_size
+        # a machine that lost its power may have left half a line
+        torn = size > 0 and os.pread(file.fileno(), 1, size - 1) != b"\n"
+        line = f"{digest}  {name}\n".encode()
+        file.write(b"\n" + line if torn else line)
+        os.fsync(file.fileno())
+    if new:
+        sync_folder(folder)
+
+
+def write_digests(folder: Path, digests: Mapping[str, str]) -> None:
+    """Replace the file by these lines alone.
+
+    Raises:
+        OSError: it cannot be written; the old one stands.
+    """
+    text = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
+    replace_file(folder / DIGESTS, lambda file: file.write(text.encode()))

@@ -1,0 +1,165 @@
+"""What stands in a directory's table, compared with its manifest and its digests."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
+from gaitsweep.table.files import TableError, is_partial, read_file, reason
+from gaitsweep.table.manifest import TABLE
+from gaitsweep.table.open_rows import open_name, open_number, read_open
+from gaitsweep.table.parts import DamagedPart, Footer, part_name, part_number, read_footer, read_records
+
+FOREIGN = ".foreign"  # ends the name under which a part of another table is set aside
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """Why a file of a table is not used: `what` is a sentence's end; `foreign` says it is another table's."""
+
+    file: Path
+    what: str
+    foreign: bool = False
+    digest_known: bool = False
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.file} is {'no part of this table' if self.foreign else 'damaged'}: {self.what}"
+
+
+class Examination:
+    """The files of a table, each read once and held against the manifest.
+
+    After `parts` has been gone through: `footers` of the sound parts and `faults` of the others by block,
+    `strangers` that have no block; after `open_rows`, `open_faults` too. `digests` are those of the files;
+    `without_digest` lists the blocks whose part carries none, as those of older versions do.
+    """
+
+    def __init__(self, path: Path, manifest: Mapping[str, Any]) -> None:
+        """Look which files there are.
+
+        Raises:
+            TableError: the folder cannot be read.
+        """
+        self.path, self.folder = path, path / TABLE
+        self.rows, self.block = manifest["rows"], manifest["block"]
+        self.job_hash: str = manifest["job_hash"]
+        self._needs_digests = manifest["format"] > 1
+        self.footers: dict[int, Footer] = {}
+        self.faults: dict[int, Fault] = {}
+        self.strangers: list[Fault] = []
+        self.open_faults: list[Fault] = []
+        self.without_digest: list[int] = []
+        names: list[str] = []
+        try:
+            if self.folder.is_dir():
+                names = sorted(entry.name for entry in self.folder.iterdir() if not is_partial(entry))
+        except OSError as error:
+            raise TableError(f"{self.folder} cannot be read: {reason(error)}.") from error
+        # digests after names: the line of a file that stands is older than its name
+        self.digests = read_digests(path)
+        self._numbers: list[int] = []
+        self._open_numbers: list[int] = []
+        for name in names:
+            number, opened = part_number(name), open_number(name)
+            if number is not None and number * self.block < self.rows:
+                self._numbers.append(number)
+            elif opened is not None:
+                self._open_numbers.append(opened)
+            elif name.endswith(".parquet"):
+                what = "its name is none that this table's files have: move it out of this directory."
+                self.strangers.append(Fault(self.folder / name, what, foreign=True))
+
+    @property
+    def n_blocks(self) -> int:
+        """Parts of the whole table."""
+        return -(-self.rows // self.block)
+
+    def rows_of(self, number: int) -> tuple[int, int]:
+        """Give the first row of a block and the row after its last (equal past the table's end)."""
+        return min(number * self.block, self.rows), min((number + 1) * self.block, self.rows)
+
+    def parts(self, records: bool = False) -> Iterator[tuple[int, pa.Table | None]]:
+        """Go through the sound parts in order, with their records where they are asked for."""
+        for number in self._numbers:
+            file = self.folder / part_name(number)
+            name = f"{TABLE}/{file.name}"
+            digest = self.digests.get(name)
+            start, stop = self.rows_of(number)
+            try:
+                data = read_file(file)
+                footer, table = None, None
+                if digest is not None and digest_of(data) != digest:
+                    self._say_whose(data, number)
+                    raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
+                footer = read_footer(data)
+                if footer.job_hash != self.job_hash:
+                    raise _ForeignPart(
+                        f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})"
+                    )
+                if footer.part != number or footer.rows != stop - start:
+                    raise DamagedPart(
+                        f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
+                    )
+                if digest is None and self._needs_digests:
+                    raise DamagedPart(f"{DIGESTS} has no line for it")
+                if records or digest is None:
+                    table = read_records(data, footer, start, stop)
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                self.faults[number] = Fault(file, f"{reason(error)}.", digest_known=digest is not None)
+                continue
+            except _ForeignPart as error:
+                self.faults[number] = Fault(file, f"{error}.", True, digest is not None)
+                continue
+            except DamagedPart as error:
+                self.faults[number] = Fault(file, f"{error}.", digest_known=digest is not None)
+                continue
+            if digest is None:
+                self.without_digest.append(number)
+            self.footers[number] = footer
+            yield number, table
+
+    def _say_whose(self, data: bytes, number: int) -> None:
+        """Raise where a part with the wrong digest is whole, but another's."""
+        try:
+            footer = read_footer(data)
+        except DamagedPart:
+            return
+        if footer.job_hash != self.job_hash:
+            raise _ForeignPart(f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})")
+        if footer.part != number:
+            raise DamagedPart(f"it holds part {footer.part}, not {number}")
+
+    def open_rows(self) -> Iterator[tuple[Path, dict[str, np.ndarray]]]:
+        """Go through the files of finished rows whose blocks were not complete when they were stored."""
+        for number in self._open_numbers:
+            file = self.folder / open_name(number)
+            digest = self.digests.get(f"{TABLE}/{file.name}")
+            try:
+                data = read_file(file)
+                if digest is None or digest_of(data) != digest:
+                    raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
+                yield file, read_open(data, self.job_hash, self.rows)
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                self.open_faults.append(Fault(file, f"{reason(error)}."))
+            except DamagedPart as error:
+                self.open_faults.append(Fault(file, f"{error}."))
+
+    @property
+    def last_open(self) -> int:
+        """The highest number of those files."""
+        return max(self._open_numbers, default=0)
+
+
+class _ForeignPart(Exception):
+    """A sound part of another job."""

@@ -1,0 +1,119 @@
+"""Finished rows of blocks that are not complete: files of their own, until the blocks' parts take them up.
+
+`table/open-00003.parquet` is the third time that a run stored such rows. It holds them as the engine gave
+them, to the bit and without gaits, since these are read for a whole block at once.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from gaitsweep.table.parts import UNREADABLE, DamagedPart, on_one_line
+
+# By name (n,) or (n, k): `row`, the row's number in the table; `kept`, how many of the samples
+# (sum of kept, width) are its own; and what else is known of it.
+Rows = Mapping[str, np.ndarray]
+
+_KEY = b"gaitsweep open rows"
+_NAME = re.compile(r"open-([0-9]{5,18})\.parquet")
+
+
+def open_name(number: int) -> str:
+    """Name the file of the rows that were stored the n-th time."""
+    return f"open-{number:05d}.parquet"
+
+
+def open_number(name: str) -> int | None:
+    """Give the number of a file's name, None for a name that is none of these files'."""
+    match = _NAME.fullmatch(name)
+    return int(match[1]) if match and open_name(int(match[1])) == name else None
+
+
+def open_bytes(rows: Rows, job_hash: str) -> bytes:
+    """Encode rows as parquet with a checksum for each page."""
+    columns: dict[str, pa.Array] = {}
+    widths: dict[str, int] = {}
+    for name, values in rows.items():
+        if name == "samples":
+            widths[name] = values.shape[1]
+            ends = np.cumsum(rows["kept"]) * values.shape[1]
+            columns[name] = _lists(values, np.concatenate([[0], ends]))
+        elif values.ndim == 2:
+            widths[name] = values.shape[1]
+            columns[name] = _lists(values, np.arange(len(values) + 1) * values.shape[1])
+        else:
+            columns[name] = pa.array(values)
+    metadata = {_KEY: json.dumps({"job_hash": job_hash, "widths": widths}).encode()}
+    file = io.BytesIO()
+    table = pa.table(columns).replace_schema_metadata(metadata)
+    pq.write_table(table, file, compression="zstd", use_dictionary=False, write_page_checksum=True)
+    return file.getvalue()
+
+
+def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
+    flat = pa.array(np.ascontiguousarray(values).ravel())
+    return pa.LargeListArray.from_arrays(pa.array(ends.astype(np.int64)), flat)
+
+
+def read_open(data: bytes, job_hash: str, n_rows: int) -> dict[str, np.ndarray]:
+    """Read the rows of such a file.
+
+    Raises:
+        DamagedPart: they cannot be decoded, are another job's, or no rows of this table.
+    """
+    try:
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+        table = file.read()
+        said: dict[str, Any] = json.loads((table.schema.metadata or {})[_KEY])
+        rows: dict[str, np.ndarray] = {}
+        for name in table.column_names:
+            column = table.column(name).combine_chunks()
+            if name in said["widths"]:
+                width = int(said["widths"][name])
+                flat = column.flatten().to_numpy()
+                rows[name] = flat.reshape(flat.size // width if width else 0, width)
+            else:
+                rows[name] = column.to_numpy(zero_copy_only=False)
+        mine = rows["row"]
+        sound = (
+            mine.dtype == np.int64
+            and bool(np.all((mine >= 0) & (mine < n_rows)))
+            and int(rows["kept"].sum()) == len(rows["samples"])
+            and all(len(values) == mine.size for name, values in rows.items() if name != "samples")
+        )
+        its_hash = str(said["job_hash"])
+    except UNREADABLE as error:
+        raise DamagedPart(f"it cannot be read ({on_one_line(error)})") from error
+    if its_hash != job_hash:
+        raise DamagedPart(f"it is another job's (hash {its_hash[:12]})")
+    if not sound:
+        raise DamagedPart("its rows are none of this table's")
+    return rows
+
+
+def chosen(rows: Rows, which: np.ndarray) -> dict[str, np.ndarray]:
+    """Take some of the rows, `which` (m,) their places."""
+    first = np.cumsum(rows["kept"]) - rows["kept"]
+    counts = rows["kept"][which]
+    begins = np.repeat(first[which] - (np.cumsum(counts) - counts), counts)
+    samples = rows["samples"][begins + np.arange(counts.sum())]
+    return {name: samples if name == "samples" else values[which] for name, values in rows.items()}
+
+
+def joined(stored: Iterable[Rows]) -> dict[str, np.ndarray]:
+    """Put rows that were stored one after the other together, each of them once."""
+    parts = list(stored)
+    # samples of rows that kept none have no type to go by
+    samples = [part["samples"] for part in parts if len(part["samples"])] or [parts[0]["samples"]]
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name != "samples"}
+    whole["samples"] = np.concatenate(samples)
+    _, which = np.unique(whole["row"], return_index=True)
+    return chosen(whole, which)
