@@ -127,6 +127,18 @@ def test_endless_events_stall_one_row_only() -> None:
     assert [Status(code).name for code in result.status] == ["settled", "event_stall", "settled"]
 
 
+@pytest.mark.parametrize("crossings", [1, 3, 5, 40])
+def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
+    """A row whose section is crossed again and again at one instant has not recorded what was asked."""
+    reset = np.array([-1.0, 2.5])
+    recorder = Crossings(Neuron(), crossings=crossings)
+    result = run_rows(Neuron(), recorder, {"v_0": np.zeros(2)}, params={"reset": reset})
+    stalls = crossings > 1  # the first crossing is sound, whatever comes after it
+    ends = ["complete", "event_stall" if stalls else "complete"]
+    assert [Status(code).name for code in result.status] == ends
+    assert result.cycles[0] == crossings
+
+
 def test_rows_that_fail_harm_no_other() -> None:
     """Falling, diverging and NaN end their own rows; the others are as in a run of their own, to the bit."""
     model = Toy()

@@ -12,6 +12,9 @@ from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
 from gaitsweep.engine.record import BUFFER, SPARE_CYCLES, Record, Recorder, counted
 
+# Jumps at one instant after which a crossing is still an ordinary one.
+FEW_JUMPS = 2
+
 
 @dataclasses.dataclass(frozen=True)
 class Crossings(Recorder):
@@ -47,18 +50,21 @@ class Crossings(Recorder):
     def take(
         self, params: Params, carry: Carry, record: Record
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+        most = None if self.crossings is None else self.after_cycles + self.crossings
         crossed = (carry.halt == CROSSING) & (record.filled < BUFFER)
+        counts = crossed if most is None else crossed & (record.cycles < most)
         taken = dataclasses.replace(
             record,
-            cycles=jnp.where(crossed, record.cycles + 1, record.cycles),
-            last=jnp.where(crossed, self.observables(params, carry.state), record.last),
+            cycles=jnp.where(counts, record.cycles + 1, record.cycles),
+            last=jnp.where(counts, self.observables(params, carry.state), record.last),
         )
-        keep = crossed & (taken.cycles >= self.after_cycles)
+        keep = counts & (taken.cycles >= self.after_cycles)
         late = Status.complete if self.duration is not None else Status.time_limit
         status = jnp.where(carry.halt == TIME, late, Status.running)
-        if self.crossings is not None:
-            full = crossed & (taken.cycles >= self.after_cycles + self.crossings)
-            status = jnp.where(full, Status.complete, status)
+        if most is not None:
+            # crossings in a long chain of jumps may be those of a stall, which shows if time does not go on
+            told = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
+            status = jnp.where((taken.cycles >= most) & told, Status.complete, status)
         waits = (carry.halt == CROSSING) & ~crossed
         halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
         row = self._row(carry, taken)

@@ -243,7 +243,9 @@ def _from_spectrum(plan: Plan, numerics: Numerics, steps: RowSteps) -> np.ndarra
         values, starts = plan.values_in(steps.rows[[at]])
         one = {name: jnp.asarray(value[0]) for name, value in model.on_host(values).items()}
         params = model.params(one)
-        limit = float(model.period(params)) / FEWEST_STEPS
+        # a map may take one step a period
+        fewest = FEWEST_STEPS if isinstance(model, HybridModel) else 1.0
+        limit = float(model.period(params)) / fewest
         if isinstance(model, HybridModel) and model.linear and METHODS[numerics.method].limits:
             begun = {name: jnp.asarray(value[0]) for name, value in starts.items()}
             limit = min(limit, slowest_limit(model, params, model.init(params, begun), numerics.method))

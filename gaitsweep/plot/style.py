@@ -113,7 +113,7 @@ def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
 
 
 def _half_a_turn(axes: Axes, which: str) -> bool:
-    """Whether the data of an axis, and of those that share it, take half a turn or more; or there are none."""
+    """Whether the data of an axis and of those that share it take half a turn or more, or there are none."""
     shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
     spans = np.array([getattr(each.dataLim, f"interval{which}") for each in shared])
     spans = spans[np.isfinite(spans).all(axis=1)]
