@@ -15,7 +15,6 @@ from gaitsweep.job.runs import moved_by
 from gaitsweep.runner import _quantities
 
 RECORDS = 24  # of a row, where a run makes several
-FOUND = ("stable", "special", "end")
 
 
 def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
@@ -52,7 +51,7 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
             columns[name] = pd.Categorical.from_codes(codes.tolist(), categories=list(model.gaits))
         elif name in ("stable", "settled"):
             columns[name] = np.ones(len(rows), bool)
-        elif name in ("special", "end"):
+        elif name in ("special", "end", "slowest", "stalled_by"):
             columns[name] = pd.Categorical(np.full(len(rows), ""))
         else:
             columns[name] = _made_up(known.get(name), name, place, len(rows), random)

@@ -245,3 +245,14 @@ def test_refusals_and_units() -> None:
     with pytest.raises(AnalysisError, match="u_LF is not a column"):
         onsets_in(onsets, {"LF": "u_LF"})
     assert not is_circular(gait_of(onsets), "delta_1")  # cycles, not rad
+
+
+@pytest.mark.parametrize("swinging", [(), ("LF",), ("LF", "RF"), LEGS])
+def test_a_trace_too_short_for_a_cycle_has_no_gait(swinging: tuple[str, ...]) -> None:
+    t = 0.02 * np.arange(20)
+    signals = {leg: f"u_f_{leg}" for leg in LEGS}
+    columns = {name: np.where((t > 0.2) & (leg in swinging), 1.0, -1.0) for leg, name in signals.items()}
+    onsets = onsets_in(pd.DataFrame({"row": 0, "t": t, **columns}), signals)
+    found = gait_of(onsets, rows=[0])
+    assert found["gait"].tolist() == ["none"]
+    assert found["cycles"].tolist() == [0]

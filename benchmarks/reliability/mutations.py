@@ -31,7 +31,7 @@ from benchmarks.reliability.mutated_jobs import ROOT, Mutant, Workshop
 LATEST = 5.0  # s
 MOST_MEMORY = 1000.0  # MB
 HANGS = 60  # s after which a check is stopped, and counts as one that never answers
-RUN_HANGS = 300  # s, of a command that runs rows
+RUN_HANGS = 900  # s, of a command that runs rows
 SPARE = 6 * 2**30  # bytes of address space that a check may take more: a machine is not brought down
 
 
@@ -144,7 +144,7 @@ def _peak() -> float:
 
 
 def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
-    """Give damaged jobs to `gaitsweep check`, and of those that are good a fifth of all to a (dry) run."""
+    """Give damaged jobs to `gaitsweep check`, and of those that are good a tenth of all to a (dry) run."""
     from gaitsweep.job import load_job
     from gaitsweep.user_error import UserError
 
@@ -152,16 +152,16 @@ def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
     checks: list[tuple[str, Mutant, list[str]]] = []
     runs: list[tuple[str, Mutant, list[str]]] = []
     number = 10**6
-    while len(checks) < count - count // 5 or len(runs) < count // 5:
+    while len(checks) < count - count // 10 or len(runs) < count // 10:
         mutant = shop.make(number := number + 1)
         try:
             rows = load_job(mutant.path).plan.n_rows
         except UserError:
             rows = 0
-        if rows and len(runs) < count // 5:
+        if rows and len(runs) < count // 10:
             out = ["--out", str(folder / f"out_{number}")] if rows <= 100 and len(runs) % 2 else ["--dry-run"]
             runs.append((f"run {out[0]}", mutant, ["run", str(mutant.path), *out]))
-        elif len(checks) < count - count // 5:
+        elif len(checks) < count - count // 10:
             checks.append(("check", mutant, ["check", str(mutant.path)]))
     commands = [*checks, *runs]
     with ThreadPoolExecutor(max(os.cpu_count() or 1, 1)) as pool:

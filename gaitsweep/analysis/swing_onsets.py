@@ -207,7 +207,8 @@ def _shifts(cycles: pd.DataFrame, reference: str, count: int) -> dict[str, np.nd
 
 def _phases(mine: pd.DataFrame, others: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     """Rows of one leg's onsets that lie in cycles of another, and their phases there, in [0, 1)."""
-    begins = others.dropna().assign(begin=others["t"])
+    begins = others.dropna()
+    begins = begins.assign(begin=begins["t"])  # of `others`, an empty frame would take all its rows again
     pairs = pd.merge_asof(mine[["row", "t"]], begins, on="t", by="row")
     phase = ((pairs["t"] - pairs["begin"]) / pairs["lasts"]).to_numpy()
     inside = phase < 1.0

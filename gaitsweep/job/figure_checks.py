@@ -26,7 +26,7 @@ from gaitsweep.job.runs import Run, Settle, Trace
 
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 
-TEXT_COLUMNS = frozenset({"status", "gait", "special", "end"})
+TEXT_COLUMNS = frozenset({"status", "gait", "special", "end", "slowest", "stalled_by"})
 MEASURES = ("load_together", "load_late", "load_stance", "tilt_together", "tilt_late", "tilt_stance")
 _LEGS = ("LF", "RF", "LH", "RH")
 _ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
