@@ -160,3 +160,50 @@ def test_cells_that_were_not_simulated_are_counted_in_the_legend() -> None:
 def test_footprints_name_only_the_guides_that_are_drawn() -> None:
     words = [text.get_text() for text in plot.footprints(trace_table()).legends[0].get_texts()]
     assert words == ["swings pass backwards, as in a retrograde wave"]
+
+
+def branch(row: int, mass: float, low: float, high: float, gait: str = "trot") -> pd.DataFrame:
+    """A stable branch of eleven points over f, as a continuation leaves it."""
+    f = np.linspace(low, high, 11)
+    records = {"row": row, "mass": mass, "point": np.arange(11), "f": f, "delta_13": 2.0 + 0.1 * f}
+    return pd.DataFrame(records | {"stable": True, "special": "", "end": [""] * 10 + ["range"], "gait": gait})
+
+
+def followed(*branches: pd.DataFrame) -> pd.DataFrame:
+    table = pd.concat(branches, ignore_index=True)
+    table.attrs["job"] = {"run": {"parameter": "f"}}
+    return table
+
+
+def test_a_branch_is_not_joined_over_points_that_are_not_there() -> None:
+    table = followed(branch(0, 1.0, 0.0, 1.0))
+    lost = table["point"].between(4, 5)
+    for each in (table.loc[~lost], table.assign(delta_13=table["delta_13"].where(~lost))):
+        each.attrs = table.attrs
+        pieces = joined(plot.continuation(each, y="delta_13").axes[0])
+        assert len(pieces) == 3 + 4
+        assert max(x1 - x0 for x0, _, x1, _ in pieces) == pytest.approx(0.1)
+
+
+def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None:
+    """The trot is stable at masses of 1, 2, 4 and 5, the walk alone at 3: two areas, not one."""
+    rows = [
+        branch(k, mass, 0.0, 1.0, "walk" if mass == 3.0 else "trot")
+        for k, mass in enumerate([1.0, 2.0, 3.0, 4.0, 5.0])
+    ]
+    areas = plot.stable_ranges(followed(*rows), y="mass").axes[0].collections
+    heights = [sorted({round(float(y), 9) for y in path.vertices[:, 1]}) for path in areas[0].get_paths()]
+    assert heights == [[1.0, 2.0], [4.0, 5.0]]
+
+
+def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
+    from gaitsweep.plot.speed_gaits import _bands
+
+    part = pd.DataFrame(
+        {"gait": ["trot"] * 3, "speed": [0.1, 0.5, 0.9], "status": ["settled", "cycle_limit", "complete"]}
+    )
+    axes = Figure().subplots()
+    _bands(axes, part, "gait", ["trot"], "speed", 0.8)
+    faces = {tuple(np.asarray(line.get_xdata()).tolist()): line.get_markerfacecolor() for line in axes.lines}
+    assert faces[(0.5,)] == "white"
+    assert faces[(0.1, 0.9)] != "white"

@@ -186,7 +186,7 @@ def branches(
     spans = [
         np.ptp(table[name].dropna().to_numpy(float))
         for table, name in zip(tables, names, strict=True)
-        if bool(np.any(table[name].notna()))
+        if np.isfinite(table[name].to_numpy(float)).any()
     ]
     reach = _NEIGHBOURS if circular else _NEAR_ON_A_LINE * float(max(spans, default=np.inf))
     return points.assign(branch=_joined(points, parameter, tried, reach, circular))
