@@ -1,0 +1,142 @@
+"""Runs of random parameter sets compared, set by set, with an independent integrator."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .parameter_sets import Found, Subject, Values
+
+TOLERANCE = 1e-2  # rad, of any observable, in its scale
+MOST_LOST = 0.01  # of the sets where the independent integrator is sound
+
+# What may come out of a set. Sound: as the independent integrator has it, a fall included.
+SOUND, WRONG, LOST, SENSITIVE, UNKNOWN = "sound", "wrong", "lost", "sensitive", "unknown"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One set: its values, what both integrators say, how far apart they are (rad), and the outcome.
+
+    `unsure` is the distance of the independent integrator's two runs (rad).
+    """
+
+    values: Values
+    ours: Found
+    theirs: Found
+    unsure: float
+    apart: float
+    outcome: str
+
+
+def judged(subject: Subject, values: Values, ours: Found, theirs: Found, again: Found) -> Verdict:
+    """The outcome of one set; `again` is the independent integrator's second run."""
+    unsure = subject.distance(theirs, again, values)
+    apart = subject.distance(ours, theirs, values)
+    if theirs.status != again.status or unsure > TOLERANCE:
+        outcome = SENSITIVE
+    elif theirs.status == "failed":
+        outcome = UNKNOWN
+    elif ours.status != theirs.status:
+        # a fall that is none is a wrong answer, and so is a walk that is a fall
+        outcome = LOST if ours.status == "failed" else WRONG
+    else:
+        outcome = WRONG if apart > TOLERANCE else SOUND
+    return Verdict(values, ours, theirs, unsure, apart, outcome)
+
+
+def ours_of(
+    subject: Subject,
+    sets: list[Values],
+    crossings: int,
+    numerics: Mapping[str, Any] | None,
+    engine: str = "auto",
+) -> tuple[list[Found], Mapping[str, Any]]:
+    """What gaitsweep says of the sets, by a job with these `numerics` (None: left out), and its manifest."""
+    import gaitsweep as gs
+
+    fields: dict[str, Any] = {} if numerics is None else {"numerics": dict(numerics)}
+    job = gs.Job(
+        name="reliability",
+        model=subject.model,
+        structure=dict(subject.structure),
+        params={name: value for name, value in subject.fixed.items()},
+        vary={"zip": {name: {"values": [values[name] for values in sets]} for name in sets[0]}},
+        run={"kind": "return_map", "crossings": crossings},
+        engine={"name": engine},
+        **fields,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        result = gs.run(job, Path(folder) / "run")
+        table, manifest = result.table, result.manifest
+    names = {name: name if name == "t" else f"{name}_n" for name in subject.observables}
+    last = table[table["crossing"] == crossings].set_index("row")
+    statuses = table.groupby("row")["status"].last()
+    found = []
+    for row in range(len(sets)):
+        status = str(statuses[row])
+        if status == "complete":
+            found.append(
+                Found(status, {name: float(last.loc[row, column]) for name, column in names.items()})
+            )
+        else:
+            # every status but a fall says that the row was lost
+            found.append(Found("fell" if status == "fell" else "failed"))
+    return found, manifest
+
+
+def theirs_of(subject: Callable[[int], Subject], crossings: int, job: tuple[Values, bool]) -> Found:
+    """One run of the independent integrator, in a process of its own."""
+    values, nudge = job
+    return subject(crossings).reference(values, nudge)
+
+
+def compared(
+    subject_of: Callable[[int], Subject],
+    *,
+    sets: int,
+    seed: int,
+    crossings: int,
+    numerics: Mapping[str, Any] | None = None,
+    engine: str = "auto",
+    workers: int = 2,
+) -> tuple[list[Verdict], Mapping[str, Any]]:
+    """The verdicts on `sets` random sets, and the run's manifest."""
+    subject = subject_of(crossings)
+    drawn = subject.draw(np.random.default_rng(seed), sets)
+    work = [(values, nudge) for values in drawn for nudge in (False, True)]
+    run = partial(theirs_of, subject_of, crossings)
+    if workers > 1:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            results = list(pool.map(run, work, chunksize=2))
+    else:
+        results = [run(one) for one in work]
+    ours, manifest = ours_of(subject, drawn, crossings, numerics, engine)
+    verdicts = [
+        judged(subject, values, mine, results[2 * i], results[2 * i + 1])
+        for i, (values, mine) in enumerate(zip(drawn, ours, strict=True))
+    ]
+    return verdicts, manifest
+
+
+def counts(verdicts: list[Verdict]) -> dict[str, int]:
+    """How many sets came out in each way."""
+    return {
+        name: sum(verdict.outcome == name for verdict in verdicts)
+        for name in (SOUND, WRONG, LOST, SENSITIVE, UNKNOWN)
+    }
+
+
+def holds(verdicts: list[Verdict]) -> bool:
+    """The guarantee: no set silently wrong, at most 1 % lost of those where the other integrator is sound."""
+    found = counts(verdicts)
+    judged_sets = found[SOUND] + found[WRONG] + found[LOST]
+    return found[WRONG] == 0 and found[LOST] <= MOST_LOST * judged_sets
