@@ -13,6 +13,10 @@ from typing import Any
 
 import numpy as np
 
+import gaitsweep as gs
+from gaitsweep.job import Job
+from gaitsweep.job.steps import row_steps
+
 from .parameter_sets import Found, Subject, Values
 
 TOLERANCE = 1e-2  # rad, of any observable, in its scale
@@ -53,44 +57,50 @@ def judged(subject: Subject, values: Values, ours: Found, theirs: Found, again: 
     return Verdict(values, ours, theirs, unsure, apart, outcome)
 
 
-def ours_of(
+def job_of(
     subject: Subject,
     sets: list[Values],
     crossings: int,
-    numerics: Mapping[str, Any] | None,
+    numerics: Mapping[str, Any] | None = None,
     engine: str = "auto",
-) -> tuple[list[Found], Mapping[str, Any]]:
-    """What gaitsweep says of the sets, by a job with these `numerics` (None: left out), and its manifest."""
-    import gaitsweep as gs
-
+) -> Job:
+    """The job of the sets, a row each; without `numerics` it says nothing of them."""
     fields: dict[str, Any] = {} if numerics is None else {"numerics": dict(numerics)}
-    job = gs.Job(
+    return Job(
         name="reliability",
         model=subject.model,
         structure=dict(subject.structure),
-        params={name: value for name, value in subject.fixed.items()},
+        params=dict(subject.fixed),
         vary={"zip": {name: {"values": [values[name] for values in sets]} for name in sets[0]}},
         run={"kind": "return_map", "crossings": crossings},
         engine={"name": engine},
         **fields,
     )
+
+
+def steps_of(job: Job) -> np.ndarray:
+    """The longest step (s) of each row."""
+    steps = row_steps(job.plan, job.run, job.integration)
+    dt = np.empty(job.plan.n_rows)
+    dt[steps.rows] = steps.dt
+    return dt
+
+
+def ours_of(subject: Subject, job: Job, crossing: int) -> list[Found]:
+    """What gaitsweep says of each row of the job at a crossing."""
     with tempfile.TemporaryDirectory() as folder:
-        result = gs.run(job, Path(folder) / "run")
-        table, manifest = result.table, result.manifest
-    names = {name: name if name == "t" else f"{name}_n" for name in subject.observables}
-    last = table[table["crossing"] == crossings].set_index("row")
-    statuses = table.groupby("row")["status"].last()
+        table = gs.run(job, Path(folder) / "run").table
+    columns = {name: name if name == "t" else f"{name}_n" for name in subject.observables}
+    last = table[table["crossing"] == crossing].set_index("row")
     found = []
-    for row in range(len(sets)):
-        status = str(statuses[row])
+    for row, status in table.groupby("row")["status"].last().items():
         if status == "complete":
-            found.append(
-                Found(status, {name: float(last.loc[row, column]) for name, column in names.items()})
-            )
+            seen = {name: float(last[column][row]) for name, column in columns.items()}
+            found.append(Found("complete", seen))
         else:
             # every status but a fall says that the row was lost
             found.append(Found("fell" if status == "fell" else "failed"))
-    return found, manifest
+    return found
 
 
 def theirs_of(subject: Callable[[int], Subject], crossings: int, job: tuple[Values, bool]) -> Found:
@@ -108,23 +118,28 @@ def compared(
     numerics: Mapping[str, Any] | None = None,
     engine: str = "auto",
     workers: int = 2,
-) -> tuple[list[Verdict], Mapping[str, Any]]:
-    """The verdicts on `sets` random sets, and the run's manifest."""
+) -> tuple[list[Verdict], np.ndarray]:
+    """The verdicts on `sets` random sets, and the longest step (s) of each; see `parameters`."""
     subject = subject_of(crossings)
     drawn = subject.draw(np.random.default_rng(seed), sets)
-    work = [(values, nudge) for values in drawn for nudge in (False, True)]
+    job = job_of(subject, drawn, crossings, numerics, engine)
+    steps = steps_of(job)
+    given = [{**values, "dt": float(dt)} for values, dt in zip(drawn, steps, strict=True)]
+    work = [
+        (values, nudge) for values in (given if subject.same_steps else drawn) for nudge in (False, True)
+    ]
     run = partial(theirs_of, subject_of, crossings)
     if workers > 1:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             results = list(pool.map(run, work, chunksize=2))
     else:
         results = [run(one) for one in work]
-    ours, manifest = ours_of(subject, drawn, crossings, numerics, engine)
+    ours = ours_of(subject, job, crossings)
     verdicts = [
         judged(subject, values, mine, results[2 * i], results[2 * i + 1])
-        for i, (values, mine) in enumerate(zip(drawn, ours, strict=True))
+        for i, (values, mine) in enumerate(zip(given, ours, strict=True))
     ]
-    return verdicts, manifest
+    return verdicts, steps
 
 
 def counts(verdicts: list[Verdict]) -> dict[str, int]:

@@ -51,8 +51,8 @@ class Subject:
 
     `draw(random, n)` gives n sets; `fixed` are values that all share; `starts` names those that are starts.
     `reference(values, nudge)` runs the independent integrator, as fine as it must be: with `nudge` from a
-    start moved by 1e-9 and at another tolerance or step. `coarser` explains, if there is one, what another
-    step of the independent integrator would find.
+    start moved by 1e-9, and where it is right for any step at a finer tolerance. `same_steps`: the model is
+    defined by its steps, and the independent integrator is given them, as `dt` (s) among the values.
     """
 
     model: str
@@ -62,6 +62,7 @@ class Subject:
     starts: tuple[str, ...]
     fixed: Values = field(default_factory=dict)
     structure: Mapping[str, Any] = field(default_factory=dict)
+    same_steps: bool = False
     ranges: str = ""
     about: str = ""
 

@@ -1,9 +1,9 @@
 """Random sets of the planar quadruped against a loop in MuJoCo C on the same compliant feet.
 
-The model is defined by its steps of 1 ms (semi-implicit), so the loop takes the same steps: what is compared
-is the body, the feet, the network and the reading of the cycle. How far 1 ms is from the equations' solution is
-another question; `python -m benchmarks.reliability.planar_quadruped_steps` answers it. With `body: mjx` there
-are MuJoCo's own contacts, which have no other solution than MuJoCo's to compare with.
+The model is defined by its steps (semi-implicit, 1 ms or what stiff feet allow), so the loop takes the steps that
+the model takes: what is compared is the body, the feet, the network and the reading of the cycle. How far such
+steps are from the solution of the equations is told apart (`finer`). With `body: mjx` there are MuJoCo's own
+contacts, which have no other solution than MuJoCo's to compare with.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ import numpy as np
 from .parameter_sets import TURN, Found, Observable, Subject, Values
 
 from reference.planar_quadruped_varied import crossings as crossings_of  # isort: skip
-
-STEP = 1e-3  # s
 
 
 @cache
@@ -60,9 +58,12 @@ def draw(random: np.random.Generator, n: int) -> list[Values]:
     return [one() for _ in range(n)]
 
 
-def reference(values: Values, nudge: bool, crossings: int, step: float = STEP) -> Found:
-    """MuJoCo's masses and kinematics, forces of the feet and Euler steps of the network in NumPy."""
-    found = crossings_of(_xml(), values, crossings, dt=step, nudge=1e-9 if nudge else 0.0)
+def reference(values: Values, nudge: bool, crossings: int) -> Found:
+    """MuJoCo's masses and kinematics, forces of the feet and Euler steps of the network in NumPy.
+
+    The steps are `values["dt"]` (s); moved upwards by 1e-9 m at the start where `nudge` says so.
+    """
+    found = crossings_of(_xml(), values, crossings, dt=values["dt"], nudge=1e-9 if nudge else 0.0)
     if found is None:
         return Found("fell")
     last = found[-1]
@@ -85,9 +86,10 @@ def subject(crossings: int) -> Subject:
         draw=draw,
         reference=partial(reference, crossings=crossings),
         starts=("seed", "pair"),
+        same_steps=True,
         ranges="sigma 0-1, k2 0-.12, com_x -.05-.06 m, hip_x .22-.34 m, mu .5-1.2; torso_mass x .6-1.5, "
         "torso_inertia x .7-1.4, v_slip x .7-2, foot_mass x .6-2; x .5-2: upper_mass, lower_mass, Kv_hip, "
         "Kv_knee, K_foot, D_foot; seeds 0-999, both pairs",
-        about="MuJoCo C's body, feet as springs and dampers, the same steps of 1 ms "
+        about="MuJoCo C's body, feet as springs and dampers, the model's own steps "
         "(tests/reference/planar_quadruped_varied.py)",
     )

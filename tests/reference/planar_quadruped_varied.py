@@ -55,15 +55,16 @@ def crossings(
         xml: MJCF of the body.
         values: parameters by name, and `seed` and `pair` of the start.
         dt: the step, s.
-        nudge: is added to all potentials at the start.
+        nudge: is added to the torso's height at the start, m.
     """
     pair = int(values["pair"])
     turns = (values["seed"] + 1.0) * ROOTS
-    start = begun(pair) + 0.1 * (2.0 * (turns - np.floor(turns)) - 1.0) + nudge
+    start = begun(pair) + 0.1 * (2.0 * (turns - np.floor(turns)) - 1.0)
     walker = OnCompliantFeet(
         varied(xml, values), values["sigma"], start, pair, values["k2"], dt,
         K=values["K_foot"], D=values["D_foot"], mu=values["mu"], v_slip=values["v_slip"],
     )  # fmt: skip
+    walker.data.qpos[1] += nudge
     found: list[Crossing] = []
     onset, last_x = [0.0] * 4, float(walker.data.qpos[0])
     for k in range(round(3.0 * (count + 2) / dt)):
