@@ -109,6 +109,17 @@ def theirs_of(subject: Callable[[int], Subject], crossings: int, job: tuple[Valu
     return subject(crossings).reference(values, nudge)
 
 
+def references(
+    subject_of: Callable[[int], Subject], crossings: int, work: list[tuple[Values, bool]], workers: int
+) -> list[Found]:
+    """What the independent integrator says of each set, in so many processes."""
+    run = partial(theirs_of, subject_of, crossings)
+    if workers == 1:
+        return [run(one) for one in work]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(run, work, chunksize=2))
+
+
 def compared(
     subject_of: Callable[[int], Subject],
     *,
@@ -125,15 +136,8 @@ def compared(
     job = job_of(subject, drawn, crossings, numerics, engine)
     steps = steps_of(job)
     given = [{**values, "dt": float(dt)} for values, dt in zip(drawn, steps, strict=True)]
-    work = [
-        (values, nudge) for values in (given if subject.same_steps else drawn) for nudge in (False, True)
-    ]
-    run = partial(theirs_of, subject_of, crossings)
-    if workers > 1:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            results = list(pool.map(run, work, chunksize=2))
-    else:
-        results = [run(one) for one in work]
+    work = [(values, nudge) for values in (given if subject.same_steps else drawn) for nudge in (False, True)]
+    results = references(subject_of, crossings, work, workers)
     ours = ours_of(subject, job, crossings)
     verdicts = [
         judged(subject, values, mine, results[2 * i], results[2 * i + 1])

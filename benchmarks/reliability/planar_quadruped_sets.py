@@ -1,8 +1,8 @@
 """Random sets of the planar quadruped against a loop in MuJoCo C on the same compliant feet.
 
-The model is defined by its steps (semi-implicit, 1 ms or what stiff feet allow), so the loop takes the steps that
-the model takes: what is compared is the body, the feet, the network and the reading of the cycle. How far such
-steps are from the solution of the equations is told apart (`finer`). With `body: mjx` there are MuJoCo's own
+The model is defined by its steps (semi-implicit, 1 ms or what stiff feet allow), so the loop takes the same
+steps: compared are the body, the feet, the network and the reading of the cycle. How far such steps are from
+the solution of the equations is told apart (`parameters --finer`). With `body: mjx` there are MuJoCo's own
 contacts, which have no other solution than MuJoCo's to compare with.
 """
 

@@ -1,4 +1,4 @@
-"""The planar quadruped on compliant feet in MuJoCo C with masses and a start of its own, from its page alone."""
+"""The planar quadruped on compliant feet in MuJoCo C with masses and a start of its own, from its page."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false

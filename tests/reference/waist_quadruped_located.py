@@ -121,7 +121,12 @@ class Quadruped:
         dy[:3] = v[:3]
         w, x, y_, z = q[3:7]
         a, b, c = v[3:6]  # in the body's own axes
-        dy[3:7] = -x * a - y_ * b - z * c, w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a
+        dy[3:7] = (
+            -x * a - y_ * b - z * c,
+            w * a + y_ * c - z * b,
+            w * b + z * a - x * c,
+            w * c + x * b - y_ * a,
+        )
         dy[3:7] *= 0.5
         dy[7:16] = v[6:]
         dy[V] = d.qacc_smooth
@@ -137,7 +142,7 @@ class Quadruped:
         return dy
 
     def guards(self, t: float, y: np.ndarray) -> np.ndarray:
-        """What rises through zero where an event happens (10,): corners (4), feet (4), the start's ends (2)."""
+        """What rises through zero at an event (10,): corners (4), feet (4), the start's ends (2)."""
         self.placed(y)
         corners = [TWO_PI, 0.5 * self.AEP, self.AEP, TWO_PI]
         turned = [y[31 + i] - corners[self.segment[i]] for i in range(4)]
