@@ -1,0 +1,95 @@
+"""Random sets of the planar quadruped against a loop in MuJoCo C on the same compliant feet.
+
+The model is defined by its steps (semi-implicit, 1 ms or what stiff feet allow), so the loop takes the same
+steps: compared are the body, the feet, the network and the reading of the cycle. How far such steps are from
+the solution of the equations is told apart (`parameters --finer`). With `body: mjx` there are MuJoCo's own
+contacts, which have no other solution than MuJoCo's to compare with.
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+
+import numpy as np
+
+from .parameter_sets import TURN, Found, Observable, Subject, Values
+
+from reference.planar_quadruped_varied import crossings as crossings_of  # isort: skip
+
+
+@cache
+def _xml() -> str:
+    from gaitsweep.models.planar_quadruped.mechanics import mjcf
+
+    return mjcf()
+
+
+def draw(random: np.random.Generator, n: int) -> list[Values]:
+    """Factors uniform in their logarithms, the rest uniform."""
+
+    def one() -> Values:
+        def between(low: float, high: float) -> float:
+            return float(random.uniform(low, high))
+
+        def times(value: float, low: float, high: float) -> float:
+            return value * float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+        torso = times(4.0, 0.6, 1.5)
+        return {
+            "sigma": between(0.0, 1.0),
+            "k2": between(0.0, 0.12),
+            "com_x": between(-0.05, 0.06),
+            "hip_x": between(0.22, 0.34),
+            "torso_mass": torso,
+            "torso_inertia": times(torso * (0.67**2 + 0.1**2) / 12.0, 0.7, 1.4),
+            "upper_mass": times(0.5, 0.5, 2.0),
+            "lower_mass": times(0.2, 0.5, 2.0),
+            "foot_mass": times(0.05, 0.6, 2.0),
+            "Kv_hip": times(1.0, 0.5, 2.0),
+            "Kv_knee": times(40.0, 0.5, 2.0),
+            "K_foot": times(8e4, 0.5, 2.0),
+            "D_foot": times(250.0, 0.5, 2.0),
+            "mu": between(0.5, 1.2),
+            "v_slip": times(0.01, 0.7, 2.0),
+            "seed": float(random.integers(0, 1000)),
+            "pair": float(random.integers(0, 2)),
+        }
+
+    return [one() for _ in range(n)]
+
+
+def reference(values: Values, nudge: bool, crossings: int) -> Found:
+    """MuJoCo's masses and kinematics, forces of the feet and Euler steps of the network in NumPy.
+
+    The steps are `values["dt"]` (s); moved upwards by 1e-9 m at the start where `nudge` says so.
+    """
+    found = crossings_of(_xml(), values, crossings, dt=values["dt"], nudge=1e-9 if nudge else 0.0)
+    if found is None:
+        return Found("fell")
+    last = found[-1]
+    return Found(
+        "complete",
+        {"delta_1": last.delta_1, "delta_2": last.delta_2, "period": last.period, "speed": last.speed},
+    )
+
+
+def subject(crossings: int) -> Subject:
+    """The quadruped on compliant feet."""
+    return Subject(
+        model="planar_quadruped",
+        observables={
+            "delta_1": Observable(1.0 / TURN, 1.0),
+            "delta_2": Observable(1.0 / TURN, 1.0),
+            "period": Observable(0.5 / TURN),  # of a cycle of half a second
+            "speed": Observable(1.0),
+        },
+        draw=draw,
+        reference=partial(reference, crossings=crossings),
+        starts=("seed", "pair"),
+        same_steps=True,
+        ranges="sigma 0-1, k2 0-.12, com_x -.05-.06 m, hip_x .22-.34 m, mu .5-1.2; torso_mass x .6-1.5, "
+        "torso_inertia x .7-1.4, v_slip x .7-2, foot_mass x .6-2; x .5-2: upper_mass, lower_mass, Kv_hip, "
+        "Kv_knee, K_foot, D_foot; seeds 0-999, both pairs",
+        about="MuJoCo C's body, feet as springs and dampers, the model's own steps "
+        "(tests/reference/planar_quadruped_varied.py)",
+    )

@@ -1,0 +1,38 @@
+"""The quadruped with a waist joint as an MjModel of other masses and lengths, from its page alone.
+
+Boxes of m_B, l_B x w_B x 0.05 m; rods of m_L and l_L; hips and waist where the MJCF has them, in proportion.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+HEIGHT = 0.05  # m, of both bodies
+
+
+def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
+    """The body with `body_mass`, `link_mass` (kg), `body_length`, `body_width`, `link_length` (m), `g`."""
+    spec = mujoco.MjSpec.from_string(xml)
+    mass, long, wide = (values[name] for name in ("body_mass", "body_length", "body_width"))
+    link, length = values["link_mass"], values["link_length"]
+    box = mass / 12.0 * np.array([wide**2 + HEIGHT**2, long**2 + HEIGHT**2, long**2 + wide**2])
+    rod = link * length**2 * np.array([1.0 / 12.0, 1.0 / 12.0, 1e-6 / (0.1 * 0.08**2)])
+    trunk = np.array([long / 0.1, wide / 0.1, 1.0])
+    for body in spec.bodies[1:]:
+        if body.name in ("front", "rear"):
+            body.mass, body.inertia, body.ipos = mass, box, trunk * body.ipos
+            if body.name == "rear":
+                body.pos = trunk * body.pos
+            continue
+        body.mass, body.inertia, body.ipos = link, rod, [0.0, 0.0, -0.5 * length]
+        body.pos = trunk * body.pos if body.name.startswith("upper") else [0.0, 0.0, -length]
+        for site in body.sites:
+            site.pos = [0.0, 0.0, -length]
+    spec.option.gravity = [0.0, 0.0, -values["g"]]
+    return spec.compile()

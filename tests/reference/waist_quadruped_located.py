@@ -1,0 +1,229 @@
+"""The quadruped with a waist joint as an ODE with located events, written from its page alone.
+
+Accelerations are MuJoCo C's. Steps are Dormand and Prince's 5(4) with step control; an event is located by
+taking the step again with shorter lengths, so nothing of a step's accuracy is lost at its end. One trajectory
+at a time, as plain as can be. Limbs: 1 right fore, 2 left fore, 3 right hind, 4 left hind.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from .dormand_prince import Fallen, LateEvent, advanced
+from .waist_quadruped_body import varied
+
+HIP, KNEE, WAIST = (7, 9, 12, 14), (8, 10, 13, 15), 11  # in qpos; in qvel one less
+BEND = (1.0, 1.0, -1.0, -1.0)  # knees: fore one way, hind the other
+TWO_PI = 2.0 * math.pi
+RELEASE = 1e-7  # m above the ground, where a foot is let go of
+STANCE, EARLY, LATE, BEYOND = range(4)
+Q, V, PHI = slice(0, 16), slice(16, 31), slice(31, 35)
+
+
+@dataclass(frozen=True)
+class Landing:
+    """Limb 3's landing: time (s), all phases (4,) rad after the reset, where the front body is (m)."""
+
+    time: float
+    phases: np.ndarray
+    x: float
+
+
+class Quadruped:
+    """The page's equations with the `values` of its parameters, and the state: y (35,) is q, v, phi."""
+
+    def __init__(self, xml: str, values: Mapping[str, float], delta_13: float) -> None:
+        p = self.p = dict(values)
+        self.model = varied(xml, p)
+        self.data = mujoco.MjData(self.model)
+        self.sites = [self.model.site(f"foot_{i + 1}").id for i in range(4)]
+        self.AEP = TWO_PI * (1.0 - p["beta"])
+        self.omega = TWO_PI * (1.0 - p["beta"]) / p["T_sw"]
+        stiff = TWO_PI * p["f"]
+        self.waist = p["kappa_0"] * stiff**2, 2.0 * p["kappa_0"] * p["zeta_0"] * stiff
+        self.delta_13, self.time = delta_13, 0.0
+        first = self.AEP + delta_13
+        phi = np.mod([first, first - math.pi, self.AEP, self.AEP - math.pi], TWO_PI)
+        self.segment = [STANCE if a >= self.AEP else EARLY if a < 0.5 * self.AEP else LATE for a in phi]
+        self.contact, self.lifted = [True] * 4, [False] * 4
+        self.growing = self.held = True
+        self.LP = [(p["x_c"], -p["H"])] * 4
+        self.y = np.zeros(35)
+        self.y[PHI] = phi
+        self.y[3] = 1.0
+        weight = (2.0 * p["body_mass"] + 8.0 * p["link_mass"]) * p["g"]
+        self.y[2] = p["H"] - weight / (4.0 * p["K_TL"])
+        starts = [self.path(i, 0.0, float(phi[i])) for i in range(4)]
+        for i, (x, z) in enumerate(starts):
+            self.y[[HIP[i], KNEE[i]]] = self.angles(x, z, BEND[i])
+        self.LP = starts
+        self.placed(self.y)
+        self.anchor = [self.data.site_xpos[site][:2].copy() for site in self.sites]
+        self.jacobian = np.zeros((3, 15))
+
+    def angles(self, x: float, z: float, bend: float) -> tuple[float, float]:
+        """Hip and knee of a limb with its foot at (x, z) from the hip, by the law of cosines."""
+        far = math.hypot(x, z)
+        inner = math.acos(min(far / (2.0 * self.p["link_length"]), 1.0))
+        return math.atan2(-x, -z) - bend * inner, 2.0 * bend * inner
+
+    def path(self, i: int, t: float, phi: float) -> tuple[float, float]:
+        """Where foot i should be relative to its hip (x, z), m."""
+        p = self.p
+        grown = t / p["T_grow"] if self.growing else 1.0
+        D, h, H = p["D"] * grown, p["h"] * grown, p["H"]
+        back, ahead = p["x_c"] - 0.5 * D, p["x_c"] + 0.5 * D
+        done = (phi - self.AEP) / (TWO_PI - self.AEP)
+        if self.segment[i] == STANCE:
+            x, z = self.LP[i]
+            return x + (back - x) * done, z + (-H - z) * done
+        if self.segment[i] == BEYOND:
+            return ahead + (back - ahead) * done, -H - p["dip"] * math.sin(math.pi * done)
+        turn = TWO_PI * phi / self.AEP
+        return back + D * (turn - math.sin(turn)) / TWO_PI, 0.5 * h * (1.0 - math.cos(turn)) - H
+
+    def placed(self, y: np.ndarray) -> None:
+        """Positions of all in the data."""
+        self.data.qpos[:] = y[Q]
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def rates(self, t: float, y: np.ndarray) -> np.ndarray:
+        """dy/dt with the modes as they are."""
+        m, d, p = self.model, self.data, self.p
+        q, v, phi = y[Q], y[V], y[PHI].tolist()
+        d.qpos[:], d.qvel[:] = q, v
+        mujoco.mj_fwdPosition(m, d)
+        mujoco.mj_fwdVelocity(m, d)
+        push = d.qfrc_applied
+        push[:] = 0.0
+        push[WAIST - 1] = -self.waist[0] * q[WAIST] - self.waist[1] * v[WAIST - 1]
+        for i in range(4):
+            hip, knee = self.angles(*self.path(i, t, phi[i]), BEND[i])
+            push[HIP[i] - 1] = -p["kappa_1"] * (q[HIP[i]] - hip) - p["sigma_1"] * v[HIP[i] - 1]
+            push[KNEE[i] - 1] = -p["kappa_2"] * (q[KNEE[i]] - knee) - p["sigma_2"] * v[KNEE[i] - 1]
+        for i in range(4):
+            if self.contact[i]:
+                J = self.jacobian
+                mujoco.mj_jacSite(m, d, J, None, self.sites[i])
+                sunk = d.site_xpos[self.sites[i]].copy()
+                sunk[:2] -= self.anchor[i]
+                push += (-p["K_TL"] * sunk - p["D_TL"] * (J @ v)) @ J
+        mujoco.mj_fwdAcceleration(m, d)
+        dy = np.empty(35)
+        dy[:3] = v[:3]
+        w, x, y_, z = q[3:7]
+        a, b, c = v[3:6]  # in the body's own axes
+        dy[3:7] = (
+            -x * a - y_ * b - z * c,
+            w * a + y_ * c - z * b,
+            w * b + z * a - x * c,
+            w * c + x * b - y_ * a,
+        )
+        dy[3:7] *= 0.5
+        dy[7:16] = v[6:]
+        dy[V] = d.qacc_smooth
+        held = p["K_13"] if self.held else 0.0
+        pulls = [(0, 1, p["K_12"], p["K_21"], math.pi), (2, 3, p["K_34"], p["K_43"], math.pi)]
+        pulls += [(0, 2, held, held, self.delta_13), (1, 3, held, held, self.delta_13)]
+        rate = [self.omega] * 4
+        for i, j, on_i, on_j, wanted in pulls:
+            sine = math.sin(phi[i] - phi[j] - wanted)
+            rate[i] -= on_i * sine
+            rate[j] += on_j * sine
+        dy[PHI] = rate
+        return dy
+
+    def guards(self, t: float, y: np.ndarray) -> np.ndarray:
+        """What rises through zero at an event (10,): corners (4), feet (4), the start's ends (2)."""
+        self.placed(y)
+        corners = [TWO_PI, 0.5 * self.AEP, self.AEP, TWO_PI]
+        turned = [y[31 + i] - corners[self.segment[i]] for i in range(4)]
+        heights = [self.data.site_xpos[site][2] for site in self.sites]
+        feet = [up - RELEASE if on else -up for up, on in zip(heights, self.contact, strict=True)]
+        grown = t - self.p["T_grow"] if self.growing else -1.0
+        free = t - self.p["T_hold"] if self.held else -1.0
+        return np.array([*turned, *feet, grown, free])
+
+    def jump(self, fired: np.ndarray) -> Landing | None:
+        """What follows from the guards that have risen; limb 3's landing where it lands."""
+        self.placed(self.y)
+        wanted = [self.path(i, self.time, float(self.y[31 + i])) for i in range(4)]
+        found = None
+        for i in range(4):
+            if fired[4 + i]:
+                self.contact[i] = not self.contact[i]
+                if self.contact[i]:
+                    self.anchor[i] = self.data.site_xpos[self.sites[i]][:2].copy()
+            before = self.segment[i]
+            if fired[i] and before in (STANCE, BEYOND):
+                self.segment[i], self.lifted[i] = EARLY, False
+                self.y[31 + i] -= TWO_PI
+            elif fired[i]:
+                self.segment[i] = before + 1
+            self.lifted[i] |= not self.contact[i]
+            late = self.segment[i] == LATE and self.lifted[i]
+            if self.contact[i] and (late or self.segment[i] == BEYOND):
+                self.segment[i], self.LP[i] = STANCE, wanted[i]
+                if self.p["resetting"] > 0.0:
+                    self.y[31 + i] = self.AEP
+                found = i == 2 or found
+        self.growing &= not fired[8]
+        self.held &= not fired[9]
+        return Landing(self.time, self.y[PHI].copy(), float(self.y[0])) if found is True else None
+
+    def fell(self) -> bool:
+        """The front body is low, has tilted or the waist has twisted over (the page's limits)."""
+        w, x, y, z = self.y[3:7] / np.linalg.norm(self.y[3:7])
+        ahead, side = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+        up = w * w - x * x - y * y + z * z
+        tilted = abs(math.atan2(side, up)) > 1.2 or abs(math.asin(max(-1.0, min(1.0, ahead)))) > 1.2
+        return bool(self.y[2] < 0.4 * self.p["H"] or tilted or abs(self.y[WAIST]) > 1.5)
+
+
+def landings(
+    xml: str, values: Mapping[str, float], delta_13: float, crossings: int, *, rtol: float, nudge: float = 0.0
+) -> list[Landing]:
+    """Limb 3's first landings, `crossings` of them.
+
+    Args:
+        xml: MJCF of the body at the page's values.
+        values: each of the model's parameters.
+        delta_13: the start, rad; `nudge` is added to the front body's height (m).
+        rtol: of the steps, relative to 1 (m, rad, m/s, rad/s).
+
+    Raises:
+        Fallen: the body fell first. LateEvent: no event where one was due, or events without end.
+    """
+    walker = Quadruped(xml, values, delta_13)
+    walker.y[2] += nudge
+    found: list[Landing] = []
+    limit = 3.0 * (crossings + 1) * TWO_PI / walker.omega
+    h, chain = 1e-5, 0
+    guards = walker.guards(walker.time, walker.y)
+    while len(found) < crossings:
+        if np.any(guards >= 0.0):
+            chain += 1
+            if chain > 50 or walker.time > limit:
+                raise LateEvent(f"events follow each other at t = {walker.time} s")
+            landing = walker.jump(guards >= 0.0)
+            if landing is not None:
+                found.append(landing)
+            guards = walker.guards(walker.time, walker.y)
+            h = min(h, 1e-5)
+            continue
+        taken = advanced(walker.rates, walker.guards, walker.time, walker.y, h, guards, rtol)
+        chain = 0 if taken.t - walker.time > 1e-9 else chain
+        walker.time, walker.y, guards, h = taken.t, taken.y, taken.guards, taken.h
+        if walker.fell():
+            raise Fallen(f"at t = {walker.time} s")
+        if walker.time > limit:
+            raise LateEvent(f"{len(found)} landings until t = {walker.time} s")
+    return found
