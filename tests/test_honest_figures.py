@@ -50,6 +50,8 @@ def test_a_table_that_is_not_complete_is_marked(kind: str, table: pd.DataFrame, 
     if title is not None:
         (mark,) = [text for text in figure.texts if text.get_color() == "#B00020"]
         assert title.get_window_extent().y1 <= mark.get_window_extent().y0 + 1.0
+        highest = max(axes.get_tightbbox().y1 for axes in figure.axes)  # type: ignore[union-attr]
+        assert highest <= title.get_window_extent().y0 + 1.0
 
 
 def test_every_kind_is_marked() -> None:
@@ -80,7 +82,7 @@ def test_the_second_table_of_a_figure_is_marked_too() -> None:
     stairs.attrs |= {"complete": False, "rows_missing": 1, "manifest": {"rows": 2}}
     figure = plot.hysteresis(ramp, y="delta_13", with_table=stairs)
     assert corner(figure) == []
-    assert figure.axes[1].get_title() == "held at each value\n(incomplete: 1 of 2 rows)"
+    assert figure.axes[1].get_title() == "held at each value\nincomplete: 1 of 2 rows"
 
 
 def joined(axes: Axes) -> list[tuple[float, float, float, float]]:

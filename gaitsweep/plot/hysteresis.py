@@ -150,8 +150,8 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
 
 def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
     """The panels of a second table, with what has to be known of it in their headings."""
-    told = "; ".join(remarks(table))
-    return [panel._replace(heading=f"{panel.heading}\n({told})") for panel in shown] if told else shown
+    told = "\n".join(remarks(table))
+    return [panel._replace(heading=f"{panel.heading}\n{told}") for panel in shown] if told else shown
 
 
 def _pace(table: pd.DataFrame) -> str:

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 _BAND = 0.2  # inches, added to the figure above all else
+_TITLE = 0.22  # inches that its title takes
 _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
 Spec = ParamSpec("Spec")
 
@@ -53,13 +54,16 @@ def mark(figure: Figure, told: list[str]) -> None:
     width, height = figure.get_size_inches()
     share = _BAND / (height + _BAND)
     figure.set_size_inches(width, height + _BAND)
+    taken = share
+    title = getattr(figure, "_suptitle", None)
+    if title is not None:  # the layout would put it into the band, so it is put below it by hand
+        title.set_y(1.0 - share)
+        title.set_in_layout(False)
+        title._autopos = False
+        taken += _TITLE / (height + _BAND)
     engine = figure.get_layout_engine()
     if engine is not None:
-        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - share))  # pyright: ignore[reportCallIssue]
-    title = getattr(figure, "_suptitle", None)
-    if title is not None:
-        title.set_y(1.0 - share - 0.02)
-        title._autopos = False  # else the layout puts it over the band
+        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - taken))  # pyright: ignore[reportCallIssue]
     figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * share, "; ".join(told), **_LOOK)
 
 
