@@ -209,3 +209,33 @@ def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
     faces = {tuple(np.asarray(line.get_xdata()).tolist()): line.get_markerfacecolor() for line in axes.lines}
     assert faces[(0.5,)] == "white"
     assert faces[(0.1, 0.9)] != "white"
+
+
+def test_cells_that_are_not_there_stay_white_at_their_own_size() -> None:
+    """Two of five columns are missing in one panel, and one row in all: their neighbours do not grow."""
+    table = settle_table(5)
+    first = table["psi_3"] == table["psi_3"].min()
+    columns, rows = np.unique(table["psi_1"]), np.unique(table["psi_2"])
+    kept = table[~((first & table["psi_1"].isin(columns[1:3])) | (table["psi_2"] == rows[2]))]
+    figure = plot.basin(kept, x="psi_1", y="psi_2", panels="psi_3")
+    rendered(figure)
+    for number, axes in enumerate(figure.axes):
+        mesh = axes.collections[0]
+        np.testing.assert_allclose(np.diff(mesh.get_coordinates()[0, :, 0]), 2 * np.pi / 5)
+        np.testing.assert_allclose(np.diff(mesh.get_coordinates()[:, 0, 1]), 2 * np.pi / 5)
+        drawn = mesh.get_facecolor().reshape(5, 5, 4)[:, :, 3] > 0
+        there = np.ones((5, 5), bool)
+        there[2] = False
+        if number == 0:
+            there[:, 1:3] = False
+        np.testing.assert_array_equal(drawn, there)
+
+
+def test_a_gait_map_does_not_stretch_its_cells_either() -> None:
+    table = settle_table(5)
+    rows = np.unique(table["psi_2"])
+    figure = plot.gait_map(table[table["psi_2"] != rows[2]], x="psi_1", y="psi_2")
+    rendered(figure)
+    mesh = figure.axes[0].collections[0]
+    np.testing.assert_allclose(np.diff(mesh.get_coordinates()[:, 0, 1]), 2 * np.pi / 5)
+    assert not mesh.get_facecolor().reshape(5, 5, 4)[2, :, 3].any()

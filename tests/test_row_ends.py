@@ -279,3 +279,26 @@ def test_a_trace_has_all_of_its_samples(every: float, after: int, engine: str) -
     np.testing.assert_allclose(height, exact, atol=1e-7)
     assert found.t_end[0] == pytest.approx(bounces[after] + every * (count - 1), abs=1e-9)
     assert found.cycles[0] == np.count_nonzero(bounces[1:] < found.t_end[0] + 1e-9)
+
+
+class Watched(Toy):
+    """Observes the speed itself, which changes between bounces."""
+
+    def observe(self, params: Any, state: Any) -> dict[str, jax.Array]:
+        return {"launch_1": state.speed[0]}
+
+
+@pytest.mark.parametrize("kind", ["settle", "hold", "crossings"])
+def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
+    """Not of the moment at which the row's time is over, in flight."""
+    model, end = Watched(), 3.7
+    recorder = {
+        "settle": Settle(model, 150, 1e-9, max_time=end),
+        "hold": Hold(model, end),
+        "crossings": Crossings(model, duration=end),
+    }[kind]
+    found = run_rows(model, recorder, {"launch_1": [1.3]}, numerics=Numerics(dt=1e-2), engine="kernel")
+    speeds = launches(1.3, 0.5, 0.5, 20)
+    assert found.t_end[0] == end
+    assert found.cycles[0] == np.count_nonzero(bounce_times(1.3, 2.0, 0.5, 0.5, 0.5, 20) < end) > 1
+    np.testing.assert_allclose(found.last[0, 0], speeds[found.cycles[0]], atol=1e-8)

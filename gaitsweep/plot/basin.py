@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.plot import style
-from gaitsweep.plot.cells import cell_edges, hatch_cells, on_grid
+from gaitsweep.plot.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
     FAILED,
     NOT_SETTLED,
@@ -78,8 +78,10 @@ def basin(
         looks = style.colours(names), style.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
+        # the grid of all panels tells which cells one of them lacks
+        whole = tuple(np.unique(table[name].dropna().to_numpy(float)) for name in (x, y))
         for axes, value, part in zip(grid, values, parts, strict=False):
-            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits, looks)
+            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits, looks, whole)
             image = drawn or image
             if panels:
                 axes.set_title(written(table, panels, value))
@@ -120,6 +122,7 @@ def _cells(
     shown: pd.Series,
     limits: tuple | None,
     looks: _Looks,
+    whole: tuple[np.ndarray, ...],
 ):
     """Draw one panel; returns what a colour scale is read from, for a numeric hue."""
     part = rows_where(part, part[x].notna() & part[y].notna())
@@ -136,6 +139,9 @@ def _cells(
             f"Several rows have the same {x} and {y}: another quantity varies too. Name it as `panels`, or "
             "keep one of its values in the table."
         )
+    across, up = (
+        filled(all_ if on_grid(all_) else mine) for all_, mine in zip(whole, (across, up), strict=True)
+    )
     at = np.searchsorted(up, part[y]), np.searchsorted(across, part[x])
     edges = cell_edges(across), cell_edges(up)
     hatch_cells(axes, edges, at, shown.isin([NOT_SETTLED, FAILED]).to_numpy())

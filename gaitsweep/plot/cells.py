@@ -33,8 +33,21 @@ def on_grid(values: np.ndarray) -> bool:
     return len(values) <= 4 or bool((np.abs(counts - np.round(counts)) < 0.01).all() and counts.max() < 50)
 
 
+def filled(values: np.ndarray) -> np.ndarray:
+    """Sorted values that lie on a grid, with those between them that are missing, so that no cell grows over
+    its missing neighbour; values as they are where their steps are no multiples of the smallest."""
+    gaps = np.diff(values)
+    if not len(gaps):
+        return values
+    counts = np.round(gaps / gaps.min())
+    if (np.abs(gaps / gaps.min() - counts) >= 0.01).any() or counts.max() >= 50:
+        return values
+    steps = zip(values[:-1], values[1:], counts.astype(int), strict=True)
+    return np.r_[*(np.linspace(a, b, n, endpoint=False) for a, b, n in steps), values[-1:]]
+
+
 def cell_edges(centres: np.ndarray) -> np.ndarray:
-    """Edges of cells around their centres; a cell of a missing neighbour reaches half way to the next."""
+    """Edges of cells around their centres (of a grid: `filled`), half way between neighbours."""
     if len(centres) == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = 0.5 * (centres[1:] + centres[:-1])

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.plot import style
-from gaitsweep.plot.cells import cell_edges, hatch_cells, on_grid
+from gaitsweep.plot.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import FAILED, NOT_SETTLED, column, described, is_angle, outcome, rows_where
 
 OTHER = "another gait"  # settled, in none that the model names
@@ -120,6 +120,7 @@ def _draw(axes: Axes, sets: pd.DataFrame, x: str, y: str, colour: dict[tuple[str
         size = float(np.clip(4e3 / len(sets), 4.0, 36.0))
         axes.scatter(sets[x], sets[y], c=colours, s=size, edgecolors="#333333", linewidths=0.3)
         return
+    across, up = filled(across), filled(up)
     at = np.searchsorted(up, sets[y]), np.searchsorted(across, sets[x])
     edges = cell_edges(across), cell_edges(up)
     cells = np.zeros((len(up), len(across), 4))

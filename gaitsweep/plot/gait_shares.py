@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from gaitsweep.analysis.multilegged.chain_of_table import chains_of, parameters_of
 from gaitsweep.analysis.multilegged.gait_shares import GAITS, existence, gait_shares, springs_of
 from gaitsweep.plot import style
-from gaitsweep.plot.cells import cell_edges, on_grid
+from gaitsweep.plot.cells import cell_edges, filled, on_grid
 from gaitsweep.plot.columns import axis_label, column, described
 
 _SHARES = (*GAITS, "elsewhere")
@@ -79,7 +79,9 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
     across, up = np.unique(shares[x]), np.unique(shares[y])
     if len(shares) >= 0.5 * len(across) * len(up) and on_grid(across) and on_grid(up):
-        cells = shares.pivot_table(index=y, columns=x, values=gait, aggfunc="mean").to_numpy(float)
+        cells = shares.pivot_table(index=y, columns=x, values=gait, aggfunc="mean")
+        across, up = filled(across), filled(up)
+        cells = cells.reindex(index=up, columns=across).to_numpy(float)
         return axes.pcolormesh(cell_edges(across), cell_edges(up), cells, **look)
     points = shares[[x, y]].to_numpy(float)
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
