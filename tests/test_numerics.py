@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -227,3 +231,24 @@ def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
     result = run_rows(Toy(), Crossings(Toy(), crossings=5), {"launch_1": np.ones(2)}, numerics=numerics)
     assert np.all(result.status == Status.complete)
     assert jax.config.jax_enable_x64
+
+
+def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
+    """JAX counts its devices at its first computation, which is that of a job's steps."""
+    (tmp_path / "job.yaml").write_text(
+        "name: cores\nmodel: multilegged\nstart: {psi_1: 1, psi_2: 2, psi_3: 3}\nrun: {kind: settle}\n"
+    )
+    code = (
+        "import os; from gaitsweep.job import load_job; from gaitsweep.engine.xla import local_devices; "
+        "load_job('job.yaml'); print(len(local_devices()) == len(os.sched_getaffinity(0)))"
+    )
+    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "True"

@@ -34,20 +34,26 @@ Values = Mapping[str, np.ndarray]
 Device = Any  # a jax.Device, which type checkers take for a variable
 
 
-def local_devices(count: int | None = None) -> list[Device]:
-    """The devices of a run: all local ones, or the first `count`; on a CPU one for each usable core.
+def see_all_cores() -> None:
+    """Make each usable core a device of JAX's, which can be done only before its first computation.
 
     Sets float64 on, which is gaitsweep's default everywhere.
+    """
+    jax.config.update("jax_enable_x64", True)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    # afterwards JAX has the devices that it has
+    with contextlib.suppress(RuntimeError):
+        if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
+            jax.config.update("jax_num_cpu_devices", cores)
+
+
+def local_devices(count: int | None = None) -> list[Device]:
+    """The devices of a run: all local ones, or the first `count`; on a CPU one for each usable core.
 
     Raises:
         ValueError: more devices are asked for than there are.
     """
-    jax.config.update("jax_enable_x64", True)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    # only before JAX has started; afterwards it has the devices that it has
-    with contextlib.suppress(RuntimeError):
-        if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
-            jax.config.update("jax_num_cpu_devices", cores)
+    see_all_cores()
     devices = jax.local_devices()
     if count is not None and count > len(devices):
         raise ArgumentError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")

@@ -18,6 +18,7 @@ from gaitsweep.contract import HybridModel, Model
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
 from gaitsweep.engine.propose import METHODS, refusal
+from gaitsweep.engine.xla import see_all_cores
 from gaitsweep.expression import evaluate, functions_of
 from gaitsweep.job.complaints import Complaint, JobError
 from gaitsweep.job.plan import Plan
@@ -166,6 +167,8 @@ def _rounded_down(value: float) -> float:
 
 def _steps(plan: Plan, run: object, numerics: Numerics, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The steps that rows (n,) take, and the longest that are right for them."""
+    # the first computation of most runs, which must not leave JAX with one core
+    see_all_cores()
     model, moving = plan.model, moved_by(run)
     values = plan.at(rows, [quantity.name for quantity in model.parameters])
     function = _function(model, numerics)
