@@ -90,7 +90,7 @@ class Workshop:
                 DATA[rng.choice(("numbers", "misspelt", "dropped"))](data, rng, self)
         text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
         if kind in TEXT:
-            text = TEXT[kind](text if rng.random() < 0.5 else rng.choice(self.jobs), rng)
+            text = TEXT[kind](text if rng.random() < 0.5 or self.tiny else rng.choice(self.jobs), rng)
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
         return Mutant(kind, path)
 
