@@ -302,3 +302,19 @@ def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
     assert found.t_end[0] == end
     assert found.cycles[0] == np.count_nonzero(bounce_times(1.3, 2.0, 0.5, 0.5, 0.5, 20) < end) > 1
     np.testing.assert_allclose(found.last[0, 0], speeds[found.cycles[0]], atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", RECORDERS)
+def test_what_left_all_bounds_is_not_told_as_the_last_crossing(kind: str) -> None:
+    """x grows by half each crossing: the last one told is below 1e9, or before the NaN beyond 1e3."""
+
+    class Growing(Escaping):
+        def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+            return {"x": state.x, "y": state.y}
+
+    model = Growing()
+    starts, params = {"x_0": [1.0, 1.0], "y_0": 0.5}, {"r": 1.5, "angle": [1e300, 1e3]}
+    found = run_rows(model, RECORDERS[kind](model), starts, params=params, numerics=ONE, engine="kernel")
+    assert names(found) == ["diverged", "not_a_number"]
+    n = [int(np.log(bound) / np.log(1.5)) for bound in (1e9, 1e3)]
+    np.testing.assert_allclose(found.last[:, 0], [1.5 ** n[0], 1.5 ** n[1]], rtol=1e-12)
