@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -19,10 +20,12 @@ HEAD = "name: a\nmodel: multilegged\nrun: {kind: settle}\nstart: {psi_1: 1, psi_
 
 
 def test_damaged_jobs_are_answered(tmp_path: Path) -> None:
+    # the peak is that of the whole process, in which other tests have run
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
     for answer in check_all(40, seed=7, folder=tmp_path):
         assert not answer.fault, f"{answer.path}: {answer.fault}"
         assert answer.processor < LATEST, answer.path
-        assert answer.memory < MOST_MEMORY, answer.path
+        assert answer.memory < max(MOST_MEMORY, before + 0.5 * MOST_MEMORY), answer.path
 
 
 def many(form: str, count: int = 6_000) -> str:
