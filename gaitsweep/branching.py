@@ -15,14 +15,14 @@ from gaitsweep.analysis.branches_on_the_way import Steps
 from gaitsweep.analysis.continuation import continuation
 from gaitsweep.analysis.newton import FixedPoints, newton
 from gaitsweep.contract import Status
-from gaitsweep.engine.maps import Values, shorter
+from gaitsweep.engine.maps import Values
 from gaitsweep.engine.return_map import ReturnMap
 from gaitsweep.engine.sweep import Timings
 from gaitsweep.engine.work import Progress as EngineProgress
 from gaitsweep.frames import STATUSES
 from gaitsweep.job.figures import table_columns
 from gaitsweep.job.runs import Continuation
-from gaitsweep.self_check import OFF, TOLERANCE, SelfCheck, sample_rows
+from gaitsweep.self_check import OFF, TOLERANCE, SelfCheck, changes, circular, sample_rows
 from gaitsweep.self_check_report import TOLERANCES
 from gaitsweep.table import ResultDirectory
 
@@ -96,15 +96,14 @@ def check_branch_starts(
     once, half = (_first_points(each, starts, values, run) for each in (mapping, mapping.refined()))
     both = once.converged & half.converged
     check.status_differs = int(np.sum(once.converged != half.converged))
-    observables = plan.model.observables
-    change = np.stack(
-        [once.images.observed[q.name] - half.images.observed[q.name] for q in observables], axis=1
-    )
-    change = np.abs(shorter(change, np.array([q.circular for q in observables])))
-    for i, quantity in enumerate(observables):
-        check.largest[quantity.name] = float(np.max(change[both, i], initial=0.0))
-    circular = change[:, [q.circular for q in observables]]
-    check.moved = int(np.sum(both & np.any(circular > TOLERANCES * TOLERANCE, axis=1)))
+    model = plan.model
+    seen = [
+        np.stack([each.images.observed[q.name] for q in model.observables], axis=1) for each in (once, half)
+    ]
+    change = changes(model, *seen)
+    check.take_largest(model, change[both])
+    angles = change[:, circular(model)]
+    check.moved = int(np.sum(both & np.any(angles > TOLERANCES * TOLERANCE, axis=1)))
     return dataclasses.asdict(check.judged())
 
 

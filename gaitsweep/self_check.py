@@ -72,6 +72,14 @@ class SelfCheck:
     half: str = HALF_THE_STEP
     verdict: str = "passed"
 
+    def take_largest(self, model: Model, change: np.ndarray) -> None:
+        """Take the largest changes (n, observables), where they are known."""
+        for i, quantity in enumerate(model.observables):
+            column = change[:, i][np.isfinite(change[:, i])]
+            if column.size:
+                most = max(float(column.max()), self.largest.get(quantity.name, 0.0))
+                self.largest[quantity.name] = most
+
     def judged(self) -> SelfCheck:
         """With its verdict."""
         wrong = self.status_differs or self.gait_differs or self.moved
@@ -79,6 +87,16 @@ class SelfCheck:
 
 
 OFF = {"rows": 0, "verdict": "off"}
+
+
+def circular(model: Model) -> np.ndarray:
+    """Which observables are angles, (observables,)."""
+    return np.array([quantity.circular for quantity in model.observables])
+
+
+def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
+    """How far observables (..., observables) are from each other, angles by the shorter way."""
+    return np.abs(shorter(once - again, circular(model)))
 
 
 def sample_rows(plan: Plan, count: int) -> np.ndarray:
@@ -202,8 +220,8 @@ def _compare_ends(
     if isinstance(work.recorder, Hold):
         same = ~other_status & ~other_gait & ~_failed(once.status)
         resting = np.ones(rows.size, bool)
-    change = np.abs(_apart(plan.model, once.last - half.last))
-    _take_largest(check, plan.model, change[same])
+    change = changes(plan.model, once.last, half.last)
+    check.take_largest(plan.model, change[same])
     recorder = work.recorder
     if isinstance(recorder, Settle):
         # SETTLE_WINDOW tolerances, in each observable's unit
@@ -232,13 +250,14 @@ def _compare_crossings(
     boundary = differs & (once.status != moved.status)
     check.sensitive += int(boundary.sum())
     check.status_differs += int((differs & ~boundary).sum())
-    change = np.abs(_apart(model, once.observed - half.observed))
-    spread = np.nanmax(np.abs(_apart(model, once.observed - moved.observed)), axis=1, initial=0.0)
-    _take_largest(check, model, np.nanmax(change, axis=1, initial=0.0))
+    change = changes(model, once.observed, half.observed)
+    spread = np.nanmax(changes(model, once.observed, moved.observed), axis=1, initial=0.0)
+    most = np.nanmax(change, axis=1, initial=0.0)
+    check.take_largest(model, most)
     if own_steps(ready.work.numerics.method, model) is not None:
         # its step is part of such a model: what changes with it is told, and is no fault of the run
         return
-    off = np.where(_circular(model), np.nanmax(change, axis=1, initial=0.0), 0.0)
+    off = np.where(circular(model), most, 0.0)
     # what a start moved by 1e-9 changes as much is the motion's own sensitivity
     own = spread / MOVED * LOCAL_ERROR
     wrong = np.any((off > TOLERANCES * TOLERANCE) & (off > own), axis=1)
@@ -261,20 +280,3 @@ def _crossings(result: BlockResult, n: int, after: int) -> _FirstCrossings:
     kept = at <= CROSSINGS
     observed[result.owner[kept], at[kept]] = samples[kept, 2:]
     return _FirstCrossings(result.status, observed)
-
-
-def _circular(model: Model) -> np.ndarray:
-    return np.array([quantity.circular for quantity in model.observables])
-
-
-def _apart(model: Model, difference: np.ndarray) -> np.ndarray:
-    return shorter(difference, _circular(model))
-
-
-def _take_largest(check: SelfCheck, model: Model, change: np.ndarray) -> None:
-    """Put the largest changes (n, observables) in what was found."""
-    for i, quantity in enumerate(model.observables):
-        column = change[:, i][np.isfinite(change[:, i])]
-        if column.size:
-            most = max(float(column.max()), check.largest.get(quantity.name, 0.0))
-            check.largest[quantity.name] = most if math.isfinite(most) else math.nan

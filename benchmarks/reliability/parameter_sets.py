@@ -18,6 +18,16 @@ Values = dict[str, float]
 TURN = 2.0 * np.pi
 
 
+def between(random: np.random.Generator, low: float, high: float) -> float:
+    """A number that is uniform between two others."""
+    return float(random.uniform(low, high))
+
+
+def times(random: np.random.Generator, value: float, low: float, high: float) -> float:
+    """A value times a factor whose logarithm is uniform."""
+    return value * float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+
 @dataclass(frozen=True)
 class Found:
     """What one integrator says of one set: `complete`, `fell` or `failed`, and the section's observables."""

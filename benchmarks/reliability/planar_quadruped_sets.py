@@ -12,7 +12,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from .parameter_sets import TURN, Found, Observable, Subject, Values
+from .parameter_sets import TURN, Found, Observable, Subject, Values, between, times
 
 from reference.planar_quadruped_varied import crossings as crossings_of  # isort: skip
 
@@ -27,30 +27,26 @@ def _xml() -> str:
 def draw(random: np.random.Generator, n: int) -> list[Values]:
     """Factors uniform in their logarithms, the rest uniform."""
 
+    uniform, factor = partial(between, random), partial(times, random)
+
     def one() -> Values:
-        def between(low: float, high: float) -> float:
-            return float(random.uniform(low, high))
-
-        def times(value: float, low: float, high: float) -> float:
-            return value * float(np.exp(random.uniform(np.log(low), np.log(high))))
-
-        torso = times(4.0, 0.6, 1.5)
+        torso = factor(4.0, 0.6, 1.5)
         return {
-            "sigma": between(0.0, 1.0),
-            "k2": between(0.0, 0.12),
-            "com_x": between(-0.05, 0.06),
-            "hip_x": between(0.22, 0.34),
+            "sigma": uniform(0.0, 1.0),
+            "k2": uniform(0.0, 0.12),
+            "com_x": uniform(-0.05, 0.06),
+            "hip_x": uniform(0.22, 0.34),
             "torso_mass": torso,
-            "torso_inertia": times(torso * (0.67**2 + 0.1**2) / 12.0, 0.7, 1.4),
-            "upper_mass": times(0.5, 0.5, 2.0),
-            "lower_mass": times(0.2, 0.5, 2.0),
-            "foot_mass": times(0.05, 0.6, 2.0),
-            "Kv_hip": times(1.0, 0.5, 2.0),
-            "Kv_knee": times(40.0, 0.5, 2.0),
-            "K_foot": times(8e4, 0.5, 2.0),
-            "D_foot": times(250.0, 0.5, 2.0),
-            "mu": between(0.5, 1.2),
-            "v_slip": times(0.01, 0.7, 2.0),
+            "torso_inertia": factor(torso * (0.67**2 + 0.1**2) / 12.0, 0.7, 1.4),
+            "upper_mass": factor(0.5, 0.5, 2.0),
+            "lower_mass": factor(0.2, 0.5, 2.0),
+            "foot_mass": factor(0.05, 0.6, 2.0),
+            "Kv_hip": factor(1.0, 0.5, 2.0),
+            "Kv_knee": factor(40.0, 0.5, 2.0),
+            "K_foot": factor(8e4, 0.5, 2.0),
+            "D_foot": factor(250.0, 0.5, 2.0),
+            "mu": uniform(0.5, 1.2),
+            "v_slip": factor(0.01, 0.7, 2.0),
             "seed": float(random.integers(0, 1000)),
             "pair": float(random.integers(0, 2)),
         }

@@ -6,7 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from .parameter_sets import TURN, Found, Observable, Subject, Values
+from .parameter_sets import TURN, Found, Observable, Subject, Values, between, times
 
 from reference.dormand_prince import Fallen, LateEvent  # isort: skip
 from reference.waist_quadruped_located import landings  # isort: skip
@@ -28,31 +28,27 @@ def _page() -> tuple[str, Values]:
 def draw(random: np.random.Generator, n: int) -> list[Values]:
     """Factors uniform in their logarithms, the rest uniform; the limb is bent enough to stand."""
 
+    uniform, factor = partial(between, random), partial(times, random)
+
     def one() -> Values:
-        def between(low: float, high: float) -> float:
-            return float(random.uniform(low, high))
-
-        def times(value: float, low: float, high: float) -> float:
-            return value * float(np.exp(random.uniform(np.log(low), np.log(high))))
-
-        length = between(0.075, 0.1)
+        length = uniform(0.075, 0.1)
         return {
-            "f": between(2.0, 3.2),
-            "beta": between(0.65, 0.85),
-            "body_mass": times(1.0, 0.5, 2.0),
-            "link_mass": times(0.1, 0.5, 2.0),
+            "f": uniform(2.0, 3.2),
+            "beta": uniform(0.65, 0.85),
+            "body_mass": factor(1.0, 0.5, 2.0),
+            "link_mass": factor(0.1, 0.5, 2.0),
             "link_length": length,
-            "body_length": between(0.07, 0.14),
-            "body_width": between(0.07, 0.14),
-            "K_TL": times(3.6e4, 0.5, 2.0),
-            "D_TL": times(175.0, 0.5, 1.5),
-            "kappa_1": times(16.3, 0.5, 2.0),
-            "sigma_1": times(0.125, 0.5, 2.0),
-            "kappa_2": times(9.75, 0.5, 2.0),
-            "sigma_2": times(0.0755, 0.5, 2.0),
-            "D": between(0.03, 0.065),
-            "H": min(between(0.115, 0.14), 1.75 * length),
-            "delta_13": between(1.5, 3.5),
+            "body_length": uniform(0.07, 0.14),
+            "body_width": uniform(0.07, 0.14),
+            "K_TL": factor(3.6e4, 0.5, 2.0),
+            "D_TL": factor(175.0, 0.5, 1.5),
+            "kappa_1": factor(16.3, 0.5, 2.0),
+            "sigma_1": factor(0.125, 0.5, 2.0),
+            "kappa_2": factor(9.75, 0.5, 2.0),
+            "sigma_2": factor(0.0755, 0.5, 2.0),
+            "D": uniform(0.03, 0.065),
+            "H": min(uniform(0.115, 0.14), 1.75 * length),
+            "delta_13": uniform(1.5, 3.5),
         }
 
     return [one() for _ in range(n)]

@@ -6,6 +6,7 @@ Many branches are followed at once, each with its own other parameters and its o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,18 +64,8 @@ def continuation(
     """
     if not max(within) > min(within):
         raise ArgumentError(f"within is {list(within)}, but must be a range: two numbers that differ.")
-    branches = _followed(
-        mapping,
-        starts,
-        values,
-        parameter=parameter,
-        within=within,
-        begin=begin,
-        towards=towards,
-        fix=fix,
-        steps=steps,
-        shown=shown,
-    )
+    follow = partial(_followed, parameter=parameter, within=within, towards=towards, steps=steps, shown=shown)
+    branches = follow(mapping, starts, values, begin=begin, fix=fix)
     refined = mapping.refined()
     if branches.empty or refined is None:
         return branches
@@ -86,17 +77,12 @@ def continuation(
     def only(value: Any) -> Any:
         return np.broadcast_to(np.asarray(value, np.float64), (n,))[doubtful]
 
-    again = _followed(
+    again = follow(
         refined,
         starts[doubtful],
         {name: only(value) for name, value in values.items()},
-        parameter=parameter,
-        within=within,
         begin=None if begin is None else only(begin),
-        towards=towards,
         fix={name: only(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix,
-        steps=steps,
-        shown=shown,
     )
     again["row"] = doubtful[again["row"].to_numpy()]
     kept = branches[~branches["row"].isin(doubtful)]

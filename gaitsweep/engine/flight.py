@@ -12,7 +12,6 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
-from gaitsweep.engine.lane import ADAPTIVE_STEPS
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
@@ -76,8 +75,7 @@ class Flight:
         dt = self.share * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
         stop = LATEST * self.model.period(params)
         carry = start(self.model, params, state, dt=dt, stop=stop, share=self.share)
-        steps = ADAPTIVE_STEPS if self.numerics.adaptive else 1.0
-        limit = ATTEMPTS_PER_STEP * (carry.stop / dt * steps + 1000.0)
+        limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
         if self._evaluate is None:
             return Aloft(carry, None, limit)
         assert isinstance(self.model, HybridModel)

@@ -18,9 +18,6 @@ from gaitsweep.engine.record import Record, Recorder
 # has one, lists times (s) between which nothing lies that the step's length has to be known for.
 RowDrive = Callable[[Any, jax.Array], Params]
 
-# Steps of an adaptive method that fit into its longest one before a row counts as having too many.
-ADAPTIVE_STEPS = 64.0
-
 
 class Given(NamedTuple):
     """What a chunk of attempts gives to the host, one element of each array for each lane.
@@ -43,8 +40,6 @@ class OneLane:
     ) -> None:
         self.model, self.recorder, self.numerics = model, recorder, numerics.of(model)
         self.driven = drive is not None
-        # an adaptive step may become far shorter than the longest one
-        self._steps = ADAPTIVE_STEPS if self.numerics.adaptive else 1.0
         self.at = drive if drive is not None else lambda values, t: model.params(values)
         self._advance = advance(model, numerics, drive=drive)
 
@@ -74,4 +69,4 @@ class OneLane:
     def look(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
         """The recorder's look: carry and record after it, a row (width,), and whether to keep the row."""
         params = self.at(held, carry.t) if self.driven else held
-        return self.recorder.look(params, carry, record, carry.dt / self._steps)
+        return self.recorder.look(params, carry, record, carry.dt / self.numerics.steps_in_longest)

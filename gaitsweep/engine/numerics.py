@@ -22,6 +22,8 @@ SHARE = "numerics.share"
 ORDER = 5
 # Of the longest step that is right, what is recommended.
 SAFETY = 0.85
+# Steps of an adaptive method that fit into its longest one before a row counts as having too many.
+ADAPTIVE_STEPS = 64.0
 # Steps with a tolerance are at most this share of a nominal period: what begins and ends inside a step goes
 # unseen. A step of any method that is written in a job may be four times as long.
 SHORTEST_CYCLE = 32.0
@@ -59,6 +61,11 @@ class Numerics:
     def adaptive(self) -> bool:
         """Whether steps follow from the tolerances; the method has to be known."""
         return METHODS[self.method].adaptive
+
+    @property
+    def steps_in_longest(self) -> float:
+        """Steps that the limit on attempts allows for each longest one; the method has to be known."""
+        return ADAPTIVE_STEPS if self.adaptive else 1.0
 
     @property
     def carried(self) -> str:

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.advance import CROSSING, GOING, advance, stalled, start
 from gaitsweep.engine.flight import LATEST, Flight
-from gaitsweep.engine.lane import ADAPTIVE_STEPS
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.record import ATTEMPTS_PER_STEP
 from gaitsweep.user_error import ArgumentError
@@ -36,12 +35,13 @@ def next_crossing(
         events: stop after the first jump of any kind, not only at the section.
         sensitivities: see `gaitsweep.engine.advance.advance`.
     """
+    numerics = numerics.of(model)
     attempt = advance(model, numerics, sensitivities=sensitivities)
 
     def run(params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         dt = step_of(model, numerics, params)
         carry = start(model, params, state, dt=dt, stop=LATEST * model.period(params))
-        limit = ATTEMPTS_PER_STEP * (carry.stop / dt * ADAPTIVE_STEPS + 1000.0)
+        limit = ATTEMPTS_PER_STEP * (carry.stop / dt * numerics.steps_in_longest + 1000.0)
 
         def goes_on(carry):
             jumped = events & (carry.chain > 0)
