@@ -23,8 +23,7 @@ class Plane:
     these. The section is armed only while the state is on the far side, from which it crosses. So a start on
     the plane is no crossing, whichever way it moves, every crossing in the direction of the normal is met
     once, and none in the other direction; a state that rounding cannot tell from one on the plane counts as
-    on it. Like every guard these are looked at where a step ends: what crosses and comes back within one step
-    is not seen.
+    on it.
     """
 
     normal: jax.Array

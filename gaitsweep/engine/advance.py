@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, Rates, State, Steps
+from gaitsweep.engine.hidden_events import guard_slopes, may_hide
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 
@@ -150,7 +151,7 @@ def advance(
     *,
     drive: Drive | None = None,
     sensitivities: bool = False,
-    worked_out: tuple[Propose, Flow] | None = None,
+    worked_out: tuple[Propose, Flow, Flow] | None = None,
 ) -> Advance:
     """The function of one attempt, `(params, carry) -> carry`.
 
@@ -161,7 +162,7 @@ def advance(
         sensitivities: make derivatives (forward mode) of event times and of states after events right: each
             event's time is corrected to first order, t_e - g/g', by a term whose value is zero and whose
             derivative is what is missing to that of the event time.
-        worked_out: the step and the rates at its end, for whoever works them out beforehand.
+        worked_out: the step and the rates at its beginning and end, for whoever works them out beforehand.
     """
     numerics = numerics.of(model)
     steps = own_steps(numerics.method, model)
@@ -181,11 +182,11 @@ def _advance_hybrid(
     numerics: Numerics,
     drive: Drive | None,
     sensitivities: bool,
-    worked_out: tuple[Propose, Flow] | None,
+    worked_out: tuple[Propose, Flow, Flow] | None,
 ) -> Advance:
     method = METHODS[numerics.method]
     assert method.step is not None
-    propose, flow = worked_out or (method.step(model), model.flow)
+    propose, flow, flow_after = worked_out or (method.step(model), model.flow, model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype, dt = carry.t.dtype, carry.dt
@@ -209,8 +210,11 @@ def _advance_hybrid(
         guards = model.guards(here, trial)
         fired = guards >= 0.0
         failed = going & ~taken
-        hit = going & jnp.any(fired) & ~failed
-        on = going & ~hit & ~failed
+        slopes = guard_slopes(model, here, carry.state, flow(here, carry.state))
+        hidden = going & taken & (h > CHAIN_STEP) & may_hide(carry.near, slopes, guards, h)
+        again = failed | hidden
+        hit = going & jnp.any(fired) & ~again
+        on = going & ~hit & ~again
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
         below, above = _first_to_fire(
             jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
@@ -229,13 +233,15 @@ def _advance_hybrid(
             next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
         else:
             pace, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
+        # what begins and ends within the step is looked for in its first half
+        pace, next_h = jnp.where(hidden, carry.pace, pace), jnp.where(hidden, 0.5 * h, next_h)
 
         end = trial
         t = carry.t + h
         if sensitivities:
             # what a jump itself set off has no root to follow: it happens when that jump does
             rooted = fired & (carry.near < 0.0) & (h > 0.0) & land
-            end, t = _implicit_event_time(model, here, trial, flow(here, trial), t, guards, rooted)
+            end, t = _implicit_event_time(model, here, trial, flow_after(here, trial), t, guards, rooted)
         after = model.jump(here, end, fired)
         closed = land & model.section(here, trial, fired)
         timed = on & (h >= room)
@@ -401,13 +407,7 @@ def _implicit_event_time(
     """
     if guards.size == 0:
         return trial, t
-    still = jax.lax.stop_gradient(trial)
-    along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
-    _, speed = jax.jvp(
-        lambda s: model.guards(jax.lax.stop_gradient(params), move(still, along, s)),
-        (jnp.zeros_like(t),),
-        (jnp.ones_like(t),),
-    )
+    speed = guard_slopes(model, params, trial, rates)
     speed = jnp.where(rooted & (speed != 0.0), speed, 1.0)
     age = jnp.where(rooted, jax.lax.stop_gradient(guards) / speed, -jnp.inf)
     first = jnp.arange(guards.size) == jnp.argmax(age)

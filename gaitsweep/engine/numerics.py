@@ -24,8 +24,8 @@ ORDER = 5
 SAFETY = 0.85
 # Steps of an adaptive method that fit into its longest one before a row counts as having too many.
 ADAPTIVE_STEPS = 64.0
-# Steps with a tolerance are at most this share of a nominal period: what begins and ends inside a step goes
-# unseen. A step of any method that is written in a job may be four times as long.
+# Steps with a tolerance are at most this share of a nominal period, so that few events begin and end inside
+# one (`hidden_events`). A step of any method that is written in a job may be four times as long.
 SHORTEST_CYCLE = 32.0
 FEWEST_STEPS = 8.0
 

@@ -58,12 +58,15 @@ def stagewise(model: HybridModel, numerics: Numerics) -> Callable[[Params, Pair]
         here = dataclasses.replace(carry.state, **s.at)
         rates = model.flow(params, here)
         tried = s.stage == TRIAL
-        worked_out = (lambda *_: here), (lambda *_: rates)
+        worked_out = (lambda *_: here), (lambda *_: s.first), (lambda *_: rates)
         conclude = advance(model, numerics, sensitivities=True, worked_out=worked_out)
         fired = jnp.any(model.guards(params, here) >= 0.0)
-        carry = select(tried, conclude(params, carry), carry)
+        after = conclude(params, carry)
+        # a step may be taken back without an event, too: it is tried again from the same state
+        taken = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
+        carry = select(tried, after, carry)
 
-        first = select(tried & ~fired, rates, s.first)
+        first = select(taken, rates, s.first)
         weight = jnp.where(s.stage == LAST, 1.0, 2.0)
         summed = {name: total + weight * rates[name] for name, total in s.total.items()}
         total = select(tried, first, summed)

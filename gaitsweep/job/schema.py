@@ -44,7 +44,7 @@ from gaitsweep.job.runs import (
 )
 from gaitsweep.job.vary import vary_schema
 
-_HASHED_FORM = 3  # raised when the meaning of a resolved job changes, so that no old directory is resumed
+_HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
 _SETTINGS = WithJsonSchema(
