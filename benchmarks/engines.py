@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.block import BlockResult
-from gaitsweep.engine.crossings import Crossings
-from gaitsweep.engine.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.kernel.lanes import kernel_of
-from gaitsweep.engine.sweep import Timings, sweep
-from gaitsweep.engine.work import Work
-from gaitsweep.engine.xla import local_devices
-from gaitsweep.models.multilegged import Multilegged
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.sweep.sweep import Timings, sweep
+from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.xla import local_devices
+from gaitsweep.models.multilegged.model import Multilegged
 
 from .rivals.by_hand import missing
 from .rivals.starts import Array, Row, errors, reference_crossings

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.xla import local_devices
+from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.models.planar_quadruped import PlanarQuadruped
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from gaitsweep.contract import HybridModel, SteppedModel
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.crossings import Crossings
-from gaitsweep.engine.engines import default_lanes
-from gaitsweep.engine.sweep import Timings, sweep
-from gaitsweep.engine.work import Work
-from gaitsweep.engine.xla import local_devices
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.sweep.engines import default_lanes
+from gaitsweep.engine.sweep.sweep import Timings, sweep
+from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
 
 Values = Mapping[str, np.ndarray]

@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.xla import local_devices
+from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.mechanics import mjcf
 

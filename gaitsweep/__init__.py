@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gaitsweep import plot
     from gaitsweep.job import Job, JobError, load_job
-    from gaitsweep.result import Result, run
-    from gaitsweep.runner import RunError
-    from gaitsweep.self_check import SelfCheckError
+    from gaitsweep.runs.execute import RunError
+    from gaitsweep.runs.result import Result, run
+    from gaitsweep.runs.self_check import SelfCheckError
     from gaitsweep.table import TableError, load
 
 # float64 is the default of every model here; JAX reads this when it is first imported
@@ -31,10 +31,10 @@ _ROOMS = {
     "Job": "gaitsweep.job",
     "JobError": "gaitsweep.job",
     "load_job": "gaitsweep.job",
-    "Result": "gaitsweep.result",
-    "run": "gaitsweep.result",
-    "RunError": "gaitsweep.runner",
-    "SelfCheckError": "gaitsweep.self_check",
+    "Result": "gaitsweep.runs.result",
+    "run": "gaitsweep.runs.result",
+    "RunError": "gaitsweep.runs.execute",
+    "SelfCheckError": "gaitsweep.runs.self_check",
     "TableError": "gaitsweep.table",
     "load": "gaitsweep.table",
 }

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import simpleeval
 
-from gaitsweep import nearmiss
-from gaitsweep.user_error import UserError
+from gaitsweep import near_miss
+from gaitsweep.errors import UserError
 
 CONSTANTS: Mapping[str, float] = {"pi": math.pi, "e": math.e}
 FUNCTIONS = ("sqrt", "sin", "cos", "tan", "exp", "log", "abs", "floor", "min", "max")
@@ -91,7 +91,7 @@ def evaluate(
         if name not in names:
             allowed = [*names, *CONSTANTS]
             raise ExpressionError(
-                f"in {_quoted(expression)}, {name} is not a known name{nearmiss.suggestion(name, allowed)}"
+                f"in {_quoted(expression)}, {name} is not a known name{near_miss.suggestion(name, allowed)}"
             )
     if clash := sorted(set(names) & set(CONSTANTS)):
         raise ExpressionError(f"{clash[0]} is a constant and cannot be a name of its own.")
@@ -231,7 +231,7 @@ def _check_call(text: str, node: ast.Call) -> None:
     name = node.func.id
     if name not in FUNCTIONS:
         raise ExpressionError(
-            f"in {_quoted(text)}, {name} is not a known function{nearmiss.suggestion(name, FUNCTIONS)}"
+            f"in {_quoted(text)}, {name} is not a known function{near_miss.suggestion(name, FUNCTIONS)}"
         )
     for argument in node.args:
         if isinstance(argument, (ast.Starred, ast.GeneratorExp)):

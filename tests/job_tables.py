@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Quantity, Status
-from gaitsweep.frames import STATUSES
 from gaitsweep.job import Job
 from gaitsweep.job.figures import table_columns
-from gaitsweep.job.runs import moved_by
-from gaitsweep.runner import _quantities
+from gaitsweep.kinds.runs import moved_by
+from gaitsweep.runs.execute import _quantities
+from gaitsweep.runs.frames import STATUSES
 
 RECORDS = 24  # of a row, where a run makes several
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.block import BlockResult
-from gaitsweep.engine.record import Recorder
-from gaitsweep.engine.sweep import sweep
-from gaitsweep.engine.work import Work
+from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.sweep import sweep
+from gaitsweep.engine.sweep.sweep_spec import Work
 from gaitsweep.expression import evaluate
 
 
@@ -87,3 +87,11 @@ def run_rows(
         elif field.name != "first":
             merged[field.name] = np.concatenate(parts)
     return BlockResult(**merged)
+
+
+def same(one, other) -> None:
+    """Two results of a sweep are equal, value for value."""
+    for field in ("status", "cycles", "attempts", "t_end", "last", "owner", "samples"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(other, field), err_msg=field)
+    for name in one.labels:
+        np.testing.assert_array_equal(one.labels[name], other.labels[name])

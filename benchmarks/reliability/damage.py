@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 import gaitsweep as gs
-from gaitsweep.report import write_report
+from gaitsweep.runs.report import write_report
 from gaitsweep.table import Snapshot, TableError
 
 TURN = 2 * np.pi

@@ -28,7 +28,7 @@ import pandas as pd
 import yaml
 
 import gaitsweep as gs
-from gaitsweep.engine.sweep import SAFE_WITHIN
+from gaitsweep.engine.sweep.sweep import SAFE_WITHIN
 from gaitsweep.table import Snapshot, TableError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,8 +91,8 @@ def job_of(kind: str) -> dict[str, Any]:
 
 WORKER = """
 import sys, time
-import gaitsweep.runner
-carry_out = gaitsweep.runner.carry_out
+import gaitsweep.runs.execute
+carry_out = gaitsweep.runs.execute.carry_out
 
 def logged(job, out, *, progress, **options):
     def both(done, total, rate, fraction, note):
@@ -101,7 +101,7 @@ def logged(job, out, *, progress, **options):
         progress(done, total, rate, fraction, note)
     return carry_out(job, out, progress=both, **options)
 
-gaitsweep.runner.carry_out = logged
+gaitsweep.runs.execute.carry_out = logged
 from gaitsweep.cli.main import main
 sys.exit(main(["run", *sys.argv[1:]]))
 """

@@ -68,8 +68,8 @@ def check_all(count: int, seed: int, folder: Path) -> list[Answer]:
 
 def check_one(mutant: Mutant) -> Answer:
     """Check one damaged job: the answer is a job, or a UserError whose sentence can be printed."""
+    from gaitsweep.errors import UserError
     from gaitsweep.job import load_job
-    from gaitsweep.user_error import UserError
 
     good, fault = False, ""
     _forget_peak()
@@ -145,8 +145,8 @@ def _peak() -> float:
 
 def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
     """Give damaged jobs to `gaitsweep check`, and of those that are good a tenth of all to a (dry) run."""
+    from gaitsweep.errors import UserError
     from gaitsweep.job import load_job
-    from gaitsweep.user_error import UserError
 
     shop = Workshop(folder, seed, tiny=True)
     checks: list[tuple[str, Mutant, list[str]]] = []

@@ -47,9 +47,9 @@ def animate(
     ] = None,
 ) -> None:
     """Show one row of a trace walking: a movie, or a strip of poses."""
-    from gaitsweep import movie
     from gaitsweep.cli.progress import ProgressBar
     from gaitsweep.plot import PlotError
+    from gaitsweep.runs import movie
 
     if still is not None:
         moving = {"--start": start, "--seconds": seconds, "--speed": speed, "--fps": fps}

@@ -81,11 +81,11 @@ def run(
         overrides.append(f"engine.name={engine}")
     job = load_job(job_file, overrides)
     if dry_run:
-        from gaitsweep.estimate import estimate  # after a bad job has been refused
+        from gaitsweep.runs.estimate import estimate  # after a bad job has been refused
 
         print(show.estimate(estimate(job)))
         return
-    from gaitsweep.runner import carry_out
+    from gaitsweep.runs.execute import carry_out
 
     bar = ProgressBar() if sys.stderr.isatty() else None
     asked = StopRequest()
@@ -109,7 +109,7 @@ def _tell(sentence: str) -> None:
 
 
 def _stopped(job: Job, out: Path | None) -> str:
-    from gaitsweep.runner import RESULTS
+    from gaitsweep.runs.execute import RESULTS
     from gaitsweep.table import Snapshot, TableError
 
     path = out or RESULTS / job.name
@@ -124,7 +124,7 @@ def _stopped(job: Job, out: Path | None) -> str:
 @app.command()
 def plot(directory: Directory) -> None:
     """Draw the figures of a table again, without simulating."""
-    from gaitsweep.runner import FigureError, draw_figures
+    from gaitsweep.runs.execute import FigureError, draw_figures
 
     try:
         paths = draw_figures(directory)
@@ -185,7 +185,7 @@ def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")
 @app.command()
 def report(directory: Directory) -> None:
     """Write report.html into a result directory: job, counts, figures and provenance in one file."""
-    from gaitsweep.report import write_report
+    from gaitsweep.runs.report import write_report
 
     print(write_report(directory))
 

@@ -16,7 +16,7 @@ from typing import Any
 import typer
 
 from gaitsweep.cli.commands import STOPPED, app
-from gaitsweep.user_error import FAILED, UserError
+from gaitsweep.errors import FAILED, UserError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

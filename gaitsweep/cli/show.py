@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitsweep.contract import Model, Quantity, Status, Verdict
-from gaitsweep.self_check_report import sentence
+from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
-    from gaitsweep.estimate import Estimate
+    from gaitsweep.runs.estimate import Estimate
 
 _PIPED_WIDTH = 240  # columns, where nobody's terminal wraps the lines
 

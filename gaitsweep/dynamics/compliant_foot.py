@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.dynamics.external_force import YieldingForce
-from gaitsweep.dynamics.spatial import Array, Scalar
+from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
 
 def normal_force(depth: Array, rate: Array, K: Scalar, D: Scalar) -> jax.Array:

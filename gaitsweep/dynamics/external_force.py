@@ -9,7 +9,8 @@ from typing import TypeAlias
 
 import jax
 
-from gaitsweep.dynamics.spatial import (
+from gaitsweep.dynamics.tree.kinematics import Place
+from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
@@ -21,7 +22,6 @@ from gaitsweep.dynamics.spatial import (
     symmetric,
     turned,
 )
-from gaitsweep.dynamics.tree_kinematics import Place
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["point", "force"], meta_fields=["link"])

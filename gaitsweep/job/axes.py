@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, Field
 from scipy.stats import qmc
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.complaints import found
-from gaitsweep.job.numbers import Number, PointCount, Refused, Seed, Text, checked, word
-from gaitsweep.job.runs import Part
+from gaitsweep.kinds.complaints import found
+from gaitsweep.kinds.numbers import Number, PointCount, Refused, Seed, Text, checked, word
+from gaitsweep.kinds.runs import Part
 
 MOST_LISTED = 10**6  # points that a list has one by one; more are better said by their rule
 _SOBOL_BITS = 30

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep.job.figure_part import NAME, TITLE, FigurePart
-from gaitsweep.job.numbers import Real, Stem, Text
+from gaitsweep.kinds.numbers import Real, Stem, Text
 
 
 class Continuation(FigurePart):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.engine.propose import own_steps
-from gaitsweep.job.complaints import Complaint
-from gaitsweep.job.runs import Continuation
+from gaitsweep.kinds.complaints import Complaint
+from gaitsweep.kinds.runs import Continuation
 
 
 def check_branches(model: Model, run: object, method: str) -> list[Complaint]:
@@ -18,7 +18,7 @@ def check_branches(model: Model, run: object, method: str) -> list[Complaint]:
     names = [] if chart is None else [quantity.name for quantity in chart.conserved]
     for index, name in enumerate(run.fix):
         if name not in names:
-            near = nearmiss.suggestion(name, names) if names else "."
+            near = near_miss.suggestion(name, names) if names else "."
             text = f"is {name}, which {model.name} does not conserve{near}"
             complaints.append(Complaint(("run", "fix", index), text))
     try:

@@ -10,13 +10,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.axes import Spread
-from gaitsweep.job.complaints import Complaint, Path
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.runs import (
+from gaitsweep.job.subject import Subject
+from gaitsweep.kinds.complaints import Complaint, Path
+from gaitsweep.kinds.runs import (
     MOST_SAMPLES,
     MOST_STAIRS,
     Continuation,
@@ -26,7 +27,6 @@ from gaitsweep.job.runs import (
     Trace,
     moved_by,
 )
-from gaitsweep.job.subject import Subject
 
 _CHUNK = 50_000
 _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
@@ -44,7 +44,7 @@ def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
             text = f"uses {used}, which is not a parameter of {subject.model.name}"
             if used in subject.starts:
                 text = f"uses {used}, a start value, on which no parameter may depend"
-            text += nearmiss.suggestion(used, [*allowed, *CONSTANTS])
+            text += near_miss.suggestion(used, [*allowed, *CONSTANTS])
             complaints.append(Complaint(place(plan, subject, name), text))
     if complaints:
         return complaints
@@ -91,7 +91,7 @@ def check_tolerance(run: object, model: Model) -> list[Complaint]:
     return [
         Complaint(
             ("run", "tolerance", name),
-            f"is not an observable of {model.name}{nearmiss.suggestion(name, names)}",
+            f"is not an observable of {model.name}{near_miss.suggestion(name, names)}",
         )
         for name in run.tolerance
         if name not in names

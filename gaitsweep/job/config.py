@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gaitsweep.job import complaints
-from gaitsweep.job.complaints import Complaint, JobError, found, unknown_field
 from gaitsweep.job.document import Document, read_document
-from gaitsweep.job.runs import MOVING
+from gaitsweep.kinds import complaints
+from gaitsweep.kinds.complaints import Complaint, JobError, found, unknown_field
+from gaitsweep.kinds.runs import MOVING
 
 _FIELDS = ("model", "structure", "params", "source")
 

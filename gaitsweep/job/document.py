@@ -16,10 +16,10 @@ from typing import Any, ClassVar
 
 import yaml
 
-from gaitsweep import nearmiss
-from gaitsweep.job import complaints
-from gaitsweep.job.complaints import Complaint, JobError
-from gaitsweep.job.numbers import not_text
+from gaitsweep import near_miss
+from gaitsweep.kinds import complaints
+from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.numbers import not_text
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
 _SHORT = 64 * 1024  # bytes
@@ -183,7 +183,7 @@ def _read_text(path: Path, name: str) -> str:
             raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
         raw = _read_regular(path, name)
     except FileNotFoundError:
-        listed = nearmiss.nearest(path.name, _yaml_files(path.parent))
+        listed = near_miss.nearest(path.name, _yaml_files(path.parent))
         hint = f"; did you mean {listed}?" if listed else "."
         raise _refused(name, None, f"does not exist{hint}") from None
     except (OSError, ValueError) as error:

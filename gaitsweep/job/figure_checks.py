@@ -12,17 +12,17 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.job import figure_kinds as kinds
 from gaitsweep.job.axes import Spread, Steps
 from gaitsweep.job.branch_figures import StableRanges
-from gaitsweep.job.complaints import Path, found
 from gaitsweep.job.figure_part import FigurePart
 from gaitsweep.job.gait_figures import GaitRamp, GaitSeries, LoadingRule, NineGaits, SpeedGaits
 from gaitsweep.job.multilegged_figures import DriftLaw, GaitShares
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.runs import Run, Settle, Trace
+from gaitsweep.kinds.complaints import Path, found
+from gaitsweep.kinds.runs import Run, Settle, Trace
 
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 
@@ -83,7 +83,7 @@ def refusals(figure: FigurePart, given: Given) -> Iterator[Refusal]:
     for number, (field, column) in enumerate(along):
         if column in TEXT_COLUMNS:
             numbers = [name for name in given.columns if name not in TEXT_COLUMNS]
-            yield (field,), f"is {column}, which has no numbers for an axis. {nearmiss.allowing(numbers)}"
+            yield (field,), f"is {column}, which has no numbers for an axis. {near_miss.allowing(numbers)}"
         elif column is not None and column in [other for _, other in along[:number]]:
             yield (field,), f"is {column}, as {along[0][0]} is: name another column."
     for kind, check in _CHECKS.items():
@@ -180,7 +180,7 @@ def _basin_measures(figure: kinds.BasinMeasures, given: Given) -> Iterator[Refus
 
 def _branches(figure: kinds.Branches, given: Given) -> Iterator[Refusal]:
     if figure.x not in given.varied and figure.x not in TEXT_COLUMNS:
-        yield ("x",), f"is {figure.x}, which does not vary between rows. {nearmiss.allowing(given.varied)}"
+        yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(given.varied)}"
 
 
 def _footprints(figure: kinds.Footprints, given: Given) -> Iterator[Refusal]:
@@ -205,7 +205,7 @@ def _gait_shares(figure: GaitShares, given: Given) -> Iterator[Refusal]:
     for field in ("x", "y"):
         column = getattr(figure, field)
         if column is not None and column not in sets and column not in TEXT_COLUMNS:
-            allowed = nearmiss.allowing(sets)
+            allowed = near_miss.allowing(sets)
             yield (field,), f"is {column}, which is no parameter that varies in this job. {allowed}"
 
 
@@ -264,7 +264,7 @@ def _loading_rule(figure: LoadingRule, given: Given) -> Iterator[Refusal]:
     told = [name for name in MEASURES if not settled or not name.endswith("together")]
     for at, name in enumerate(figure.measures or []):
         if name not in told:
-            text = f"is {name}, which this job's table does not tell{nearmiss.suggestion(name, told)}"
+            text = f"is {name}, which this job's table does not tell{near_miss.suggestion(name, told)}"
             yield ("measures", at), text
     if (figure.only is None) != (figure.value is None):
         field, other = ("only", "value") if figure.only is None else ("value", "only")

@@ -14,8 +14,8 @@ from gaitsweep.job.figure_part import TITLE as _TITLE
 from gaitsweep.job.figure_part import FigurePart as _Figure
 from gaitsweep.job.gait_figures import GaitRamp, GaitSeries, LoadingRule, NineGaits, SpeedGaits
 from gaitsweep.job.multilegged_figures import DriftLaw, GaitShares
-from gaitsweep.job.numbers import Flag, Positive, Real, Stem, Text, word
-from gaitsweep.job.runs import Part
+from gaitsweep.kinds.numbers import Flag, Positive, Real, Stem, Text, word
+from gaitsweep.kinds.runs import Part
 
 _HUE = "column that colours the points"
 _BANDWIDTH = "half the window of the smoothing, in the unit of y; 0.05 rad for an angle if not given"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from gaitsweep.job.runs import Part
+from gaitsweep.kinds.runs import Part
 
 TITLE = "text above the figure"
 NAME = "file stem of the figure; its kind if not given"

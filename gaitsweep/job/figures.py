@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import Model
-from gaitsweep.job.complaints import Complaint
 from gaitsweep.job.figure_checks import Given, refusals
 from gaitsweep.job.figure_kinds import Figure, Hysteresis
 from gaitsweep.job.gait_figures import GaitRamp
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.runs import Continuation, Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
+from gaitsweep.kinds.complaints import Complaint
+from gaitsweep.kinds.runs import Continuation, Hold, Ramp, Run, Settle, Staircase, Trace, moved_by
 
 
 def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
@@ -60,12 +60,12 @@ def check_figures(figures: list[Figure], plan: Plan, run: Run) -> list[Complaint
         before = len(complaints)
         for field, column in figure.columns().items():
             if column not in columns:
-                near = nearmiss.suggestion(column, columns)
+                near = near_miss.suggestion(column, columns)
                 text = f"is {column}, which is not a column of this job's table{near}"
                 complaints.append(Complaint((*path, field), text))
         for place, name in figure.observed().items():
             if name not in observables:
-                near = nearmiss.suggestion(name, observables)
+                near = near_miss.suggestion(name, observables)
                 text = f"is {name}, which is not an observable of {model.name}{near}"
                 complaints.append(Complaint((*path, *place), text))
         moved = moved_by(run)

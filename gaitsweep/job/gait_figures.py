@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep.job.figure_part import NAME, TITLE, FigurePart
-from gaitsweep.job.numbers import Count, CountOrZero, Flag, Positive, Real, Stem, Text
+from gaitsweep.kinds.numbers import Count, CountOrZero, Flag, Positive, Real, Stem, Text
 
 
 class SpeedGaits(FigurePart):

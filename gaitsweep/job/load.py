@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gaitsweep.effort import Effort
-from gaitsweep.job.complaints import Complaint, JobError, found
-from gaitsweep.job.complaints import Path as FieldPath
 from gaitsweep.job.document import Document, read_document, read_value
 from gaitsweep.job.schema import Job
+from gaitsweep.kinds.complaints import Complaint, JobError, found
+from gaitsweep.kinds.complaints import Path as FieldPath
 
 
 def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:

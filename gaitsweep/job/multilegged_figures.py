@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep.job.figure_part import NAME, TITLE, FigurePart
-from gaitsweep.job.numbers import Stem, Text, word
+from gaitsweep.kinds.numbers import Stem, Text, word
 
 
 class DriftLaw(FigurePart):

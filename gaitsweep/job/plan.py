@@ -14,9 +14,9 @@ import numpy as np
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import evaluate, names_in
-from gaitsweep.job.complaints import Complaint, JobError
-from gaitsweep.job.numbers import bound
 from gaitsweep.job.vary import Group
+from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.numbers import bound
 
 if TYPE_CHECKING:
     from gaitsweep.job.schema import Job

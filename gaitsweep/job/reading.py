@@ -12,16 +12,16 @@ from pydantic import BaseModel, ValidationError
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.branches import check_branches
 from gaitsweep.job.checks import check_names, check_ranges, check_run, check_tolerance
-from gaitsweep.job.complaints import Complaint, JobError, Owner, found, from_pydantic
 from gaitsweep.job.config import Config
 from gaitsweep.job.figures import check_figures, table_columns
-from gaitsweep.job.numbers import SCOPE, Scope
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.refined import check_refinement
-from gaitsweep.job.runs import MOVING, Numerics, moved_by
 from gaitsweep.job.steps import check_numerics, check_steps
 from gaitsweep.job.subject import Subject, read_settings, read_subject
 from gaitsweep.job.vary import Vary, read_vary
+from gaitsweep.kinds.complaints import Complaint, JobError, Owner, found, from_pydantic
+from gaitsweep.kinds.numbers import SCOPE, Scope
+from gaitsweep.kinds.runs import MOVING, Numerics, moved_by
 
 
 @dataclasses.dataclass

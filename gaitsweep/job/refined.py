@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.job.axes import Points, Spread, Steps
-from gaitsweep.job.complaints import Complaint
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.runs import Settle
+from gaitsweep.kinds.complaints import Complaint
+from gaitsweep.kinds.runs import Settle
 
 
 def refined_axes(plan: Plan, run: Settle) -> dict[int, bool]:
@@ -42,7 +42,7 @@ def check_refinement(plan: Plan, run: object) -> list[Complaint]:
             text = f"is {name}, whose points are no grid: only a linspace or logspace of its own refines."
             complaints.append(Complaint(("run", "over", place), text))
         elif name not in grids:
-            near = nearmiss.suggestion(name, grids) if grids else ": no axis of this job is a grid."
+            near = near_miss.suggestion(name, grids) if grids else ": no axis of this job is a grid."
             complaints.append(Complaint(("run", "over", place), f"is {name}, which does not vary{near}"))
     if not complaints and not refined_axes(plan, run):
         text = "needs a grid: a linspace or logspace of a start under vary"

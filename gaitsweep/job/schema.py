@@ -23,12 +23,13 @@ from pydantic import (
 
 from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
-from gaitsweep.job.complaints import Complaint, JobError, Owner, from_pydantic
 from gaitsweep.job.figure_kinds import FIGURES, Figure
-from gaitsweep.job.numbers import Stem, Text, VerifyCount
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
-from gaitsweep.job.runs import (
+from gaitsweep.job.vary import vary_schema
+from gaitsweep.kinds.complaints import Complaint, JobError, Owner, from_pydantic
+from gaitsweep.kinds.numbers import Stem, Text, VerifyCount
+from gaitsweep.kinds.runs import (
     Continuation,
     EngineChoice,
     Hold,
@@ -42,7 +43,6 @@ from gaitsweep.job.runs import (
     Trace,
     moved_by,
 )
-from gaitsweep.job.vary import vary_schema
 
 _HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 

@@ -18,12 +18,12 @@ from gaitsweep.contract import HybridModel, Model
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
 from gaitsweep.engine.propose import METHODS, refusal
-from gaitsweep.engine.xla import see_all_cores
+from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import evaluate, functions_of
-from gaitsweep.job.complaints import Complaint, JobError
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.runs import Continuation, moved_by
-from gaitsweep.job.runs import Numerics as NumericsPart
+from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.runs import Continuation, moved_by
+from gaitsweep.kinds.runs import Numerics as NumericsPart
 
 # Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
 # evenly over all of them, and each row's own step is looked at when its block begins.

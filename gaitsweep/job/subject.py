@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
-from gaitsweep import models, nearmiss
+from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
-from gaitsweep.job.complaints import Complaint, Path, found
-from gaitsweep.job.numbers import Refused, read_flag, read_number, read_real, read_text, read_whole
+from gaitsweep.kinds.complaints import Complaint, Path, found
+from gaitsweep.kinds.numbers import Refused, read_flag, read_number, read_real, read_text, read_whole
 from gaitsweep.models.conformity import fault
 
 _RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
@@ -56,7 +56,7 @@ class Subject:
         noun = {"params": "a parameter", "start": "a start value", "vary": "a parameter or start value"}[
             field
         ]
-        return f"is not {noun} of {self.model.name}{nearmiss.suggestion(name, here)}"
+        return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, here)}"
 
 
 def read_subject(
@@ -79,7 +79,7 @@ def read_subject(
     seen: dict[str, Any] = {}
     for path, key, value in written:
         if key not in fields:
-            text = f"is not part of the structure of {name}{nearmiss.suggestion(str(key), fields)}"
+            text = f"is not part of the structure of {name}{near_miss.suggestion(str(key), fields)}"
             complaints.append(Complaint(path, text))
             continue
         try:
@@ -116,7 +116,7 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
 def _read_word(value: Any, allowed: Sequence[str] | None) -> str:
     word = read_text(value)
     if allowed is not None and word not in allowed:
-        raise Refused(f"is {found(value)}{nearmiss.suggestion(word, allowed)}")
+        raise Refused(f"is {found(value)}{near_miss.suggestion(word, allowed)}")
     return word
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.job.axes import (
     AXIS_KINDS,
@@ -25,7 +25,7 @@ from gaitsweep.job.axes import (
     points_of,
     sample_points,
 )
-from gaitsweep.job.complaints import Complaint, Owner, Path, found, from_pydantic, unknown_field
+from gaitsweep.kinds.complaints import Complaint, Owner, Path, found, from_pydantic, unknown_field
 
 MOST_ROWS = 10**9
 MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
@@ -169,7 +169,7 @@ def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Comp
     for key in value:
         if key not in ("at", "seed"):
             return unknown_field((*path, str(key)), "an axis", AXIS_KINDS)
-    return Complaint(path, f"has no points. {nearmiss.allowing(AXIS_KINDS)}")
+    return Complaint(path, f"has no points. {near_miss.allowing(AXIS_KINDS)}")
 
 
 def _switch(item: Any, quantity: Quantity | None) -> Any:
@@ -201,7 +201,7 @@ def _read_zip(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: 
 
 def _read_sample(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields. {nearmiss.allowing(Sample.model_fields)}"
+        text = f"is {found(value)}, but takes fields. {near_miss.allowing(Sample.model_fields)}"
         vary.complaints.append(Complaint(path, text))
         return {}
     try:

@@ -12,14 +12,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
+from gaitsweep.errors import UserError
 from gaitsweep.models.own_modules import Stamp, installed, modules_beside, stamp_of
-from gaitsweep.user_error import UserError
 
 _REGISTRY = {
-    "multilegged": "gaitsweep.models.multilegged:Multilegged",
-    "multilegged_reduced": "gaitsweep.models.multilegged_reduced:MultileggedReduced",
+    "multilegged": "gaitsweep.models.multilegged.model:Multilegged",
+    "multilegged_reduced": "gaitsweep.models.multilegged.reduced:MultileggedReduced",
     "planar_quadruped": "gaitsweep.models.planar_quadruped:PlanarQuadruped",
     "waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped",
 }
@@ -57,7 +57,7 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     path = _REGISTRY.get(name, name)
     if ":" not in path:
         raise ModelError(
-            f"is {name}, which is not a known model{nearmiss.suggestion(name, names())} Or {_OWN}."
+            f"is {name}, which is not a known model{near_miss.suggestion(name, names())} Or {_OWN}."
         )
     module_name, _, attribute = path.partition(":")
     if module_name.endswith(".py"):
@@ -70,7 +70,7 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         classes = [
             key for key, value in vars(module).items() if inspect.isclass(value) and issubclass(value, Model)
         ]
-        near = nearmiss.suggestion(attribute, _concrete(classes))
+        near = near_miss.suggestion(attribute, _concrete(classes))
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
 

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from gaitsweep import nearmiss
+from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, Steps
 
 _NUMBER = jax.ShapeDtypeStruct((), float)
@@ -109,7 +109,7 @@ def _rates(state: Any, rates: Any) -> None:
     for name, rate in rates.items():
         if name not in fields:
             text = f"flow gives a rate of {name}, which is no field of its state"
-            raise _Fault(f"{text}{nearmiss.suggestion(str(name), fields)}")
+            raise _Fault(f"{text}{near_miss.suggestion(str(name), fields)}")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
             raise _Fault(f"flow gives {name} a rate of shape {rate.shape}, but the field has {shape}.")

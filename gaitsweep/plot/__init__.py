@@ -9,28 +9,28 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep import nearmiss
-from gaitsweep.plot.basin import basin
-from gaitsweep.plot.basin_measures import basin_measures
-from gaitsweep.plot.branches import branches
+from gaitsweep import near_miss
+from gaitsweep.plot.basins.basin import basin
+from gaitsweep.plot.basins.basin_measures import basin_measures
+from gaitsweep.plot.basins.gait_map import gait_map
+from gaitsweep.plot.basins.shock import shock
+from gaitsweep.plot.branches.branches import branches
+from gaitsweep.plot.branches.continuation import continuation
+from gaitsweep.plot.branches.cycles import cycles
+from gaitsweep.plot.branches.hysteresis import hysteresis
+from gaitsweep.plot.branches.return_map import return_map
+from gaitsweep.plot.branches.stable_ranges import stable_ranges
+from gaitsweep.plot.chain.drift_law import drift_law
+from gaitsweep.plot.chain.gait_shares import gait_shares_figure as gait_shares
+from gaitsweep.plot.chain.solution_set import solution_set
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.continuation import continuation
-from gaitsweep.plot.cycles import cycles
-from gaitsweep.plot.drift_law import drift_law
-from gaitsweep.plot.footprints import footprints
-from gaitsweep.plot.gait_map import gait_map
-from gaitsweep.plot.gait_ramp import gait_ramp
-from gaitsweep.plot.gait_series import gait_series
-from gaitsweep.plot.gait_shares import gait_shares_figure as gait_shares
-from gaitsweep.plot.hysteresis import hysteresis
-from gaitsweep.plot.loading_rule import loading_rule
-from gaitsweep.plot.nine_gaits import nine_gaits
+from gaitsweep.plot.gaits.footprints import footprints
+from gaitsweep.plot.gaits.gait_ramp import gait_ramp
+from gaitsweep.plot.gaits.gait_series import gait_series
+from gaitsweep.plot.gaits.loading_rule import loading_rule
+from gaitsweep.plot.gaits.nine_gaits import nine_gaits
+from gaitsweep.plot.gaits.speed_gaits import speed_gaits
 from gaitsweep.plot.provenance_marks import marked
-from gaitsweep.plot.return_map import return_map
-from gaitsweep.plot.shock import shock
-from gaitsweep.plot.solution_set import solution_set
-from gaitsweep.plot.speed_gaits import speed_gaits
-from gaitsweep.plot.stable_ranges import stable_ranges
 
 __all__ = [
     "KINDS",
@@ -115,5 +115,5 @@ def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
         PlotError: kind is not known, or the table lacks what the figure names.
     """
     if kind not in KINDS:
-        raise PlotError(f"{kind} is not a kind of figure{nearmiss.suggestion(kind, KINDS)}")
+        raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, KINDS)}")
     return KINDS[kind](table, **spec)

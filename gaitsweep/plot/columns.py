@@ -10,10 +10,10 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
-from gaitsweep import nearmiss
-from gaitsweep.analysis import outcomes
+from gaitsweep import near_miss
+from gaitsweep.analysis.basins import outcomes
 from gaitsweep.analysis.circular import is_circular
-from gaitsweep.user_error import UserError
+from gaitsweep.errors import UserError
 
 NOT_SETTLED, FAILED = outcomes.NOT_SETTLED, outcomes.FAILED
 _GREEK = frozenset(
@@ -37,7 +37,7 @@ def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> s
         if name + suffix in table.columns:
             return name + suffix
     raise PlotError(
-        f"{name} is not a column of this table{nearmiss.suggestion(name, map(str, table.columns))}"
+        f"{name} is not a column of this table{near_miss.suggestion(name, map(str, table.columns))}"
     )
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from gaitsweep.user_error import FAILED, UserError
+from gaitsweep.errors import FAILED, UserError
 
 PARTIAL = ".partial"  # ends the hidden name under which a file is written
 LOCK_NAME = ".lock"

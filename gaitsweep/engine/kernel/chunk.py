@@ -15,7 +15,7 @@ import numpy as np
 from gaitsweep.engine.kernel.emit import steady_results
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
-from gaitsweep.engine.lane import OneLane
+from gaitsweep.engine.sweep.lane import OneLane
 
 
 @dataclasses.dataclass(frozen=True)

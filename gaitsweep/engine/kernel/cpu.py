@@ -15,7 +15,7 @@ from typing import Any
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import loaded, statements, stored
-from gaitsweep.engine.record import CADENCE
+from gaitsweep.engine.recorders.recorder import CADENCE
 
 # Lanes of a tile: two vectors of 8, so that one works while the other waits for its results.
 TILE = 16

@@ -15,9 +15,9 @@ from gaitsweep.engine.kernel import threads
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import KernelLanes
-from gaitsweep.engine.lane import Given
-from gaitsweep.engine.record import BUFFER
-from gaitsweep.engine.xla import Device, Values
+from gaitsweep.engine.recorders.recorder import BUFFER
+from gaitsweep.engine.sweep.lane import Given
+from gaitsweep.engine.sweep.xla import Device, Values
 
 # Threads of a block; 64, 128 and 256 ran equally fast.
 THREADS = 128

@@ -15,10 +15,10 @@ import numpy as np
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
-from gaitsweep.engine.lane import Given, OneLane, RowDrive
 from gaitsweep.engine.numerics import SHARE, Numerics
-from gaitsweep.engine.record import BUFFER, UNSEEN, Record, Recorder
-from gaitsweep.engine.xla import Values
+from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
+from gaitsweep.engine.sweep.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.sweep.xla import Values
 
 CACHE_LINE = 64  # bytes, and those of the widest vector
 

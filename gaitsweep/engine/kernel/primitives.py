@@ -16,7 +16,8 @@ Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
 
 def rule_for(name: str) -> Rule:
     """The rule of a primitive; raises a refusal that names it where there is none."""
-    from gaitsweep.engine.kernel import arrays, control, places
+    from gaitsweep.engine.kernel import arrays, control
+    from gaitsweep.engine.kernel import indexing as places
 
     for room in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, places.RULES, control.RULES):
         if name in room:

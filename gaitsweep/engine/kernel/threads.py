@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import loaded, statements, stored
 from gaitsweep.engine.kernel.lower import KINDS
-from gaitsweep.engine.record import CADENCE
+from gaitsweep.engine.recorders.recorder import CADENCE
 
 # Registers of a thread: all that it may have. With fewer, more threads fit on the card at once, but what no
 # longer fits goes to memory, and that costs more.

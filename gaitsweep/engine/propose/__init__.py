@@ -9,11 +9,11 @@ from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
 from gaitsweep.engine.propose.tsit5 import tsit5
-from gaitsweep.user_error import ArgumentError
+from gaitsweep.errors import ArgumentError
 
 # Along the negative axis the polynomials are near exp(z) down to -20. Away from it they are so only nearer to
 # zero, but stay stable farther out, and the short steps after an event have damped what it set in motion
-# before the longest step is reached: the limits lie between the two (`tests/test_propose.py`).
+# before the longest step is reached: the limits lie between the two (`tests/engine/test_propose.py`).
 METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
     "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),

@@ -11,19 +11,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.analysis.nine_gaits import LEGS
-from gaitsweep.dynamics.articulated_tree import Geometry
 from gaitsweep.dynamics.compliant_foot import ground_force
 from gaitsweep.dynamics.external_force import YieldingForce
-from gaitsweep.dynamics.tree_dynamics import forward_dynamics
-from gaitsweep.dynamics.tree_kinematics import integrate, movements, places, velocity_at
+from gaitsweep.dynamics.tree.articulated_tree import Geometry
+from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
 from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, Mechanics, body, mjcf
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.models.planar_quadruped.parameters import BODY
 from gaitsweep.models.planar_quadruped.state import State
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx_body import MjxBody
-    from gaitsweep.dynamics.mjx_variants import Variants
+    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.variants import Variants
 
 Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
@@ -105,7 +105,7 @@ class MjxInContact(Body):
         return variants().of_row(values)
 
     def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
-        from gaitsweep.dynamics.mjx_body import BodyState
+        from gaitsweep.dynamics.mjx.body import BodyState
 
         in_mjx = mjx_body()
         friction = jnp.asarray(in_mjx.mj_model.geom_friction)
@@ -126,7 +126,7 @@ class MjxInContact(Body):
 @cache
 def mjx_body() -> MjxBody:
     """The body of the MJCF."""
-    from gaitsweep.dynamics.mjx_body import MjxBody
+    from gaitsweep.dynamics.mjx.body import MjxBody
 
     return MjxBody(mjcf(), contact=True)
 
@@ -134,7 +134,7 @@ def mjx_body() -> MjxBody:
 @cache
 def variants() -> Variants:
     """The bodies of other masses and lengths."""
-    from gaitsweep.dynamics.mjx_variants import Variants
+    from gaitsweep.dynamics.mjx.variants import Variants
 
     return Variants(mjcf(), edited, page_values())
 

@@ -12,9 +12,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.analysis.nine_gaits import LEGS, PAIRS
 from gaitsweep.dynamics.matsuoka import FLEXOR
 from gaitsweep.dynamics.phase_oscillator import TWO_PI
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle
 LF = LEGS.index("LF")

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from gaitsweep.analysis.nine_gaits import LEGS
 from gaitsweep.models.planar_quadruped.bodies import edited
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.skeleton import Limb, Skeleton
 
 NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right hind"}

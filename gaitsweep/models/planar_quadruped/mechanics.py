@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.analysis.nine_gaits import LEGS
-from gaitsweep.dynamics.articulated_tree import Geometry, Tree
-from gaitsweep.dynamics.spatial import Array, Scalar
-from gaitsweep.dynamics.tree_from_mjcf import tree_of
+from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree
+from gaitsweep.dynamics.tree.from_mjcf import tree_of
+from gaitsweep.dynamics.tree.spatial import Array, Scalar
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 
 # Places in q and in v.
 X, Z, PITCH = 0, 1, 2

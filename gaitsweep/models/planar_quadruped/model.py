@@ -19,7 +19,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.analysis.nine_gaits import CHART, place
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.models.planar_quadruped import cycle
 from gaitsweep.models.planar_quadruped.bodies import Body, MjxInContact, TreeBody
@@ -33,12 +32,13 @@ from gaitsweep.models.planar_quadruped.mechanics import (
     Z,
     forces_on_joints,
 )
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, place
 from gaitsweep.models.planar_quadruped.parameters import PARAMETERS, STARTS
 from gaitsweep.models.planar_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
 from gaitsweep.models.planar_quadruped.rhythm import Motors, Network, swinging
 from gaitsweep.models.planar_quadruped.start import begun
 from gaitsweep.models.planar_quadruped.state import Params, State
-from gaitsweep.nearmiss import suggestion
+from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")
 # A body has fallen below this share of its standing height, or beyond this pitch (rad).

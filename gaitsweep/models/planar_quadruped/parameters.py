@@ -5,8 +5,8 @@ The paper's values stand in a supplement; here is its table as others quote it, 
 
 from __future__ import annotations
 
-from gaitsweep.analysis.nine_gaits import THRESHOLD
 from gaitsweep.contract import Quantity
+from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
 
 _PAPER = "Fukuoka 2015"
 _SUPPLEMENT = "Fukuoka 2015, supplement"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import jax
 
-from gaitsweep.analysis.nine_gaits import LEGS
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.matsuoka import FLEXOR
 from gaitsweep.models.planar_quadruped.cycle import FORE_1, FORE_2, HIND_1, HIND_2, LF
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, NQ, PITCH, X, Z
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.models.planar_quadruped.state import State
 
 _PAIRS = {1: f"{LEGS[HIND_1]} - {LEGS[FORE_1]}", 2: f"{LEGS[HIND_2]} - {LEGS[FORE_2]}"}

@@ -8,8 +8,8 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.analysis.nine_gaits import LEGS
 from gaitsweep.dynamics.matsuoka import FLEXOR, Coupling, leg_feedback, links, rates
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 
 ACROSS = links(4, [(LEGS.index("LF"), LEGS.index("RF")), (LEGS.index("LH"), LEGS.index("RH"))])
 BESIDE = links(4, [(LEGS.index("LF"), LEGS.index("LH")), (LEGS.index("RF"), LEGS.index("RH"))])

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.analysis.nine_gaits import LEGS, PAIRS
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, NQ, Z
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 from gaitsweep.models.planar_quadruped.state import Params
 
 ABOVE = 0.005  # m, between the lowest foot and the ground

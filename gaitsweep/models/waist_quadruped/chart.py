@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics.phase_oscillator import wrapped
-from gaitsweep.dynamics.spatial import quaternion_product
+from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS
 
 # A foot 3 farther than this (m) from the ground has not just touched down: its limb landed by its phase.

@@ -17,8 +17,8 @@ from gaitsweep.models.waist_quadruped.state import State
 from gaitsweep.models.waist_quadruped.steps import Body
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx_body import MjxBody
-    from gaitsweep.dynamics.mjx_variants import Variants
+    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.variants import Variants
 
 # Table I's masses (kg) and lengths (m), which the MJCF has.
 _TABLE_1 = {"body_mass": 1.0, "body_length": 0.1, "body_width": 0.1, "link_mass": 0.1, "link_length": 0.08}
@@ -74,7 +74,7 @@ def _numbers(m: Mechanics) -> dict[str, jax.Array]:
 @cache
 def mjx_body() -> MjxBody:
     """The body of Table I."""
-    from gaitsweep.dynamics.mjx_body import MjxBody
+    from gaitsweep.dynamics.mjx.body import MjxBody
 
     return MjxBody(mjcf(), [f"foot_{i + 1}" for i in LIMBS])
 
@@ -82,7 +82,7 @@ def mjx_body() -> MjxBody:
 @cache
 def variants() -> Variants:
     """The bodies of other masses and lengths."""
-    from gaitsweep.dynamics.mjx_variants import Variants, rescale
+    from gaitsweep.dynamics.mjx.variants import Variants, rescale
 
     def edit(spec: Any, values: Mapping[str, float]) -> None:
         rescale(spec, *factors(SimpleNamespace(**values), np.stack))

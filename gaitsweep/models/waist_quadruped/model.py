@@ -25,7 +25,7 @@ import numpy as np
 
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
-from gaitsweep.dynamics.tree_kinematics import rates
+from gaitsweep.dynamics.tree.kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.chart import LandingChart
 from gaitsweep.models.waist_quadruped.drawing import Drawn
@@ -39,7 +39,7 @@ from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
 from gaitsweep.models.waist_quadruped.steps import Body, SemiImplicit, TreeBody
-from gaitsweep.nearmiss import suggestion
+from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")
 

@@ -19,7 +19,7 @@ import numpy as np
 from gaitsweep.contract import Steps
 from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.single_precision import worked_in
-from gaitsweep.dynamics.tree_kinematics import integrate
+from gaitsweep.dynamics.tree.kinematics import integrate
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import LATE
 from gaitsweep.models.waist_quadruped.mechanics import RELEASE, Mechanics, body

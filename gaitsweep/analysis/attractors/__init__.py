@@ -1,0 +1,1 @@
+"""Attractors from settled states."""

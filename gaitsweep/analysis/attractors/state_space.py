@@ -1,0 +1,104 @@
+"""Distances between settled states: angles by the shorter way round, all else in its own unit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import KDTree
+
+from gaitsweep.analysis.circular import TURN, is_circular
+from gaitsweep.analysis.gaits.records import AnalysisError, axes_of, require
+
+_CHUNK = 1 << 20  # numbers of a block of distances
+
+
+@dataclasses.dataclass(frozen=True)
+class Space:
+    """A space of states: `periods` (d,) of its directions, 0 where one is open, in units of `scales` (d,)."""
+
+    periods: np.ndarray
+    scales: np.ndarray
+
+    @classmethod
+    def of(
+        cls, table: pd.DataFrame, columns: Sequence[str], scales: Mapping[str, float] | None = None
+    ) -> Space:
+        """The space of these columns, each divided by its scale; angles close after a turn.
+
+        Raises:
+            AnalysisError: a column is not there, or a scale is not above 0.
+        """
+        require(table, *columns)
+        units = [float((scales or {}).get(name, 1.0)) for name in columns]
+        for name, unit in zip(columns, units, strict=True):
+            if not unit > 0.0:
+                raise AnalysisError(f"The scale of {name} is {unit:g}, but must be above 0.")
+        turns = np.array([TURN if is_circular(table, name) else 0.0 for name in columns])
+        return cls(turns / np.array(units), np.array(units))
+
+    def points(self, table: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
+        """The states of a table's rows, (n, d), angles in [0, period)."""
+        points = table[list(columns)].to_numpy(float) / self.scales
+        closed = self.periods > 0.0
+        points[:, closed] = np.mod(points[:, closed], self.periods[closed])
+        # np.mod of a tiny negative number is the period itself, which lies outside
+        points[:, closed] = np.where(points[:, closed] >= self.periods[closed], 0.0, points[:, closed])
+        return points
+
+    def difference(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """`one - other` (..., d), angles by the shorter way."""
+        away = one - other
+        turn = np.where(self.periods > 0.0, self.periods, 1.0)
+        return np.where(self.periods > 0.0, away - turn * np.round(away / turn), away)
+
+    def distance(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Distances (...) between states (..., d)."""
+        return np.sqrt(np.sum(self.difference(one, other) ** 2, axis=-1))
+
+    def tree(self, points: np.ndarray) -> KDTree:
+        """A search tree of states (n, d) that knows which directions close."""
+        return KDTree(points, boxsize=self.periods)
+
+    def apart(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """The distance of each state (n, d) to the nearest of `others` (m, d), (n,); inf if there is none."""
+        if not len(others) or not len(points):
+            return np.full(len(points), np.inf)
+        return np.asarray(self.tree(others).query(points)[0])
+
+    def medoid(self, points: np.ndarray) -> int:
+        """The state with the smallest sum of distances to the others: its place among the points (n, d)."""
+        every = max(1, len(points) // 500)  # among so many candidates the middle is found well enough
+        candidates = np.arange(0, len(points), every)
+        rows = max(1, _CHUNK // points.size)
+        sums = [
+            self.distance(points[candidates[first : first + rows], None], points[None]).sum(axis=1)
+            for first in range(0, candidates.size, rows)
+        ]
+        return int(candidates[np.argmin(np.concatenate(sums))])
+
+    def unrolled(self, points: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """States (m, d) moved by whole turns, so that the links (k, 2) of a tree, outwards, stay short."""
+        flat = points.copy()
+        for inner, outer in links:
+            flat[outer] = flat[inner] + self.difference(points[outer], points[inner])
+        return flat
+
+
+def extent(points: np.ndarray) -> float:
+    """The distance between two of the points (m, d) that lie far apart, no direction closing.
+
+    It is that from the point farthest from the first to the point farthest from there.
+    """
+    one = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
+    return float(np.linalg.norm(points - one, axis=1).max())
+
+
+def state_columns(table: pd.DataFrame) -> list[str]:
+    """The columns of the section's observables where a row ended: psi_1_end and so on."""
+    known = table.attrs.get("quantities", {})
+    skipped = {"t_end", *axes_of(table)}
+    names = [str(name) for name in table.columns if str(name).endswith("_end") and name not in skipped]
+    return [name for name in names if not known or name.removesuffix("_end") in known]

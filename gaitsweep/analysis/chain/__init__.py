@@ -1,0 +1,1 @@
+"""The multi-legged chain's tables beside its theory."""

@@ -1,0 +1,387 @@
+"""The smoothed drift of a one-dimensional map along a line or around the circle: its zeros and its ghosts.
+
+The drift is smoothed on each piece of the data between gaps and jumps (`map_pieces`), and told where there
+are data. It has a zero where the curve goes from one sure sign to the other and points on both sides bear it
+out.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from gaitsweep.analysis.circular import TURN, on_line
+from gaitsweep.analysis.transitions.map_pieces import breaks
+from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
+
+NEAR = 0.01  # rad a crossing: a slower drift is one that holds a row for long
+SURE = 2.0  # standard errors by which a drift differs from zero
+_A_BANDWIDTH = 5  # places of the curve in a bandwidth
+_AT_REST = 1e-4  # bandwidths a crossing: a row that is so slow has come to rest
+_OUTSIDE = 0.02  # bandwidths that the state at which rows come to rest may lie outside the data
+_NARROWER = (1.0, 0.5, 0.25, 0.125)  # bandwidths: a narrower window where the points bend away from the curve
+_AT_A_PLACE = 4  # points, by their shares, that tell whether the curve follows them there
+_ASTRAY = (
+    0.02,
+    4.0,
+)  # what points at a place may lie beside the curve on average: bandwidths, standard errors
+_TWOFOLD = 3.0  # times as far apart as each is wide: two branches of points, of which the middle is neither
+_A_BRANCH, _BRANCHES = 2, 8  # points of each branch at least where both are, and of both
+_BRIDGED = (3.0, 0.5)  # what is left at a zero on one side: standard errors, shares of the drift on that side
+
+
+Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # value, change, row, share
+
+
+class Drift(NamedTuple):
+    """One piece of a map: pairs as points (value, change, row and share of each), and the curve through them.
+
+    `begin` is where the turn begins if the curve closes around the circle; then the points near it stand on
+    both sides. `circular` says whether changes are angles.
+    """
+
+    value: np.ndarray
+    change: np.ndarray
+    row: np.ndarray
+    share: np.ndarray
+    bandwidth: float
+    begin: float | None
+    circular: bool
+    smooth: Smooth
+
+    def at(self, place: float) -> Smooth:
+        """The curve at one place: by a parabola where the points show that it bends, else by a line."""
+        where = np.array([place])
+        where = where if self.begin is None else on_line(where, self.begin)
+        found = None
+        for width in self.bandwidth * np.array(_NARROWER):
+            for degree in (2, 1):
+                smooth = local_polynomial(*self.points, where, width, degree, width == self.bandwidth)
+                if np.isfinite(smooth.value[0]):
+                    break
+            found = smooth if found is None or np.isfinite(smooth.value[0]) else found
+            if not _astray(self.points, smooth, width, self.bandwidth)[0]:
+                break
+        assert found is not None
+        return found
+
+    @property
+    def points(self) -> Points:
+        return self.value, self.change, self.row, self.share
+
+
+def drifts_of(
+    value: np.ndarray, change: np.ndarray, row: np.ndarray, bandwidth: float, circular: bool
+) -> list[Drift]:
+    """Smooth the change over the value by local lines, on each piece of the data.
+
+    Around the circle, where the data break off nowhere, the curve closes.
+
+    Args:
+        value, change: (n,), each row's in their order; angles on one turn, in rad.
+        row: which row each pair is of, (n,).
+        bandwidth: half the width of the window, in the unit of the value.
+        circular: whether the value is an angle.
+
+    Returns:
+        The pieces, ascending; of an angle they may go on beyond the end of the turn.
+    """
+    step = bandwidth / _A_BANDWIDTH
+    share = once_a_place(value, row, step)
+    first = np.diff(row, prepend=np.nan) != 0
+    order = np.argsort(value, kind="stable")
+    value, change, row, share, first = (each[order] for each in (value, change, row, share, first))
+    n = len(value)
+    if not circular:
+        ends = np.flatnonzero(breaks(value, change, share, first, bandwidth, step)) + 1
+    else:
+        # what is near the ends of the turn has its neighbours on the other side too
+        low = int(np.searchsorted(value, value[-1] - 4.0 * bandwidth))
+        high = int(np.searchsorted(value, value[0] + 4.0 * bandwidth, "right"))
+        around = np.r_[np.arange(low, n) - n, np.arange(n), np.arange(high) + n]
+        again = around % n
+        turned = value[again] + TURN * (around // n)
+        broken = breaks(turned, change[again], share[again], first[again], bandwidth, step)
+        # the last of these n lies between the last point and the first one, a turn later
+        after = broken[n - low : n - low + n]
+        after |= np.abs(np.diff(change, append=change[0])) > 0.5 * TURN  # by the longer way: not through zero
+        if not after.any():
+            return [_closed(value, change, row, share, bandwidth, step)]
+        begin = int(np.flatnonzero(after)[-1]) + 1
+        if begin < n:
+            value = np.r_[value[begin:], value[:begin] + TURN]
+            change, row, share = (np.roll(each, -begin) for each in (change, row, share))
+        ends = np.flatnonzero(np.roll(after, -begin)[:-1]) + 1
+    pieces = [_piece(each, bandwidth, step, circular) for each in _split(ends, (value, change, row, share))]
+    return sorted(pieces, key=lambda piece: float(piece.value[0]))
+
+
+def _split(ends: np.ndarray, points: Points) -> list[Points]:
+    value, change, row, share = (np.split(each, ends) for each in points)
+    return list(zip(value, change, row, share, strict=True))
+
+
+def _piece(points: Points, bandwidth: float, step: float, circular: bool) -> Drift:
+    """A piece with ends: its curve goes from its first point to its last one."""
+    value, change, row, share = points
+    low, high = float(value[0]), float(value[-1])
+    at = np.arange(low, high, step)
+    at = np.append(at, high) if high > low else np.array([low])
+    smooth = _followed(points, at, bandwidth)
+    return Drift(value, change, row, share, bandwidth, None, circular, smooth)
+
+
+def _closed(
+    value: np.ndarray, change: np.ndarray, row: np.ndarray, share: np.ndarray, bandwidth: float, step: float
+) -> Drift:
+    """The only piece of a map whose data go all around the circle."""
+    low = float(value[0])
+    around = np.concatenate([value - TURN, value, value + TURN])
+    near = (around > low - 2.0 * bandwidth) & (around < low + TURN + 2.0 * bandwidth)
+    value = around[near]
+    change, row, share = (np.tile(each, 3)[near] for each in (change, row, share))
+    count = int(np.ceil(TURN / step))
+    at = low + TURN * np.arange(count) / count
+    smooth = _followed((value, change, row, share), at, bandwidth)
+    # begin where the sign is surest, so that no zero lies across the ends
+    sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
+    way = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
+    smooth = Smooth(*(each[way % count] for each in smooth))
+    smooth = smooth._replace(at=smooth.at + TURN * (way // count))
+    return Drift(value, change, row, share, bandwidth, low, True, smooth)
+
+
+def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
+    """The curve through points sorted by value, in narrower windows where they bend; NaN where none follows
+    them, and where they lie on two branches."""
+    smooth = local_polynomial(*points, at, bandwidth)
+    smooth.value[_twofold(points, smooth, bandwidth)] = np.nan
+    wrong = np.flatnonzero(_astray(points, smooth, bandwidth, bandwidth))
+    for width in bandwidth * np.array(_NARROWER[1:]):
+        closer = local_polynomial(*points, at[wrong], width, widen=False)
+        for each, better in zip(smooth, closer, strict=True):
+            each[wrong] = better
+        wrong = wrong[_astray(points, closer, width, bandwidth, unknown=True)]
+    smooth.value[wrong] = np.nan
+    return smooth
+
+
+def _astray(
+    points: Points, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
+) -> np.ndarray:
+    """At which places the points there lie beside the curve on average, by more than they scatter, bool (k,).
+
+    `width` is that of the window; points within a fifth of it are at a place. `unknown` is the answer where
+    they are too few; a curve that has gone astray in a wider window has to follow them more surely.
+    """
+    value, change, _, share = points
+    wrong = np.full(len(smooth.at), unknown)
+    near = width / _A_BANDWIDTH
+    low, high = np.searchsorted(value, smooth.at - near), np.searchsorted(value, smooth.at + near, "right")
+    for k in np.flatnonzero(np.isfinite(smooth.value) & (high - low >= _AT_A_PLACE)):
+        here = slice(low[k], high[k])
+        weight = share[here]
+        if weight.sum() < _AT_A_PLACE:
+            continue
+        beside = change[here] - smooth.value[k] - smooth.slope[k] * (value[here] - smooth.at[k])
+        mean = float(np.average(beside, weights=weight))
+        effective = float(weight.sum()) ** 2 / float((weight**2).sum())
+        error = np.sqrt(np.average((beside - mean) ** 2, weights=weight) / (effective - 1.0))
+        much, many = _ASTRAY
+        off = abs(mean) / np.hypot(1.0, 1.0 + smooth.slope[k])  # from the map, at right angles to it
+        wrong[k] = off > much * bandwidth and abs(mean) > (0.5 * many if unknown else many) * error
+    return wrong
+
+
+def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
+    """At which places the points lie on two branches side by side, apart from each other, bool (k,).
+
+    So they do where the state is not one-dimensional, or a sign of another observable is not in the value.
+    """
+    value, change, *_ = points
+    low = np.searchsorted(value, smooth.at - bandwidth)
+    high = np.searchsorted(value, smooth.at + bandwidth, "right")
+    found = np.zeros(len(smooth.at), bool)
+    for k in np.flatnonzero(np.isfinite(smooth.value) & (high - low >= _BRANCHES)):
+        here = slice(low[k], high[k])
+        beside = _beside_own_branch(value[here] - smooth.at[k], change[here] - smooth.value[k])
+        order = np.argsort(beside)
+        beside, at = beside[order], value[here][order]
+        between = np.diff(beside[_A_BRANCH - 1 : len(beside) - _A_BRANCH + 1])
+        split = int(np.argmax(between)) + _A_BRANCH
+        if between.max() <= _TWOFOLD * max(np.ptp(beside[:split]), np.ptp(beside[split:])):
+            continue
+        one, other = at[:split], at[split:]
+        begin, end = max(one.min(), other.min()), min(one.max(), other.max())
+        both = [np.count_nonzero((each >= begin) & (each <= end)) for each in (one, other)]
+        found[k] = min(both) >= _A_BRANCH
+    return found
+
+
+def _beside_own_branch(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Changes less the slope that those above a curve and those below it have in common."""
+    tilt = 0.0
+    for _ in range(3):
+        level = beside - tilt * away
+        up = level > 0.5 * (level.max() + level.min())
+        x, y = away.copy(), beside.copy()
+        for side in (up, ~up):
+            if side.any():
+                x[side] -= x[side].mean()
+                y[side] -= y[side].mean()
+        tilt = float(x @ y) / max(float(x @ x), 1e-300)
+    return beside - tilt * away
+
+
+def once_a_place(value: np.ndarray, row: np.ndarray, step: float) -> np.ndarray:
+    """How much each pair adds to what is known of the map: each visit of a row to a place once, (n,).
+
+    Where a row lingers, its values only jitter or alternate, and change by -1 or -2 times what they are off
+    by: its many pairs tell where it lingers, but must not be taken for a curve of that slope. A row that
+    comes back, as a chaotic one does, makes another visit.
+
+    Args:
+        value, row: of the pairs, (n,), each row's in their order.
+        step: the distance below which places count as one.
+    """
+    leaves = (np.diff(row, prepend=np.nan) != 0) | (np.abs(np.diff(value, prepend=np.nan)) > step)
+    visit = np.cumsum(leaves)
+    share = np.empty(len(value))
+    order = np.lexsort((value, visit))
+    ends = np.flatnonzero(np.diff(visit[order], prepend=np.nan, append=np.nan))
+    for begin, end in itertools.pairwise(ends):
+        mine = order[begin:end]
+        here = value[mine]
+        near = np.searchsorted(here, here + step, "right") - np.searchsorted(here, here - step, "left")
+        share[mine] = 1.0 / near
+    return share
+
+
+class Zero(NamedTuple):
+    """A zero of the drift: where, the curve there, and whether the drift falls through it as the value rises.
+
+    `within` is half the distance between the sure places on either side of it.
+    """
+
+    place: float
+    smooth: Smooth
+    falls: bool
+    within: float
+
+
+def zeros_of(drift: Drift) -> list[Zero]:
+    """Where the drift goes from one sure sign to the other, and where rows come to rest at an end of a piece.
+
+    Noise makes several zeros of one: the middle one is taken of those between two sure places through which
+    the drift goes the right way. A zero that the points do not bear out (`_borne_out`) is none.
+    """
+    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
+    sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
+    found = []
+    for i, j in itertools.pairwise(sure):
+        if value[i] * value[j] > 0 or not np.isfinite(value[i : j + 1]).all():
+            continue
+        sides = value[i : j + 1] > 0
+        turns = i + np.flatnonzero((sides[:-1] == sides[0]) & (sides[1:] != sides[0]))
+        k = int(turns[len(turns) // 2])
+        place = float(at[k] - value[k] * (at[k + 1] - at[k]) / (value[k + 1] - value[k]))
+        smooth = drift.at(place)
+        nearer = place - float(smooth.value[0] / smooth.slope[0])
+        if abs(nearer - place) < drift.bandwidth / _A_BANDWIDTH:
+            place, smooth = nearer, drift.at(nearer)
+        falls = bool(value[i] > 0)
+        if np.isfinite(smooth.slope[0]) and _borne_out(drift, place, falls):
+            found.append(Zero(place, smooth, falls, float(at[j] - at[i]) / 2))
+    return [*_rest_at_ends(drift, found), *found]
+
+
+def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
+    """States that rows reach from one side only: a piece ends where its rows have come to rest."""
+    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
+    sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
+    if drift.begin is not None or not sure.size:
+        return []
+    zeros = []
+    for end, inner, way in ((0, sure[0], -1.0), (-1, sure[-1], 1.0)):
+        place = float(drift.value[end])
+        if abs(drift.change[end]) > _AT_REST * drift.bandwidth:
+            continue
+        smooth = drift.at(place)
+        beyond = way * -float(smooth.value[0] / smooth.slope[0])
+        apart = min((abs(place - each.place) for each in found), default=np.inf)
+        if abs(beyond) <= _OUTSIDE * drift.bandwidth < apart:
+            falls = bool(way * value[inner] > 0)
+            zeros.append(Zero(place, smooth, falls, abs(float(at[inner]) - place)))
+    return zeros
+
+
+def _borne_out(drift: Drift, place: float, falls: bool) -> bool:
+    """Whether the points show a zero: their changes have both signs, one on each side, and go through zero.
+
+    Lines through the points of one side alone, within a bandwidth or a part of it, tell a curve through zero
+    from one that bridges a jump: there both leave the zero on the side where their points are.
+    """
+    away = drift.value - (place if drift.begin is None else float(on_line(np.array([place]), drift.begin)[0]))
+    sign = 1.0 if falls else -1.0
+    reach = 2.0 * drift.bandwidth
+    left, right = (away < 0.0) & (away >= -reach), (away > 0.0) & (away <= reach)
+    still = _AT_REST * drift.bandwidth
+    if not (sign * drift.change[left] > -still).any() or not (-sign * drift.change[right] > -still).any():
+        return False
+    if drift.circular:
+        near = np.abs(away) <= drift.bandwidth
+        if np.sum(drift.share[near] * np.cos(drift.change[near])) <= 0.0:
+            return False  # it goes through half a turn, where the changes' sign turns too
+    many, much = _BRIDGED
+    bridged = False
+    for width in drift.bandwidth * np.array([1.0, 0.5, 0.25]):
+        remains = [_remains(drift, side & (np.abs(away) <= width), away, width) for side in (left, right)]
+        if None in remains:
+            if width == drift.bandwidth:  # too few for lines: then some of them lie near the diagonal
+                sizes = np.abs(drift.change[np.abs(away) <= reach])
+                return bool(sizes.min() < much * sizes.mean())
+            break
+        (one, one_error, one_size), (other, other_error, other_size) = remains  # pyright: ignore
+        lasts = sign * one > many * one_error and sign * one > much * one_size
+        lasts = lasts and -sign * other > many * other_error and -sign * other > much * other_size
+        if not lasts and one_error + other_error < much * (one_size + other_size):
+            return True
+        bridged |= lasts
+    return not bridged
+
+
+def _remains(
+    drift: Drift, mine: np.ndarray, away: np.ndarray, width: float
+) -> tuple[float, float, float] | None:
+    """What the line through the points of one side leaves at a zero, its error, and their mean size."""
+    if not mine.any():
+        return None
+    columns = (away[mine], drift.change[mine], drift.row[mine], drift.share[mine])
+    smooth = local_polynomial(*columns, np.zeros(1), width)
+    if not np.isfinite(smooth.value[0]):
+        return None
+    size = float(np.average(np.abs(drift.change[mine]), weights=drift.share[mine]))
+    return float(smooth.value[0]), float(smooth.value_error[0]), size
+
+
+def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
+    """Places, drifts and their standard errors where the size of the drift has a minimum of at most `near`.
+
+    A minimum is one where the drift is larger by two standard errors on both sides of it.
+    """
+    at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
+    found = []
+    for sign in (1.0, -1.0):
+        peaks, known = find_peaks(np.where(np.isfinite(value), -sign * value, -np.inf), prominence=0.0)
+        for k, height in zip(peaks, known["prominences"], strict=True):
+            within = 0.0 < sign * value[k] <= near and height > SURE * error[k]
+            if within and np.isfinite(value[[k - 1, k + 1]]).all():
+                bend = value[k + 1] - 2.0 * value[k] + value[k - 1]
+                aside = 0.5 * (value[k - 1] - value[k + 1]) / bend if bend else 0.0
+                place = float(at[k] + aside * (at[k + 1] - at[k]))
+                there = drift.at(place)
+                found.append((place, float(there.value[0]), float(there.value_error[0])))
+    return sorted(found)

@@ -1,0 +1,1 @@
+"""Fixed points of return maps: Newton, multipliers, continuation."""

@@ -1,0 +1,59 @@
+"""A map that is given as a function, to be searched for fixed points and continued like a return map."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Quantity
+from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.poincare_return import Way
+
+
+@dataclasses.dataclass(frozen=True)
+class PlainMap(Map):
+    """A map of R^n.
+
+    Args:
+        function: `(values, at) -> image` of one point (n,) in JAX, `values` the parameters by name.
+        names: of the coordinates.
+        defaults: (name, number) of each parameter.
+        angles: the coordinates that are angles, rad.
+        invariants: (name, function `(values, at) -> number`) of what the map conserves.
+    """
+
+    function: Callable[[Mapping[str, Any], jax.Array], jax.Array]
+    names: tuple[str, ...]
+    defaults: tuple[tuple[str, float], ...] = ()
+    angles: tuple[str, ...] = ()
+    invariants: tuple[tuple[str, Callable[..., jax.Array]], ...] = ()
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return tuple(Quantity(name, "", name, circular=name in self.angles) for name in self.names)
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return tuple(Quantity(name, "", name) for name, _ in self.invariants)
+
+    def points(self, at: Any) -> Points:
+        """Points at these coordinates (n, size)."""
+        return Points(np.asarray(at, np.float64), None)
+
+    def follow(self, values: Values, at: jax.Array, like: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+        image = self.function(values, at)
+        sound = jnp.all(jnp.isfinite(image))
+        way = jnp.where(sound, Way.crossed, Way.lost).astype(jnp.int32)
+        return image, like, way, {name: image[k] for k, name in enumerate(self.names)}
+
+    def kept(self, values: Values, at: jax.Array) -> jax.Array:
+        return jnp.stack([jnp.zeros(()), *(function(values, at) for _, function in self.invariants)])[1:]
+
+    def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
+        held = {**dict(self.defaults), **values}
+        return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in held.items()}

@@ -1,0 +1,1 @@
+"""Edge states between basins of attraction."""

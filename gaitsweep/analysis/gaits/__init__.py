@@ -1,0 +1,1 @@
+"""Gaits from swing onsets, loads and tilt."""

@@ -1,0 +1,160 @@
+"""The gait of each row of any table of a four-legged model, and how many rows show which.
+
+python -m gaitsweep.analysis.gaits.gait_tables results/planar_quadruped_onsets --window 15 24
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
+from gaitsweep.analysis.gaits.records import FAILURES, AnalysisError, axes_of, require
+from gaitsweep.analysis.gaits.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, STRICT, THRESHOLD, margin, place
+
+FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}
+_SINCE, _MEAN = "since_{}_n", "delta_{}_mean_end"
+
+
+def gaits_in(
+    table: pd.DataFrame,
+    *,
+    signals: Mapping[str, str] | None = None,
+    level: float = 0.0,
+    falling: bool = False,
+    window: tuple[Any, Any] = (-math.inf, math.inf),
+    thresholds: Sequence[float] = (THRESHOLD, STRICT),
+    steadiness: Steadiness | None = None,
+) -> pd.DataFrame:
+    """The gait of each row, its shifts and how steady they are, at every threshold.
+
+    Args:
+        table: a trace with a signal for each leg; records of crossings with since_LF_n and so on (return
+            maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` is the
+            model's own, found with its own threshold from averages that it kept.
+        signals, level, falling: of a trace: each leg's column by its name, and when it begins to swing, as in
+            `swing_onsets.onsets_in`. The potentials u_f_LF, ... if not given; for feet
+            signals={"LF": "contact_1", ...}, level=0.5, falling=True.
+        window: begin and end of what is read, s; of no effect on a settle table.
+        thresholds: largest shift that is none, cycles; the gait at each but the first is a column of its own.
+        steadiness: what is steady; of no effect on a settle table.
+
+    Returns:
+        One record a row: row, what varies, and the columns of `swing_onsets.gait_of`; of a settle table
+        cycles, period, variation, delta_1, delta_2, antiphase, length (least of the shifts'), steady, gait,
+        gait_at_0.05 and margin.
+
+    Raises:
+        AnalysisError: the table is of no such kind, or a column is not there.
+    """
+    if signals is None and _MEAN.format(1) in table.columns:
+        found = _of_averages(table, thresholds)
+    else:
+        onsets = onsets_of(table, signals=signals, level=level, falling=falling)
+        rows = np.unique(table["row"])
+        found = gait_of(onsets, rows=rows, window=window, thresholds=thresholds, steadiness=steadiness)
+    axes = table.groupby("row", sort=True)[axes_of(table)].first()
+    for place_, name in enumerate(axes.columns):
+        found.insert(1 + place_, name, axes.loc[found["row"], name].to_numpy())
+    found.attrs["quantities"] = table.attrs.get("quantities", {}) | found.attrs.get("quantities", {})
+    return found
+
+
+def gaits_counted(found: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
+    """How many rows show each gait, one line for each set of what varies but the `repeats`.
+
+    Args:
+        found: what `gaits_in` gives.
+        repeats: columns in which rows of one set differ.
+
+    Raises:
+        AnalysisError: a column is not there.
+    """
+    require(found, "row", "gait", "cycles")
+    columns = list(found.columns)
+    places = [name for name in columns[1 : columns.index("cycles")] if name not in repeats]
+    gaits = found["gait"].astype(str)
+    shown = [name for name in GAITS if name in set(gaits)]
+    counts = {name: (gaits == name).astype(int) for name in shown}
+    if not places:
+        return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
+    return pd.DataFrame(found[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
+
+
+def onsets_of(
+    table: pd.DataFrame,
+    *,
+    signals: Mapping[str, str] | None = None,
+    level: float = 0.0,
+    falling: bool = False,
+) -> pd.DataFrame:
+    """The onsets (row, leg, t) that a trace, a table of crossings or a table of onsets holds.
+
+    Args, raises: as for `gaits_in`.
+    """
+    require(table, "row")
+    if signals is not None:
+        return onsets_in(table, signals, level, falling)
+    if "leg" in table.columns:
+        return table
+    if _SINCE.format(LEGS[0]) in table.columns:
+        return onsets_of_crossings(table, _SINCE)
+    if all(name in table.columns for name in FLEXORS.values()):
+        return onsets_in(table, FLEXORS, level, falling)
+    raise AnalysisError(
+        "The table does not say when legs begin to swing: it has neither u_f_LF, ... (a trace), nor "
+        "since_LF_n, ... (crossings), nor leg and t (onsets). Of another trace name each leg's column in "
+        "`signals`."
+    )
+
+
+def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFrame:
+    """The gaits of a settle table from the averages that its rows end with."""
+    names = {"delta_1": _MEAN.format(1), "delta_2": _MEAN.format(2)}
+    names |= {name: f"{name}_end" for name in ("period", "variation", "antiphase", "length")}
+    require(table, "row", "cycles", "gait", *names.values())
+    table = table.sort_values("row", kind="stable", ignore_index=True)
+    found = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
+    for name in ("period", "variation", "delta_1", "delta_2", "antiphase", "length"):
+        found[name] = table[names[name]].to_numpy(float)
+    fell = np.zeros(len(table), bool)
+    if "status" in table.columns:
+        fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+    told = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
+    found["steady"] = np.isin(told, CHART)
+    found["gait"] = pd.Categorical(told, list(GAITS))
+    shifts = found["delta_1"].to_numpy(), found["delta_2"].to_numpy()
+    for threshold in thresholds[1:]:
+        there = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
+        found[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(found["steady"], there, told), list(GAITS))
+    found["margin"] = margin(*shifts, thresholds[0])
+    found.attrs["quantities"] = {
+        name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
+    }
+    return found
+
+
+def main() -> None:
+    from gaitsweep.table import load
+
+    parser = argparse.ArgumentParser(description="How many rows show which gait, over what varies.")
+    parser.add_argument("directory", help="a result directory: crossings, a trace or ends")
+    parser.add_argument(
+        "--window", nargs=2, type=float, default=(-math.inf, math.inf), help="begin and end, s"
+    )
+    parser.add_argument(
+        "--threshold", type=float, default=THRESHOLD, help="largest shift that is none, cycles"
+    )
+    given = parser.parse_args()
+    found = gaits_in(load(given.directory), window=tuple(given.window), thresholds=(given.threshold,))
+    print(gaits_counted(found).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Hysteresis, return maps and transitions between gaits."""

@@ -1,0 +1,165 @@
+"""The gaits that follow each other along a row of a four-legged model, such as while its speed changes.
+
+python -m gaitsweep.analysis.transitions.gait_bouts results/planar_quadruped_ramp
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.gaits.gait_tables import onsets_of
+from gaitsweep.analysis.gaits.swing_onsets import Steadiness, gait_of
+from gaitsweep.models.planar_quadruped.nine_gaits import STRICT, THRESHOLD, family
+
+# What moves on purpose is not steady in its period: a passage is judged by its shifts alone. Whole cycles of
+# all legs are not asked for, since of two onsets between crossings, as in a trot, the first is not known.
+PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
+
+
+def gaits_along(
+    table: pd.DataFrame,
+    *,
+    cycles: int = 3,
+    signals: Mapping[str, str] | None = None,
+    level: float = 0.0,
+    falling: bool = False,
+    thresholds: Sequence[float] = (THRESHOLD, STRICT),
+) -> pd.DataFrame:
+    """The gait over every few successive cycles of LF, along each row; nothing need be steady in its period.
+
+    Args:
+        table: a trace or a table of crossings, as for `gaits_in`.
+        cycles: how many cycles are read at once.
+        signals, level, falling, thresholds: as for `gaits_in`.
+
+    Returns:
+        One record for each such window: row, begin, end and t (their middle, s), delta_1, delta_2, gait,
+        gait_at_0.05, family (walk, trot, canter, gallop), and speed (m/s) where the table has x or speed_n;
+        the parameter that a ramp moves, and the pass, where there are any.
+
+    Raises:
+        AnalysisError: a column is not there.
+    """
+    onsets = onsets_of(table, signals=signals, level=level, falling=falling)
+    windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
+    along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
+    if not len(along):
+        return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="")
+    found = gait_of(
+        inside,
+        rows=range(len(windows)),
+        thresholds=thresholds,
+        steadiness=PASSING,
+    )
+    named = [name for name in found.columns if name.startswith(("delta_", "gait"))]
+    along = pd.concat([along, found[named]], axis=1)
+    along["family"] = [family(gait) for gait in along["gait"].astype(str)]
+    return along.assign(**_beside(table, along))
+
+
+def spells(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.DataFrame:
+    """The stretches over which one gait lasts, in order.
+
+    Args:
+        along: as `gaits_along` gives it.
+        by: the column that tells gaits apart: family, gait or gait_at_0.05.
+        least: windows of which a stretch has at least; shorter ones are left out, and what they part is one.
+
+    Returns:
+        One record a stretch: row, `by`, begin and end (s, of the middles of its windows), windows, and for
+        each other number of `along` its value at the first and the last window (speed_begin, speed_end, ...).
+    """
+    numbers = [name for name in along.columns if name not in ("row", "begin", "end", "t")]
+    numbers = [name for name in numbers if pd.api.types.is_numeric_dtype(along[name])]
+    found: list[dict[str, Any]] = []
+    for row, mine in along.groupby("row", sort=True):
+        names = mine[by].astype(str).to_numpy()
+        kept = np.concatenate([part for part in _runs(names) if len(part) >= least] or [np.zeros(0, int)])
+        for part in _runs(names[kept]):
+            at = mine.iloc[kept[part]]
+            ends = {f"{n}_{e}": at[n].iloc[i] for n in numbers for e, i in (("begin", 0), ("end", -1))}
+            times = {"begin": at["t"].iloc[0], "end": at["t"].iloc[-1], "windows": len(at)}
+            found.append({"row": row, by: names[kept[part[0]]], **times, **ends})
+    return pd.DataFrame(found)
+
+
+def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Windows of some cycles of LF (row, begin, end), and the onsets inside, whose row is their window's."""
+    row, t = onsets["row"].to_numpy(), onsets["t"].to_numpy(float)
+    at = np.flatnonzero((onsets["leg"] == "LF").to_numpy())
+    first, last = at[:-cycles], at[cycles:]
+    first, last = first[row[first] == row[last]], last[row[first] == row[last]]
+    begin, end = t[first], t[last]
+    # half a cycle on either side: the other leg of a pair may begin before LF does, or after
+    reach = 0.5 * (end - begin) / cycles
+    low, high = first.copy(), last.copy()
+    for k in range(len(first)):
+        while low[k] > 0 and row[low[k] - 1] == row[first[k]] and t[low[k] - 1] >= begin[k] - reach[k]:
+            low[k] -= 1
+        while (
+            high[k] + 1 < len(t) and row[high[k] + 1] == row[last[k]] and t[high[k] + 1] <= end[k] + reach[k]
+        ):
+            high[k] += 1
+    count = high - low + 1
+    places = np.repeat(high + 1 - np.cumsum(count), count) + np.arange(count.sum())
+    inside = onsets.iloc[places][["leg", "t"]].assign(row=np.repeat(np.arange(len(first)), count))
+    return pd.DataFrame({"row": row[first], "begin": begin, "end": end}), inside
+
+
+def _runs(names: np.ndarray) -> list[np.ndarray]:
+    """The places (n,) of each run of one name."""
+    turns = np.flatnonzero(names[1:] != names[:-1]) + 1
+    return [part for part in np.split(np.arange(len(names)), turns) if len(part)]
+
+
+def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, np.ndarray]:
+    """Speed, moving parameter and pass at each window, as far as the table has them."""
+    run = table.attrs.get("job", {}).get("run", {})
+    straight = [name for name in (run.get("parameter"), "x", "speed_n") if name in table.columns]
+    found = {name: np.full(len(along), np.nan) for name in straight}
+    if "pass" in table.columns:
+        found["pass"] = np.full(len(along), np.nan)
+    of_row = along.groupby("row").indices
+    for row, mine in table.groupby("row", sort=True):
+        at = of_row.get(row)
+        mine = mine.loc[np.isfinite(mine["t"].to_numpy(float))].sort_values("t", kind="stable")
+        if at is None or not len(mine):
+            continue
+        t = mine["t"].to_numpy(float)
+        begin, middle, end = (along[name].to_numpy(float)[at] for name in ("begin", "t", "end"))
+        for name in straight:
+            value = mine[name].to_numpy(float)
+            if name == "x":
+                found[name][at] = (np.interp(end, t, value) - np.interp(begin, t, value)) / (end - begin)
+            else:
+                found[name][at] = np.interp(middle, t, value)
+        if "pass" in found:
+            nearest = np.clip(np.searchsorted(t, middle), 0, len(t) - 1)
+            found["pass"][at] = mine["pass"].to_numpy(float)[nearest]
+    speed = found.pop("speed_n", found.pop("x", None))
+    return found if speed is None else found | {"speed": speed}
+
+
+def main() -> None:
+    from gaitsweep.table import load
+
+    parser = argparse.ArgumentParser(description="The gaits that follow each other along each row.")
+    parser.add_argument("directory", help="a result directory: a ramp, a return map or a trace")
+    parser.add_argument("--by", default="family", help="what tells gaits apart: family, gait, gait_at_0.05")
+    given = parser.parse_args()
+    found = spells(gaits_along(load(given.directory)), given.by, least=3)
+    for row, mine in found.groupby("row"):
+        told = [
+            f"{s[given.by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")
+        ]
+        print(f"row {row}, m/s: {', '.join(told)}")
+
+
+if __name__ == "__main__":
+    main()

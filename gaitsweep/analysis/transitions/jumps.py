@@ -1,0 +1,135 @@
+"""Where a section observable jumps from one branch to another along a row.
+
+A course is one row's records in their order, the observable unwrapped. A jump of a staircase lies between two
+holds; that of a ramp is a stretch of crossings over which the smoothed observable moves faster than a branch.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.ndimage import uniform_filter1d
+
+from gaitsweep.analysis.circular import is_circular, unwrapped
+from gaitsweep.analysis.gaits.records import require, section_column, sound
+
+SMOOTH = 5  # crossings of a ramp over which the observable is averaged
+SPAN = 40  # crossings of a ramp within which it has to move by `least` to jump
+# Shares of a jump that its slow ends may take: what a branch bends before its edge, where crossings are many;
+# between holds next to nothing, as a hold just beyond the edge may have moved so little.
+CROSSING_FOOT, HOLD_FOOT = 0.1, 0.02
+STEEPER = 4.0  # times as much as a row's slower changes: else it is a branch that is steep, or noise
+
+
+class Course(NamedTuple):
+    """One row of a ramp or a staircase, (n,) each: the observable is unwrapped, and smoothed for a ramp.
+
+    `settled` says which records stand on a branch (None for a ramp); `first` is the row's first record.
+    """
+
+    first: pd.Series
+    parameter: np.ndarray
+    passes: np.ndarray
+    value: np.ndarray
+    settled: np.ndarray | None
+
+
+class Stretch(NamedTuple):
+    """The records `start` (the last before a jump) and `stop` (the first after it) of a course."""
+
+    start: int
+    stop: int
+
+
+def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
+    """The rows of a ramp or staircase table that have two records at least; NaN and falls are left out."""
+    name = section_column(table, observable)
+    stairs = "stair" in table.columns
+    order = "stair" if stairs else "crossing"
+    require(table, "row", "pass", order, parameter)
+    table = table.sort_values(["row", order], kind="stable")
+    circular = is_circular(table, name)
+    table = table.loc[sound(table, name, parameter)]
+    for _, part in table.groupby("row", sort=True):
+        begin = 0 if stairs else where_it_moves(part[parameter].to_numpy(float))
+        if len(part) - begin < 2:
+            continue
+        value = part[name].to_numpy(float)[begin:]
+        value = unwrapped(value) if circular else value
+        settled = part["settled"].to_numpy(bool)[begin:] if stairs and "settled" in part.columns else None
+        if stairs:
+            settled = np.ones(len(value), bool) if settled is None else settled
+        else:
+            value = uniform_filter1d(value, SMOOTH, mode="nearest")
+        parameters, passes = part[parameter].to_numpy(float)[begin:], part["pass"].to_numpy(int)[begin:]
+        yield Course(part.iloc[0], parameters, passes, value, settled)
+
+
+def stretches(course: Course, least: float) -> list[Stretch]:
+    """The jumps of a course by `least` or more (in the observable's unit), in their order.
+
+    They also have to be larger than four times the lower quartile of the course's changes.
+    """
+    if course.settled is not None:
+        return _between_holds(course.value, course.settled, least)
+    return _along_crossings(course.value, least)
+
+
+def where_it_moves(parameter: np.ndarray) -> int:
+    """The last record before a ramp begins to move: what was held before it is a transient of the start."""
+    moved = np.flatnonzero(parameter != parameter[0]) if len(parameter) else np.zeros(0, int)
+    return max(int(moved[0]) - 1, 0) if len(moved) else 0
+
+
+def records_of(course: Course, number: int) -> np.ndarray:
+    """The records of a pass, (k,), the turning point before it included; none where it is missing."""
+    mine = np.flatnonzero(course.passes == number)
+    return np.arange(max(mine[0] - 1, 0), mine[-1] + 1) if len(mine) else mine
+
+
+def rising(course: Course, number: int) -> bool:
+    """Whether the parameter rises in a pass of a course."""
+    mine = records_of(course, number)
+    return bool(course.parameter[mine[-1]] >= course.parameter[mine[0]])
+
+
+def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list[Stretch]:
+    """Changes between holds; those that an unsettled hold parts, while still moving on, are one jump."""
+    change = np.diff(value)
+    least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
+    found = []
+    begin = 0
+    while begin < len(change):
+        end = begin + 1
+        while end < len(change) and not settled[end] and change[end] * change[begin] > 0:
+            end += 1
+        start, stop = _without_feet(value, begin, end, HOLD_FOOT)
+        if abs(value[stop] - value[start]) >= least:
+            found.append(Stretch(start, stop))
+        begin = end
+    return found
+
+
+def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> Stretch:
+    """A stretch without the slow ends of it: those that make up less than `foot` of the whole change each."""
+    share = (value[start : stop + 1] - value[start]) / ((value[stop] - value[start]) or 1.0)
+    after = int(np.argmax(share >= 1.0 - foot))
+    before = int(np.flatnonzero(share[: after + 1] <= foot)[-1])
+    return Stretch(start + before, start + after)
+
+
+def _along_crossings(value: np.ndarray, least: float) -> list[Stretch]:
+    span = min(SPAN, len(value) - 1)
+    change = value[span:] - value[:-span]
+    least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
+    sign = np.sign(change) * (np.abs(change) >= least)
+    turns = np.flatnonzero(np.diff(np.concatenate([[0.0], sign, [0.0]])))
+    return [
+        _without_feet(value, int(begin), int(end) - 1 + span, CROSSING_FOOT)
+        for begin, end in itertools.pairwise(turns)
+        if sign[begin] != 0
+    ]

@@ -1,0 +1,1 @@
+"""Bodies on MuJoCo's MJX."""

@@ -1,0 +1,195 @@
+"""Any MJCF as a body that MJX steps: MuJoCo's own algorithms, in JAX.
+
+Forces from outside act on the degrees of freedom and on points (sites) of bodies; MuJoCo's own contacts are
+off unless they are asked for. What MJX would leave out of the motion without a word is refused.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import dataclasses
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from gaitsweep.dynamics.mjx.refusals import refusals
+from gaitsweep.dynamics.tree.from_mjcf import compiled
+from gaitsweep.near_miss import suggestion
+
+with contextlib.redirect_stdout(io.StringIO()):  # it prints that Warp is not installed
+    from mujoco import mjx
+
+Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["q", "v", "act", "warm"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class BodyState:
+    """What a body carries from step to step.
+
+    `q` (nq,) and `v` (nv,) as MuJoCo's qpos and qvel; `act` (na,) of its actuators; `warm` (nv,) the last
+    acceleration, from which the solver of constraints starts, (0,) where nothing can constrain the body.
+    """
+
+    q: jax.Array
+    v: jax.Array
+    act: jax.Array
+    warm: jax.Array
+
+
+class MjxBody:
+    """A compiled MJCF, with its functions of one trajectory.
+
+    In all of them `numbers` has the fields of the model that are not the MJCF's own: those of a row
+    (`mjx_variants.Variants`), or the option's gravity.
+
+    Args:
+        source: a compiled model, a path, or the XML itself.
+        points: names of the sites where forces act.
+        contact: let geoms touch as MuJoCo has them touch.
+
+    Raises:
+        ValueError: the model has what MJX cannot do or would ignore, or has no site of that name.
+        FileNotFoundError: there is no file at the path.
+    """
+
+    def __init__(
+        self, source: mujoco.MjModel | str | Path, points: Sequence[str] = (), *, contact: bool = False
+    ) -> None:
+        model = compiled(source)
+        if complaints := refusals(model):
+            raise ValueError(" ".join(complaints))
+        if not contact:
+            model = copy.copy(model)
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        self.mj_model = model
+        # a body may be made while a program is traced
+        with jax.ensure_compile_time_eval(), jax.enable_x64(True):
+            try:
+                placed = mjx.put_model(model)
+            except NotImplementedError as error:
+                raise ValueError(f"MJX cannot do what this model has: {error}.") from error
+            # off their device, since a program may run on any
+            self._model = jax.tree.map(np.asarray, placed)
+            self._data = jax.tree.map(np.asarray, mjx.make_data(placed))
+        names = [model.site(i).name for i in range(model.nsite)]
+        for name in points:
+            if name not in names:
+                raise ValueError(f"The model has no site '{name}'{suggestion(name, names)}")
+        self._sites = np.array([names.index(name) for name in points], np.int64)
+
+    def start(self, q: jax.Array, v: jax.Array) -> BodyState:
+        """The state at these positions (nq,) and velocities (nv,)."""
+        constrained = self._data._impl.efc_J.size > 0
+        act, warm = (jnp.zeros(n, q.dtype) for n in (self.mj_model.na, v.size if constrained else 0))
+        return BodyState(q, v, act, warm)
+
+    def points(self, numbers: Numbers, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Positions (k, 3) m and velocities (k, 3) m/s in the world of the k points."""
+        with _as_mjx_wants(q):
+            model, data = self._begun(numbers, self.start(q, v))
+            data = mjx.com_vel(model, mjx.com_pos(model, mjx.kinematics(model, data)))
+            at, body = data.site_xpos[self._sites], self.mj_model.site_bodyid[self._sites]
+            # a body's velocity is that of its matter at the centre of mass of its tree
+            turning, moving = data.cvel[body, :3], data.cvel[body, 3:]
+            lever = at - data.subtree_com[self.mj_model.body_rootid[body]]
+            return at, moving + jnp.cross(turning, lever)
+
+    def step(
+        self,
+        numbers: Numbers,
+        state: BodyState,
+        dt: jax.Array | float,
+        *,
+        tau: jax.Array | None = None,
+        forces: jax.Array | None = None,
+        ctrl: jax.Array | None = None,
+    ) -> BodyState:
+        """The state `dt` (s) later, by the integrator that the MJCF names.
+
+        Args:
+            numbers: what differs from the MJCF.
+            state: the state before.
+            dt: the step.
+            tau: forces on the degrees of freedom (nv,), N m and N.
+            forces: forces on the points (k, 3), N, in the world's axes.
+            ctrl: what the actuators are told (nu,).
+        """
+        return self.after(self.stepped(numbers, state, dt, tau=tau, forces=forces, ctrl=ctrl), state)
+
+    def after(self, data: Any, before: BodyState) -> BodyState:
+        """The state in MJX's data after a step from the state `before`, in its precision."""
+        warm = data.qacc_warmstart if before.warm.size else before.warm
+        found = BodyState(data.qpos, data.qvel, data.act, warm)
+        return jax.tree.map(lambda new, old: new.astype(old.dtype), found, before)
+
+    def pressures(self, data: Any) -> jax.Array:
+        """The normal force (k,) N of each contact that there can be, at the beginning of the step to `data`.
+
+        Raises:
+            ValueError: contacts without friction or with elliptic cones, whose forces are written otherwise.
+        """
+        contact = self._data._impl.contact
+        if self.mj_model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL or (contact.dim != 3).any():
+            raise ValueError("Pressures are read of contacts with pyramidal cones and condim 3.")
+        # the force is a sum along the four edges of a pyramid, which lean by the friction and have 1 upwards
+        edges = contact.efc_address[:, None] + np.arange(4)
+        return jnp.sum(data._impl.efc_force[edges], axis=1)
+
+    def stepped(
+        self,
+        numbers: Numbers,
+        state: BodyState,
+        dt: jax.Array | float,
+        *,
+        tau: jax.Array | None = None,
+        forces: jax.Array | None = None,
+        ctrl: jax.Array | None = None,
+    ) -> Any:
+        """MJX's data after a `step`: all that it worked out at the step's beginning, q and v at its end."""
+        with _as_mjx_wants(state.q):
+            model, data = self._begun(numbers, state)
+            model = model.tree_replace({"opt.timestep": jnp.asarray(dt, state.q.dtype)})
+            if forces is not None:
+                data = data.replace(xfrc_applied=self._pushes(model, data, forces))
+            if tau is not None:
+                data = data.replace(qfrc_applied=tau)
+            if ctrl is not None:
+                data = data.replace(ctrl=ctrl)
+            return mjx.step(model, data)
+
+    def _begun(self, numbers: Numbers, state: BodyState) -> tuple[Any, Any]:
+        """MJX's model and data of a state, in its precision."""
+
+        def placed(leaf: np.ndarray) -> jax.Array:
+            return jnp.asarray(leaf, state.q.dtype if leaf.dtype.kind == "f" else None)
+
+        model, data = jax.tree.map(placed, (self._model, self._data))
+        model = model.tree_replace({name: jnp.asarray(v, state.q.dtype) for name, v in numbers.items()})
+        warm = state.warm if state.warm.size else data.qacc_warmstart
+        return model, data.replace(qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm)
+
+    def _pushes(self, model: Any, data: Any, forces: jax.Array) -> jax.Array:
+        """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, of forces (k, 3) on the points."""
+        placed = mjx.com_pos(model, mjx.kinematics(model, data))
+        body = self.mj_model.site_bodyid[self._sites]
+        couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
+        return data.xfrc_applied.at[body].add(jnp.concatenate([forces, couples], axis=1))
+
+
+@contextlib.contextmanager
+def _as_mjx_wants(q: jax.Array) -> Iterator[None]:
+    """MJX makes arrays in the default precision, and broadcasts arrays of lower rank."""
+    with jax.enable_x64(q.dtype == jnp.float64), jax.numpy_rank_promotion("allow"):
+        yield

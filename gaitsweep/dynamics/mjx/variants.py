@@ -1,0 +1,147 @@
+"""Bodies for MJX whose masses and lengths vary from row to row: compiled on the host for each distinct set.
+
+MuJoCo works out constants from a body's masses and lengths when it compiles it (weights of subtrees, inverse
+inertias at points, ...). They would be stale if a mass were changed inside an mjx.Model, so each set of
+values is compiled, and what of the model then differs is given row by row.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from gaitsweep.dynamics.mjx.body import mjx
+from gaitsweep.errors import ArgumentError
+
+# Sets of values that are kept compiled, for the blocks of rows to come.
+_KEPT = 1024
+# What is only looked at, and what MJX reads nowhere.
+_LOOKS = ("cam_", "light_", "tex_", "mat_")
+_UNREAD = ("body_sameframe", "geom_sameframe", "site_sameframe", "body_simple", "dof_simplenum", "geom_aabb")
+
+# Before the names of what `on_host` adds: fields of the model, and the values that they were made of.
+_FIELD, _MADE_OF = "mjx.", "mjx of "
+
+Edit: TypeAlias = Callable[[Any, Mapping[str, float]], None]
+Fields: TypeAlias = dict[str, np.ndarray]
+
+
+class Variants:
+    """The fields of an mjx.Model that follow from a few values, such as masses and lengths.
+
+    Which fields those are is found by changing each value in turn, so that every row has the same ones.
+
+    Args:
+        xml: the MJCF.
+        edit: sets a fresh mujoco.MjSpec of it to some values, by name.
+        usual: sound values, by name.
+    """
+
+    def __init__(self, xml: str, edit: Edit, usual: Mapping[str, float]) -> None:
+        self._xml, self._edit, self._names = xml, edit, tuple(usual)
+        self._usual = self._compiled(tuple(usual.values()))
+        found: set[str] = set()
+        for name in usual:
+            changed = self._compiled(tuple({**usual, name: 1.1 * usual[name]}.values()))
+            found |= {field for field, value in changed.items() if not _same(value, self._usual[field])}
+        if fixed := found & (self._usual.keys() - _DYNAMIC):
+            raise ArgumentError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
+        self.fields = tuple(sorted(found))
+        self._of_set = lru_cache(_KEPT)(self._found)
+
+    def numbers(self, columns: Mapping[str, np.ndarray]) -> Fields:
+        """The fields of each row (n, ...), from columns (n,) of the values.
+
+        Raises:
+            ValueError: MuJoCo does not compile the body with some row's values.
+        """
+        rows = np.stack([np.asarray(columns[name], np.float64) for name in self._names], axis=1)
+        distinct, which = np.unique(rows, axis=0, return_inverse=True)
+        sets = [self._of_set(tuple(values)) for values in distinct.tolist()]
+        return {field: np.stack([one[field] for one in sets])[which.ravel()] for field in self.fields}
+
+    def on_host(self, columns: Mapping[str, np.ndarray]) -> Fields:
+        """Rows' values (n,) with their fields (n, ...) besides, as `Model.on_host` gives them."""
+        fields = {_FIELD + name: field for name, field in self.numbers(columns).items()}
+        return {**columns, **fields, **{_MADE_OF + name: columns[name] for name in self._names}}
+
+    def of_row(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """The fields among a row's values; NaN where they are of other masses or lengths (a ramp moved them).
+
+        None of them where the values have not been through `on_host`: enough where the body is not moved.
+        """
+        if _MADE_OF + self._names[0] not in values:
+            return {}
+        same = jnp.all(jnp.stack([values[name] == values[_MADE_OF + name] for name in self._names]))
+        return {name: jnp.where(same, values[_FIELD + name], jnp.nan) for name in self.fields}
+
+    def _found(self, values: tuple[float, ...]) -> Fields:
+        fields = self._compiled(values)
+        moved = [name for name, value in fields.items() if not _same(value, self._usual[name])]
+        if astray := set(moved) - set(self.fields):
+            raise ArgumentError(f"{self._told(values)}, MJX cannot take {', '.join(sorted(astray))}.")
+        return {name: fields[name] for name in self.fields}
+
+    def _compiled(self, values: tuple[float, ...]) -> Fields:
+        spec = mujoco.MjSpec.from_string(self._xml)
+        self._edit(spec, dict(zip(self._names, values, strict=True)))
+        try:
+            model = spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise ArgumentError(f"{self._told(values)}, MuJoCo refuses the body: {reason}.") from error
+        return {name: np.array(getattr(model, name)) for name in _FIELDS}
+
+    def _told(self, values: tuple[float, ...]) -> str:
+        return "With " + ", ".join(f"{n} {v:g}" for n, v in zip(self._names, values, strict=True))
+
+
+def rescale(spec: Any, mass: Mapping[str, float], size: Mapping[str, float | np.ndarray]) -> None:
+    """Make some bodies of a mujoco.MjSpec heavier or larger; the counterpart of `articulated_tree.rescaled`.
+
+    Args:
+        spec: bodies with explicit inertials along their own axes; geoms stay, so they must touch nothing.
+        mass: by body, the factor of its mass and inertia.
+        size: by body, the factor of its lengths, one or one for each axis (3,) of its frame.
+
+    Raises:
+        ValueError: a body whose inertia is its geoms', or turned.
+    """
+    for name in {**mass, **size}:
+        body = spec.body(name)
+        if not body.explicitinertial or not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0]):
+            raise ArgumentError(f"Body '{name}' needs an inertial along its own axes to be rescaled.")
+        heavier, larger = mass.get(name, 1.0), size.get(name, 1.0) * np.ones(3)
+        # the second moments of mass, of which the inertia is trace less moment, scale by axis
+        moment = (0.5 * body.inertia.sum() - body.inertia) * larger * larger
+        body.mass = heavier * body.mass
+        body.inertia = heavier * (moment.sum() - moment)
+        body.ipos = larger * body.ipos
+        for part in (*body.bodies, *body.joints, *body.sites):
+            part.pos = larger * part.pos
+
+
+def _fields() -> tuple[str, ...]:
+    """The arrays of an mjx.Model that can matter to a motion."""
+    plain = mujoco.MjModel.from_xml_string("<mujoco/>")
+    names = [field.name for field in mjx.Model.fields()]
+    arrays = [name for name in names if isinstance(getattr(plain, name, None), np.ndarray)]
+    return tuple(name for name in arrays if not name.startswith(_LOOKS) and name not in _UNREAD)
+
+
+_FIELDS = _fields()
+# Those that a program can take as an input.
+_DYNAMIC = {field.name for field in mjx.Model.fields() if field.type is jax.Array}
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.shape == other.shape and np.array_equal(one, other)

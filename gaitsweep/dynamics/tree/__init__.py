@@ -1,0 +1,1 @@
+"""Articulated trees: kinematics, dynamics and energy of bodies joined by hinges and slides."""

@@ -1,0 +1,236 @@
+"""A tree of rigid bodies joined by hinges and slides: what it is made of, and how its links are written.
+
+A link is one joint and what it moves: a body with several joints is a chain of links, massless but for the
+last one. `Tree` is the structure, fixed and hashable; `Geometry` holds the numbers, which may be JAX scalars
+that vary from row to row. Positions q and velocities v are MuJoCo's qpos and qvel, in its order: a free joint
+has the world position, the quaternion (w, x, y, z), the velocity in the world and the angular velocity in the
+body; so states can be exchanged.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import cached_property, partial
+from typing import Literal, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, Scalar
+from gaitsweep.near_miss import suggestion
+
+Kind: TypeAlias = Literal["free", "hinge", "slide", "fixed"]
+Row: TypeAlias = tuple[float, float, float]
+
+WORLD = -1  # the parent of a link that hangs on the world
+_NQ: dict[Kind, int] = {"free": 7, "hinge": 1, "slide": 1, "fixed": 0}
+_NV: dict[Kind, int] = {"free": 6, "hinge": 1, "slide": 1, "fixed": 0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """One joint and the body, or the massless step towards a body, that it moves.
+
+    `parent` an earlier link or WORLD; `kind` of the joint; `axis` its unit axis in the link's body frame, of
+    a hinge or slide; `orientation` the rows of the rotation from the link's frame to its parent's where the
+    joint is at its reference.
+    """
+
+    name: str
+    parent: int
+    kind: Kind
+    axis: Row = (0.0, 0.0, 0.0)
+    orientation: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=[
+        "mass", "com", "inertia", "position", "anchor", "reference",
+        "armature", "damping", "stiffness", "rest",
+    ],
+    meta_fields=[],
+)  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class Geometry:
+    """The numbers of a tree of n links and nv degrees of freedom; NumPy constants or JAX arrays.
+
+    `mass` (n,) kg; `com` (n, 3) m, centre of mass in the body's frame; `inertia` (n, 3, 3) kg m2, about the
+    centre of mass in the body's axes; `position` (n, 3) m of the body's frame in its parent's; `anchor`
+    (n, 3) m, a point of the joint's axis in the body's frame; `reference` (n,) rad or m, the joint's q where
+    `position` and the link's orientation hold; `armature` (nv,) kg m2 or kg; `damping` (nv,) N m s/rad or
+    N s/m; `stiffness` (n,) N m/rad or N/m of a spring in the joint; `rest` (n,) rad or m, where it is slack.
+    """
+
+    mass: Array
+    com: Array
+    inertia: Array
+    position: Array
+    anchor: Array
+    reference: Array
+    armature: Array
+    damping: Array
+    stiffness: Array
+    rest: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Writing:
+    """In which axes a link's vectors are written, chosen so that constants keep their zeros.
+
+    A limb whose hinges are all parallel turns in one plane of what carries it: all its links are written in
+    the axes of its first link, before that one has turned. Any other link is written in its own axes.
+
+    `across` is the constant part of the rotation from the link's axes of writing to its parent's, None where
+    they are the same. `own`: the link is written in its own axes, its joint's turn being part of the rotation
+    across. Else the body's orientation in its axes of writing is that by `sign` times q, added up from the
+    limb's first link on, about `normal` (3,), of the constant orientation `still` (3, 3).
+    """
+
+    across: np.ndarray | None
+    own: bool
+    normal: np.ndarray
+    sign: float
+    still: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Tree:
+    """The structure: links, each after its parent."""
+
+    links: tuple[Link, ...]
+
+    def __post_init__(self) -> None:
+        for i, link in enumerate(self.links):
+            if not WORLD <= link.parent < i:
+                raise ValueError(f"Link '{link.name}' has to come after its parent, link {link.parent}.")
+            if link.kind == "free" and link.parent != WORLD:
+                raise ValueError(f"Link '{link.name}' is free, so it has to hang on the world.")
+            if link.kind in ("hinge", "slide") and abs(np.linalg.norm(link.axis) - 1.0) > 1e-9:
+                raise ValueError(f"The axis {link.axis} of link '{link.name}' has to have length 1.")
+
+    @property
+    def nq(self) -> int:
+        return sum(_NQ[link.kind] for link in self.links)
+
+    @property
+    def nv(self) -> int:
+        return sum(_NV[link.kind] for link in self.links)
+
+    @cached_property
+    def q_of(self) -> tuple[slice, ...]:
+        """Where in q each link's joint is."""
+        return _slices([_NQ[link.kind] for link in self.links])
+
+    @cached_property
+    def v_of(self) -> tuple[slice, ...]:
+        """Where in v each link's joint is."""
+        return _slices([_NV[link.kind] for link in self.links])
+
+    def index(self, name: str) -> int:
+        """The number of the link of this name; raises ValueError with the names that there are."""
+        names = [link.name for link in self.links]
+        if name not in names:
+            raise ValueError(f"The tree has no link '{name}'{suggestion(name, names)}")
+        return names.index(name)
+
+    @cached_property
+    def writings(self) -> tuple[Writing, ...]:
+        """How each link is written."""
+        planes = self._planes()
+        written: list[Writing] = []
+        for link, plane in zip(self.links, planes, strict=True):
+            across = np.array(link.orientation)
+            if plane is None:
+                written.append(Writing(_unless_same(across), True, ZERO, 0.0, EYE))
+                continue
+            if link.parent == WORLD or planes[link.parent] is None:
+                normal, still = plane, EYE
+            else:
+                carrier = written[link.parent]
+                normal, still, across = carrier.normal, carrier.still @ across, EYE
+            sign = float(np.round(normal @ still @ np.array(link.axis))) if link.kind == "hinge" else 0.0
+            written.append(Writing(_unless_same(across), False, normal, sign, still))
+        return tuple(written)
+
+    def _planes(self) -> list[np.ndarray | None]:
+        """For each link the common axis of all hinges from it on, in its frame; None where there is none.
+
+        Zero where there is no hinge at all.
+        """
+        planes: list[np.ndarray | None] = [
+            None if link.kind == "free" else np.array(link.axis) * (link.kind == "hinge")
+            for link in self.links
+        ]
+        for i in range(len(self.links) - 1, -1, -1):
+            parent, plane = self.links[i].parent, planes[i]
+            here = None if parent == WORLD else planes[parent]
+            if here is None:
+                continue
+            if plane is None:
+                planes[parent] = None
+                continue
+            beyond = np.array(self.links[i].orientation) @ plane
+            if not here.any():
+                planes[parent] = beyond
+            elif beyond.any() and np.abs(np.cross(here, beyond)).max() > 1e-12:
+                planes[parent] = None
+        return planes
+
+
+def rescaled(
+    tree: Tree,
+    geometry: Geometry,
+    mass: Mapping[str, Scalar] | None = None,
+    size: Mapping[str, Scalar | Array] | None = None,
+) -> Geometry:
+    """The geometry with some links heavier or longer, their shape and the spread of their mass kept alike.
+
+    Args:
+        mass: by link, the factor of its mass and inertia.
+        size: by link, the factor of its lengths, one or one for each axis (3,) of its frame: its centre of
+            mass, its inertia, and where the links that hang on it are joined.
+
+    Raises:
+        ValueError: the tree has no link of that name.
+    """
+    heavier = {tree.index(name): factor for name, factor in (mass or {}).items()}
+    larger = {tree.index(name): factor * np.ones(3) for name, factor in (size or {}).items()}
+
+    def inertia(i: int) -> Array:
+        about = geometry.inertia[i]
+        if (
+            i in larger
+        ):  # the second moments of mass, of which the inertia is trace less moment, scale by axis
+            moment = 0.5 * _trace(about) * EYE - about
+            moment = moment * (larger[i][:, None] * larger[i][None, :])
+            about = _trace(moment) * EYE - moment
+        return heavier.get(i, 1.0) * about
+
+    def position(i: int) -> Array:
+        return larger.get(tree.links[i].parent, 1.0) * geometry.position[i]
+
+    n = range(len(tree.links))
+    return dataclasses.replace(
+        geometry,
+        mass=jnp.stack([jnp.asarray(heavier.get(i, 1.0) * geometry.mass[i]) for i in n]),
+        com=jnp.stack([larger.get(i, 1.0) * geometry.com[i] for i in n]),
+        inertia=jnp.stack([inertia(i) for i in n]),
+        position=jnp.stack([position(i) for i in n]),
+        anchor=jnp.stack([larger.get(i, 1.0) * geometry.anchor[i] for i in n]),
+    )
+
+
+def _unless_same(across: np.ndarray) -> np.ndarray | None:
+    return None if np.array_equal(across, EYE) else across
+
+
+def _trace(A: Array) -> Scalar:
+    return A[0, 0] + A[1, 1] + A[2, 2]
+
+
+def _slices(lengths: list[int]) -> tuple[slice, ...]:
+    ends = np.cumsum(lengths).tolist()
+    return tuple(slice(end - length, end) for end, length in zip(ends, lengths, strict=True))

@@ -1,0 +1,235 @@
+"""Equations of motion of an articulated tree, forward and inverse (Featherstone 2008, ch. 5 and 7)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.dynamics.external_force import External, YieldingForce
+from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
+from gaitsweep.dynamics.tree.kinematics import Movement, Place, movements, places
+from gaitsweep.dynamics.tree.spatial import (
+    EYE,
+    ZERO,
+    Array,
+    Force,
+    Inertia,
+    Motion,
+    Scalar,
+    cross,
+    skew,
+    solve_positive,
+    turned,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Body:
+    """A link before anything is known of accelerations, about its point and in its axes.
+
+    `inertia` of its body; `bias` the force that it needs where its (classical) acceleration is zero, less the
+    forces from outside; `S` what its joint allows, of a hinge or slide; `c` the acceleration of its point
+    beyond that of its parent's motion and of its joint's own, in the parent's axes.
+    """
+
+    place: Place
+    inertia: Inertia
+    bias: Force
+    S: Motion
+    c: Motion
+
+
+def forward_dynamics(
+    tree: Tree,
+    geometry: Geometry,
+    q: Array,
+    v: Array,
+    tau: Array,
+    external: External = (),
+    *,
+    gravity: Array,
+) -> Array:
+    """Accelerations dv/dt (nv,), rad/s2 and m/s2, by the articulated-body algorithm (table 7.1).
+
+    Args:
+        tree, geometry: the links.
+        q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
+        tau: forces on the degrees of freedom (nv,), N m and N, as MuJoCo's qfrc_applied; the damping and the
+            springs of the joints come on top.
+        external: forces on bodies.
+        gravity: its acceleration in the world (3,), m/s2.
+    """
+    bodies = _bodies(tree, geometry, q, v, external, gravity)
+    tau = tau + passive_forces(tree, geometry, q, v)
+    IA = [body.inertia for body in bodies]
+    pA = [body.bias for body in bodies]
+    U: dict[int, Force] = {}
+    u: dict[int, Scalar] = {}
+    per_D: dict[int, Scalar] = {}
+    for i in range(len(bodies) - 1, -1, -1):
+        link, place, S = tree.links[i], bodies[i].place, bodies[i].S
+        Ia, pa = IA[i], pA[i]
+        if link.kind in ("hinge", "slide"):
+            armature = geometry.armature[tree.v_of[i]][0]
+            U[i] = IA[i] @ S
+            per_D[i] = 1.0 / (S.dot(U[i]) + armature)
+            u[i] = tau[tree.v_of[i]][0] - S.dot(pA[i])
+            Ia, pa = IA[i].without(U[i], per_D[i]), pA[i] + U[i] * (u[i] * per_D[i])
+            if _nought(armature) and _coordinate(place.axis):
+                Ia = Ia.freed_along(S)
+        if link.parent != WORLD:
+            Ia = Ia.rotated(place.across)
+            pa = pa.rotated(place.across) + Ia @ bodies[i].c
+            IA[link.parent] = IA[link.parent] + Ia.moved_from(place.offset)
+            pA[link.parent] = pA[link.parent] + pa.moved_from(place.offset)
+
+    accelerations: list[Motion] = []
+    pieces: list[Array] = []
+    for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
+        at = tree.v_of[i]
+        if link.kind == "free":
+            a, piece = _of_free(body.place, IA[i], pA[i], tau[at], geometry.armature[at], gravity)
+            pieces.append(piece)
+        else:
+            a = _carried(tree, i, bodies, accelerations, gravity)
+            if link.kind != "fixed":
+                rate = (u[i] - a.dot(U[i])) * per_D[i]
+                a = a + body.S * rate
+                pieces.append(jnp.reshape(rate, 1))
+        accelerations.append(a)
+    return jnp.concatenate(pieces)
+
+
+def inverse_dynamics(
+    tree: Tree,
+    geometry: Geometry,
+    q: Array,
+    v: Array,
+    acceleration: Array,
+    external: External = (),
+    *,
+    gravity: Array,
+) -> Array:
+    """Forces tau (nv,), N m and N, that bring about an `acceleration` (nv,), by Newton and Euler (table 5.1).
+
+    Args: as those of `forward_dynamics`, of which it is the inverse.
+    """
+    bodies = _bodies(tree, geometry, q, v, external, gravity)
+    accelerations: list[Motion] = []
+    forces: list[Force] = []
+    for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
+        rate = acceleration[tree.v_of[i]]
+        if link.kind == "free":
+            a = Motion(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
+        else:
+            a = _carried(tree, i, bodies, accelerations, gravity)
+            a = a if link.kind == "fixed" else a + body.S * rate[0]
+        accelerations.append(a)
+        forces.append(body.inertia @ a + body.bias)
+
+    pieces: list[Array] = []
+    for i in range(len(bodies) - 1, -1, -1):
+        link, place = tree.links[i], bodies[i].place
+        if link.kind == "free":
+            pieces += [forces[i].couple, place.frame @ forces[i].linear]
+        elif link.kind != "fixed":
+            pieces.append(jnp.reshape(bodies[i].S.dot(forces[i]), 1))
+        if link.parent != WORLD:
+            felt = forces[i].rotated(place.across).moved_from(place.offset)
+            forces[link.parent] = forces[link.parent] + felt
+    tau = jnp.concatenate(pieces[::-1])
+    return tau + geometry.armature * acceleration - passive_forces(tree, geometry, q, v)
+
+
+def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
+    """Forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
+    springs = []
+    for i, link in enumerate(tree.links):
+        stretch = q[tree.q_of[i]] - geometry.rest[i]
+        springs.append(np.zeros(6) if link.kind == "free" else geometry.stiffness[i] * stretch)
+    return -(geometry.damping * v + jnp.concatenate(springs))
+
+
+def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array]:
+    """A link's inertia about its point and its mass times the centre of mass from there (3,), in its axes."""
+    mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
+    # worked out in the body's frame, where it is constant, and turned whole
+    inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])
+    h = place.turn @ (mass * c)
+    return Inertia(turned(place.turn, inertia), skew(h), mass * EYE), h
+
+
+def _bodies(
+    tree: Tree, geometry: Geometry, q: Array, v: Array, external: External, gravity: Array
+) -> list[_Body]:
+    placed = places(tree, geometry, q)
+    moving = movements(tree, placed, v)
+    for force in external:
+        if not 0 <= force.link < len(placed):
+            raise ValueError(
+                f"A force acts on link {force.link}, but the tree has links 0 to {len(placed) - 1}."
+            )
+    bodies = []
+    for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
+        inertia, h = rigid_body(geometry, i, place)
+        w = moving[i].angular
+        bias = Force(cross(w, inertia.I @ w), cross(w, cross(w, h)))
+        for force in external:
+            if force.link != i:
+                continue
+            bias = bias - force.on(place)
+            if isinstance(force, YieldingForce):
+                yields = force.inertia(place)
+                inertia, bias = inertia + yields, bias + yields @ force.at_rest(place, w, gravity)
+        S = Motion(ZERO, place.axis) if link.kind == "slide" else Motion(place.axis, ZERO)
+        c = (
+            Motion(ZERO, ZERO)
+            if link.parent == WORLD
+            else _beyond(link.kind, place, moving[link.parent], v[tree.v_of[i]])
+        )
+        bodies.append(_Body(place, inertia, bias, S, c))
+    return bodies
+
+
+def _beyond(kind: str, place: Place, parent: Movement, rate: Array) -> Motion:
+    """The `c` of a body whose parent turns: centripetal, and Coriolis of its joint's own motion."""
+    w = parent.angular
+    linear = cross(w, cross(w, place.offset))
+    if kind == "fixed":
+        return Motion(ZERO, linear)
+    coriolis = cross(w, place.axis_across * rate[0])
+    return Motion(coriolis, linear) if kind == "hinge" else Motion(ZERO, linear + 2.0 * coriolis)
+
+
+def _carried(tree: Tree, i: int, bodies: list[_Body], accelerations: list[Motion], gravity: Array) -> Motion:
+    """The acceleration of link i where its joint does not accelerate; the world's is that against gravity."""
+    parent = tree.links[i].parent
+    below = Motion(ZERO, -gravity) if parent == WORLD else accelerations[parent]
+    place = bodies[i].place
+    return (below.shifted(place.offset) + bodies[i].c).rotated(place.outward)
+
+
+def _of_free(
+    place: Place, IA: Inertia, pA: Force, tau: Array, armature: Array, gravity: Array
+) -> tuple[Motion, Array]:
+    """The acceleration of a free link, in its axes and less gravity, and of its joint, as MuJoCo has it."""
+    to_link = place.frame.T
+    linear = turned(to_link, EYE * armature[:3, None])
+    # armature on the linear velocities resists their change alone, without gravity
+    force = Force(tau[3:], to_link @ tau[:3] - linear @ (to_link @ gravity)) - pA
+    upper = jnp.concatenate([IA.I + EYE * armature[3:, None], IA.H], axis=1)
+    lower = jnp.concatenate([IA.H.T, IA.M + linear], axis=1)
+    a = solve_positive(jnp.concatenate([upper, lower]), jnp.concatenate([force.couple, force.linear]))
+    return Motion(a[:3], a[3:]), jnp.concatenate([place.frame @ a[3:] + gravity, a[:3]])
+
+
+def _nought(value: Scalar) -> bool:
+    """Whether a number is known to be zero, which no JAX array is."""
+    return isinstance(value, float | np.generic) and float(value) == 0.0
+
+
+def _coordinate(axis: Array) -> bool:
+    """Whether an axis is a constant one of the coordinates'."""
+    return isinstance(axis, np.ndarray) and bool(np.sum(axis != 0.0) == 1)

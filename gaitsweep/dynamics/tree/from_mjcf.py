@@ -1,0 +1,168 @@
+"""An articulated tree from an MJCF: MuJoCo compiles it, the tree is read off the compiled model.
+
+Geoms count by their masses alone, contacts and actuators not at all: the forces of both are the caller's, who
+puts them in `external` and `tau`. Whatever else would act in MuJoCo and not here is refused.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Kind, Link, Row, Tree
+
+_KINDS: dict[int, Kind] = {
+    mujoco.mjtJoint.mjJNT_FREE: "free",
+    mujoco.mjtJoint.mjJNT_HINGE: "hinge",
+    mujoco.mjtJoint.mjJNT_SLIDE: "slide",
+}
+_OFF = mujoco.mjtDisableBit
+_DUST = 1e-15  # a quaternion that turns by a right angle leaves this where a zero or a one should be
+
+
+def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
+    """The tree of an MJCF, its q and v in the order of MuJoCo's qpos and qvel.
+
+    A body's link has its name; where the body has several joints that is the link of the last one, and those
+    of the joints before it have no mass and are named `body/joint`. The option's gravity is not kept.
+
+    Args:
+        source: a compiled model, a path, or the XML itself.
+
+    Raises:
+        ValueError: the model has what the tree cannot do; the sentence names it.
+        FileNotFoundError: there is no file at the path.
+    """
+    m = compiled(source)
+    for complaint in _complaints(m):
+        raise ValueError(complaint)
+    links: list[Link] = []
+    rows: list[dict[str, object]] = []
+    link_of = {0: WORLD}  # the last link of each body
+    for body in range(1, m.nbody):
+        first, count = m.body_jntadr[body], m.body_jntnum[body]
+        joints = [int(j) for j in range(first, first + count)]
+        parent = link_of[int(m.body_parentid[body])]
+        for j in joints or [None]:
+            begins, ends = not joints or j == joints[0], not joints or j == joints[-1]
+            links.append(_link(m, body, j, parent, begins, ends))
+            rows.append(_numbers(m, body, j, begins, ends))
+            parent = len(links) - 1
+        link_of[body] = parent
+    stacked = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
+    return Tree(tuple(links)), Geometry(**stacked, armature=m.dof_armature.copy(), damping=_damping(m))
+
+
+def _link(m: mujoco.MjModel, body: int, j: int | None, parent: int, begins: bool, ends: bool) -> Link:
+    """The link of joint `j` of a body, None where it has none."""
+    kind = "fixed" if j is None else _KINDS[int(m.jnt_type[j])]
+    axis = _row(m.jnt_axis[j]) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0)
+    turn = _rotation(m.body_quat[body]) if begins and kind != "free" else np.eye(3)
+    name = _name(m.body(body).name, "body", body)
+    if j is not None and not ends:
+        name = f"{name}/{_name(m.jnt(j).name, 'joint', j)}"
+    return Link(name, parent, kind, axis, (_row(turn[0]), _row(turn[1]), _row(turn[2])))
+
+
+def _numbers(m: mujoco.MjModel, body: int, j: int | None, begins: bool, ends: bool) -> dict[str, object]:
+    """A link's row of each field of the geometry that has one for each link."""
+    free = j is not None and m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE
+    jointed = j is not None and not free
+    at = m.jnt_qposadr[j] if jointed else 0
+    # a body welded to the world is part of the world
+    heavy = ends and m.body_weldid[body] != 0
+    principal = _rotation(m.body_iquat[body])
+    inertia = principal @ np.diag(m.body_inertia[body]) @ principal.T
+    inertia[np.abs(inertia) < _DUST * np.abs(inertia).max()] = 0.0
+    return {
+        "mass": m.body_mass[body] * heavy,
+        "com": m.body_ipos[body] * heavy,
+        "inertia": inertia * heavy,
+        "position": m.body_pos[body] * (begins and not free),
+        "anchor": m.jnt_pos[j] if jointed else np.zeros(3),
+        "reference": m.qpos0[at] if jointed else 0.0,
+        "stiffness": 0.0 if not jointed or m.opt.disableflags & _OFF.mjDSBL_SPRING else m.jnt_stiffness[j],
+        "rest": m.qpos_spring[at] if jointed else 0.0,
+    }
+
+
+def _damping(m: mujoco.MjModel) -> np.ndarray:
+    return m.dof_damping * (0.0 if m.opt.disableflags & _OFF.mjDSBL_DAMPER else 1.0)
+
+
+def _complaints(m: mujoco.MjModel) -> Iterator[str]:
+    """A sentence for each thing in a model that the tree leaves out of the equations of motion."""
+    if not m.nv:
+        yield "The model has no joint, so there is nothing that could move."
+    for number, name in ((m.neq, "an equality constraint"), (m.ntendon, "a tendon"), (m.nflex, "a flex")):
+        if number:
+            yield f"The model has {name}, which an articulated tree cannot do: remove it."
+    if m.opt.density or m.opt.viscosity:
+        yield "The model moves in a fluid (option density or viscosity), which an articulated tree cannot do."
+    for body in range(1, m.nbody):
+        name = _name(m.body(body).name, "body", body)
+        if m.body_mocapid[body] >= 0:
+            yield f"Body '{name}' is a mocap body, which an articulated tree cannot do: remove mocap."
+        if m.body_gravcomp[body]:
+            yield f"Body '{name}' has gravcomp, which an articulated tree cannot do: apply its force instead."
+        if m.body_plugin[body] >= 0:
+            yield f"Body '{name}' has a plugin, which an articulated tree cannot do."
+    for j in range(m.njnt):
+        yield from _of_joint(m, j)
+    for k in range(m.nu):
+        if m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any():
+            name = _name(m.actuator(k).name, "actuator", k)
+            yield f"Actuator '{name}' has armature or damping of its own: give them to the joint instead."
+
+
+def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
+    name = _name(m.jnt(j).name, "joint", j)
+    kind, dof = m.jnt_type[j], m.jnt_dofadr[j]
+    unconstrained = m.opt.disableflags & _OFF.mjDSBL_CONSTRAINT
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        yield f"Joint '{name}' is a ball joint, which an articulated tree cannot do: use three hinges."
+    if m.jnt_limited[j] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_LIMIT):
+        yield f"Joint '{name}' has a limit, which an articulated tree cannot do: remove its range."
+    if m.dof_frictionloss[dof] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_FRICTIONLOSS):
+        yield f"Joint '{name}' has frictionloss, which an articulated tree cannot do: use damping."
+    if m.jnt_stiffnesspoly[j].any() or m.dof_dampingpoly[dof].any() or m.jnt_plasticadr[j] >= 0:
+        yield f"Joint '{name}' has a spring or damper that is not linear: apply its force instead."
+    if kind == mujoco.mjtJoint.mjJNT_FREE and m.jnt_stiffness[j]:
+        yield f"Joint '{name}' is free and has a spring, which a tree cannot do: apply its force instead."
+
+
+def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
+    """MuJoCo's model of a path or of the XML itself; raises FileNotFoundError where there is no such file."""
+    if isinstance(source, mujoco.MjModel):
+        return source
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return mujoco.MjModel.from_xml_string(source)
+    if not Path(source).is_file():
+        raise FileNotFoundError(f"There is no MJCF at {source}.")
+    return mujoco.MjModel.from_xml_path(str(source))
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return _dusted(matrix.reshape(3, 3))
+
+
+def _row(vector: np.ndarray) -> Row:
+    x, y, z = _dusted(vector).tolist()
+    return x, y, z
+
+
+def _dusted(values: np.ndarray) -> np.ndarray:
+    whole = np.round(values)
+    return np.where(np.abs(values - whole) < _DUST, whole, values)
+
+
+def _name(given: str, kind: str, number: int) -> str:
+    return given or f"{kind} {number}"

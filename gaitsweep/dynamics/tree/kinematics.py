@@ -1,0 +1,208 @@
+"""Where the links of an articulated tree are, how they move, and how positions follow from velocities."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Link, Tree, Writing
+from gaitsweep.dynamics.tree.spatial import (
+    EYE,
+    ZERO,
+    Array,
+    Motion,
+    Scalar,
+    cross,
+    quaternion_exponential,
+    quaternion_product,
+    rotation_about,
+    rotation_of,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where a link is; its point is its joint's anchor, its axes those in which it is written.
+
+    `across` (3, 3) turns from the link's axes to its parent's, None where they are the same; `offset` (3,) m
+    is the point's from the parent's point, in the parent's axes; `axis` (3,) of a hinge or slide in the
+    link's axes, `axis_across` in the parent's; `turn` (3, 3) the body's orientation in the link's axes;
+    `anchor` (3,) m the point in the body's frame.
+
+    Links that share their axes share a base: `frame` (3, 3) is its orientation and `base` (3,) m its position
+    in the world; `reach` (3,) m is the link's point from there, in the link's axes.
+    """
+
+    across: Array | None
+    offset: Array
+    axis: Array
+    axis_across: Array
+    turn: Array
+    anchor: Array
+    frame: Array
+    base: Array
+    reach: Array
+
+    @property
+    def outward(self) -> Array | None:
+        """The rotation from the parent's axes to the link's, None where they are the same."""
+        return None if self.across is None else self.across.T
+
+    @property
+    def rotation(self) -> Array:
+        """The body's orientation in the world (3, 3)."""
+        return self.frame @ self.turn
+
+    @property
+    def point(self) -> Array:
+        """The link's point in the world (3,), m."""
+        return self.base + self.frame @ self.reach
+
+    def position(self, point: Array) -> Array:
+        """The position in the world (3,), m, of a `point` (3,) of the body, m in the body's frame."""
+        return self.base + self.frame @ (self.reach + self.turn @ (point - self.anchor))
+
+
+_GROUND = Place(None, ZERO, ZERO, ZERO, EYE, ZERO, EYE, ZERO, ZERO)
+
+
+def places(tree: Tree, geometry: Geometry, q: Array) -> list[Place]:
+    """Where each link is.
+
+    Args:
+        tree, geometry: the n links.
+        q: positions (nq,): rad, m, and free joints' positions and quaternions, of any norm.
+    """
+    found: list[Place] = []
+    angles: list[Scalar | None] = []  # of each limb's hinges up to a link, added up
+    for i, (link, writing) in enumerate(zip(tree.links, tree.writings, strict=True)):
+        if link.kind == "free":
+            angles.append(None)
+            found.append(_free(geometry.anchor[i], q[tree.q_of[i]]))
+            continue
+        parent = _GROUND if link.parent == WORLD else found[link.parent]
+        angle = None if link.parent == WORLD else angles[link.parent]
+        moved = 0.0 if link.kind == "fixed" else q[tree.q_of[i]][0] - geometry.reference[i]
+        if link.kind == "hinge" and not writing.own:
+            turned = writing.sign * moved
+            angle = turned if angle is None else angle + turned
+        angles.append(angle)
+        hung = geometry.position[i] + np.array(link.orientation) @ geometry.anchor[i] - parent.anchor
+        found.append(_jointed(link, writing, geometry.anchor[i], parent, parent.turn @ hung, moved, angle))
+    return found
+
+
+def _free(anchor: Array, q: Array) -> Place:
+    frame = rotation_of(q[3:])
+    return Place(frame, q[:3], ZERO, ZERO, EYE, anchor, frame, q[:3], ZERO)
+
+
+def _jointed(
+    link: Link,
+    writing: Writing,
+    anchor: Array,
+    parent: Place,
+    offset: Array,
+    moved: Scalar,
+    angle: Scalar | None,
+) -> Place:
+    """A link's place where its hinge or slide has `moved`, and its limb's hinges together by `angle`."""
+    turn = writing.still if angle is None else rotation_about(writing.normal, angle) @ writing.still
+    # a hinge's own turn leaves its axis where it is
+    axis = writing.still @ np.array(link.axis) if link.kind == "hinge" else turn @ np.array(link.axis)
+    across = writing.across
+    axis_across = axis if across is None else across @ axis
+    if link.kind == "slide":
+        offset = offset + axis_across * moved
+    if writing.own and link.kind == "hinge":
+        spun = rotation_about(np.array(link.axis), moved)
+        across = spun if across is None else across @ spun
+    frame, base, reach = parent.frame, parent.base, parent.reach + offset
+    if across is not None:
+        frame, base, reach = frame @ across, base + frame @ reach, ZERO
+    return Place(across, offset, axis, axis_across, turn, anchor, frame, base, reach)
+
+
+@dataclasses.dataclass(frozen=True)
+class Movement:
+    """How a link moves.
+
+    `angular` (3,) rad/s in its axes; `base` (3,) m/s the velocity of its base in the world; `linear` (3,) m/s
+    that of its point beyond the base's, in its axes.
+    """
+
+    angular: Array
+    linear: Array
+    base: Array
+
+
+def movements(tree: Tree, placed: Sequence[Place], v: Array) -> list[Movement]:
+    """How each link moves (table 5.1, pass 1, velocities).
+
+    Args:
+        tree: its n links.
+        placed: where they are.
+        v: velocities (nv,), rad/s and m/s; of a free joint linear in the world, angular in the body.
+    """
+    found: list[Movement] = []
+    for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
+        rate = v[tree.v_of[i]]
+        if link.kind == "free":
+            found.append(Movement(rate[3:], ZERO, rate[:3]))
+            continue
+        at_rest = Movement(ZERO, ZERO, ZERO)
+        parent = at_rest if link.parent == WORLD else found[link.parent]
+        motion = Motion(parent.angular, parent.linear).shifted(place.offset)
+        if link.kind == "slide":
+            motion = Motion(motion.angular, motion.linear + place.axis_across * rate[0])
+        angular, linear, base = motion.angular, motion.linear, parent.base
+        if place.across is not None:
+            frame = EYE if link.parent == WORLD else placed[link.parent].frame
+            angular, linear, base = place.across.T @ angular, ZERO, base + frame @ linear
+        if link.kind == "hinge":
+            angular = angular + place.axis * rate[0]
+        found.append(Movement(angular, linear, base))
+    return found
+
+
+def velocity(place: Place, movement: Movement, point: Array) -> Array:
+    """The velocity in the world (3,), m/s, of a `point` (3,) of a link's body, m in the body's frame."""
+    lever = place.turn @ (point - place.anchor)
+    return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
+
+
+def velocity_at(place: Place, movement: Movement, at: Array) -> Array:
+    """The velocity in the world (3,), m/s, of what of a link's body is `at` (3,), m in the world."""
+    lever = place.frame.T @ (at - place.base) - place.reach
+    return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
+
+
+def rates(tree: Tree, q: Array, v: Array) -> Array:
+    """dq/dt (nq,), smooth, for integrators of Runge and Kutta's kind (eq. 4.13 for quaternions).
+
+    The exact flow keeps a quaternion's norm; what an integrator's error does to it changes nothing, since it
+    is divided out wherever q is used.
+    """
+    pieces: list[Array] = []
+    for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
+        if link.kind == "free":
+            spin = jnp.concatenate([np.zeros(1), v[at][3:]])
+            pieces += [v[at][:3], 0.5 * quaternion_product(q[to][3:], spin)]
+        else:
+            pieces.append(v[at])
+    return jnp.concatenate(pieces)
+
+
+def integrate(tree: Tree, q: Array, v: Array, dt: Scalar) -> Array:
+    """q (nq,) after `dt` (s) at constant v (nv,), as MuJoCo's mj_integratePos; quaternions of norm 1."""
+    pieces: list[Array] = []
+    for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
+        if link.kind == "free":
+            turned = quaternion_product(q[to][3:], quaternion_exponential(v[at][3:] * dt))
+            pieces += [q[to][:3] + v[at][:3] * dt, turned / jnp.sqrt(turned @ turned)]
+        else:
+            pieces.append(q[to] + v[at] * dt)
+    return jnp.concatenate(pieces)

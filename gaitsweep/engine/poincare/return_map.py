@@ -1,0 +1,213 @@
+"""The return map of a model's section: a state just after a crossing to that just after the next.
+
+Its coordinates are those of the model's chart, or all numbers of a state where it has none: then the map is
+the same map in a larger space, with a multiplier 0 for each number that the section or the flow decides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import graphlib
+from collections.abc import Callable, Mapping
+from functools import cached_property, lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Chart, Model, Params, Quantity, State
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.sweep.leaves import numbers_of, with_numbers
+from gaitsweep.errors import ArgumentError
+from gaitsweep.expression import evaluate, functions_of, names_in
+
+
+@dataclasses.dataclass(frozen=True)
+class AllNumbers(Chart):
+    """All numbers of a state as coordinates, for models without a chart; `names` of them."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, state: State) -> AllNumbers:
+        """The numbers of states like this one."""
+        names: list[str] = []
+        for field in dataclasses.fields(state):
+            for leaf in numbers_of(getattr(state, field.name)):
+                shape = np.shape(leaf)
+                names += ["_".join([field.name, *(str(i + 1) for i in at)]) for at in np.ndindex(*shape)]
+        return cls(tuple(names))
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
+
+    def read(self, params: Params, state: State) -> jax.Array:
+        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in numbers_of(state)])
+
+    def place(self, params: Params, at: jax.Array, like: State) -> State:
+        leaves = numbers_of(like)
+        cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
+        pieces = jnp.split(at, cuts.tolist())
+        return with_numbers(like, [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves)])  # noqa: B905
+
+
+@dataclasses.dataclass(frozen=True)
+class ReturnMap(Map):
+    """The return map of a model, in JAX and for many points at once.
+
+    Args:
+        model: the model.
+        settings: (name, number or formula) of the parameters that are not at their defaults.
+        numerics: what the model recommends, where not given. With located events (tsit5, rk4, stabilised,
+            exact) the map has derivatives; in steps of fixed length it is a staircase of that step's size,
+            and derivatives are refused.
+        engine: kernel, xla, or auto: kernel where the model and the machine allow it.
+        cycles: crossings from a point to its image.
+        share: by which steps are shorter than the numerics say, and tolerances finer.
+    """
+
+    model: Model
+    settings: tuple[tuple[str, float | str], ...] = ()
+    numerics: Numerics = dataclasses.field(default_factory=Numerics)
+    engine: str = "auto"
+    cycles: int = 1
+    share: float = 1.0
+
+    def refined(self) -> ReturnMap:
+        """The same map at half the step, or tolerances 32 times finer."""
+        return dataclasses.replace(self, share=0.5 * self.share)
+
+    @cached_property
+    def chart(self) -> Chart:
+        """The model's own, or all numbers of a state."""
+        return self.model.chart() or AllNumbers.of(self._shape)
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return self.chart.coordinates
+
+    @property
+    def conserved(self) -> tuple[Quantity, ...]:
+        return self.chart.conserved
+
+    def params(self, values: Values) -> Params:
+        """The model's parameters: those given, the settings, the defaults; formulas follow what they use."""
+        known: dict[str, Any] = {name: jnp.asarray(value) for name, value in values.items()}
+        functions = functions_of(jnp)
+        for name in self._order:
+            if name not in known:
+                known[name] = evaluate(self._written[name], known, functions)
+        return self.model.params(known)
+
+    def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
+        unknown = [name for name in values if name not in self._written]
+        if unknown:
+            near = near_miss.suggestion(unknown[0], list(self._written))
+            raise ArgumentError(f"{unknown[0]} is not a parameter of {self.model.name}{near}")
+        numbers = {name: text for name, text in self._written.items() if not isinstance(text, str)}
+        return {
+            name: np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
+            for name, value in {**numbers, **values}.items()
+        }
+
+    def state(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
+        """The time to the next crossing, the state just after it, and the `Way`, of one state, in JAX."""
+        total = jnp.zeros(())
+        way = jnp.asarray(Way.crossed, jnp.int32)
+        crossing = crossing_of(self.model, self.numerics, self.engine, self.share)
+        for _ in range(self.cycles):
+            t, state, found = crossing(params, state)
+            total, way = total + t, jnp.where(way == Way.crossed, found, way)
+        return total, state, way
+
+    def follow(self, values: Values, at: jax.Array, like: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+        params = self.params(values)
+        t, state, way = self.state(params, self.chart.place(params, at, like))
+        crossed = way == Way.crossed
+        way = jnp.where(crossed & ~self.chart.holds(params, state), Way.elsewhere, way)
+        way = jnp.where(crossed & self.model.failed(params, state), Way.fell, way)
+        observed = {**self.model.observe(params, state), "time": t}
+        return self.chart.read(params, state), state, way, observed
+
+    def kept(self, values: Values, at: jax.Array) -> jax.Array:
+        return self.chart.kept(self.params(values), at)
+
+    def settled(self, starts: Mapping[str, Any], values: Values, cycles: int) -> tuple[Points, np.ndarray]:
+        """Where starts of the model are after so many crossings, and the `Way` of each, (n,).
+
+        Args:
+            starts: (n,) of each start value; the others have their defaults.
+            values: parameters, numbers or (n,).
+            cycles: crossings, 0 or more; trajectories that fail stay where they failed.
+        """
+        n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
+        given = {
+            q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
+            for q in self.model.starts
+        }
+        held = self.complete(values, n)
+        state, way = _settler(self, cycles)(held, given)
+        at = jax.jit(jax.vmap(lambda v, s: self.chart.read(self.params(v), s)))(held, state)
+        return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(way)
+
+    @cached_property
+    def _written(self) -> dict[str, float | str]:
+        written: dict[str, Any] = {q.name: q.default for q in self.model.parameters}
+        for name, setting in self.settings:
+            if name not in written:
+                near = near_miss.suggestion(name, list(written))
+                raise ArgumentError(f"{name} is not a parameter of {self.model.name}{near}")
+            written[name] = setting
+        missing = [name for name, value in written.items() if value is None]
+        if missing:
+            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give it in settings.")
+        return written
+
+    @cached_property
+    def _order(self) -> tuple[str, ...]:
+        uses = {name: sorted(names_in(text)) for name, text in self._written.items()}
+        return tuple(graphlib.TopologicalSorter(uses).static_order())
+
+    @cached_property
+    def _shape(self) -> State:
+        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.starts}
+        values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
+        return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
+
+
+@lru_cache(maxsize=16)
+def _settler(mapping: ReturnMap, cycles: int) -> Callable[..., Any]:
+    def one(values: Any, starts: Any) -> tuple[State, jax.Array]:
+        params = mapping.params(values)
+        # a state that goes round a loop keeps its types, so none may be weak
+        begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
+
+        def turn(_: Any, loop: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+            state, way = loop
+            _, moved, found = mapping.state(params, state)
+            going = (way == Way.crossed) & (found == Way.crossed)
+            kept = jax.tree.map(lambda a, b: jnp.where(going, a, b), moved, state)
+            return kept, jnp.where(way == Way.crossed, found, way).astype(jnp.int32)
+
+        return jax.lax.fori_loop(0, cycles, turn, (begun, jnp.asarray(Way.crossed, jnp.int32)))
+
+    return jax.jit(jax.vmap(one))
+
+
+def return_map(
+    model: Model,
+    settings: Mapping[str, float | str] | None = None,
+    *,
+    numerics: Numerics | None = None,
+    engine: str = "auto",
+    cycles: int = 1,
+) -> ReturnMap:
+    """The return map of a model with these parameters, the others at their defaults; see `ReturnMap`."""
+    named = tuple((settings or {}).items())
+    return ReturnMap(model, named, numerics or Numerics(), engine, cycles)

@@ -1,0 +1,1 @@
+"""Recorders: what is kept of a trajectory, and when it ends."""

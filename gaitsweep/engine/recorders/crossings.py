@@ -1,0 +1,77 @@
+"""Runs that keep every crossing of the section: return maps and ramps."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Params, Status
+from gaitsweep.engine.advance import CROSSING, TIME, Carry
+from gaitsweep.engine.recorders.recorder import BUFFER, SPARE_CYCLES, Record, Recorder, counted
+
+# Jumps at one instant after which a crossing is still an ordinary one.
+FEW_JUMPS = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossings(Recorder):
+    """Every crossing of the section: crossing, t and the observables, the start being crossing 0.
+
+    Ends after `crossings` of them beyond the first `after_cycles`, or at `duration` (s) for a ramp.
+    """
+
+    model: Model
+    crossings: int | None = None
+    after_cycles: int = 0
+    duration: float | None = None
+
+    @property
+    def width(self) -> int:
+        return 2 + len(self.model.observables)
+
+    def stop(self, params: Params) -> jax.Array:
+        period = self.model.period(params)
+        if self.duration is not None:
+            return jnp.full_like(period, self.duration)
+        return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
+
+    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
+        record, _, _ = super().begin(params, carry)
+        keep = jnp.asarray(self.after_cycles == 0)
+        return counted(record, keep), self._row(carry, record), keep
+
+    def _row(self, carry: Carry, record: Record) -> jax.Array:
+        head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
+        return jnp.concatenate([head, record.last])
+
+    def take(
+        self, params: Params, carry: Carry, record: Record
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+        most = None if self.crossings is None else self.after_cycles + self.crossings
+        crossed = (carry.halt == CROSSING) & (record.filled < BUFFER)
+        counts = crossed if most is None else crossed & (record.cycles < most)
+        taken = dataclasses.replace(
+            record,
+            cycles=jnp.where(counts, record.cycles + 1, record.cycles),
+            last=jnp.where(counts, self.observables(params, carry.state), record.last),
+        )
+        keep = counts & (taken.cycles >= self.after_cycles)
+        late = Status.complete if self.duration is not None else Status.time_limit
+        status = jnp.where(carry.halt == TIME, late, Status.running)
+        if most is not None:
+            # crossings in a long chain of jumps may be those of a stall, which shows if time does not go on
+            told = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
+            status = jnp.where((taken.cycles >= most) & told, Status.complete, status)
+        waits = (carry.halt == CROSSING) & ~crossed
+        halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
+        row = self._row(carry, taken)
+        taken = dataclasses.replace(counted(taken, keep), status=status.astype(jnp.int32))
+        return dataclasses.replace(carry, halt=halt), taken, row, keep
+
+    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+        if self.crossings is None:
+            return t / (self.duration or 1.0)
+        return np.asarray(record.cycles) / (self.after_cycles + self.crossings)

@@ -1,0 +1,113 @@
+"""Runs in which a parameter moves in stairs: a record at the end of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Params, Status
+from gaitsweep.engine.advance import CROSSING, GOING, TIME, Carry
+from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP, BUFFER, Record, Recorder, counted
+from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, TOLERANCE, bounds, change, slowest
+from gaitsweep.engine.recorders.stairs import Stairs
+
+
+@dataclasses.dataclass(frozen=True)
+class Staircase(Recorder):
+    """The end of each stair: stair, crossings, t, settled, slowest, the observables at the last crossing.
+
+    Settled: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings than
+    `SETTLE_WINDOW` times its `tolerance`, in units of its scale, and as many crossings were on this stair
+    (a fixed point: orbits of several crossings do not settle here); else `slowest` is the number of the
+    observable that moved most, -1 where it is not known. The row is moved by a drive over the same `stairs`;
+    its state goes on from stair to stair.
+    """
+
+    HEAD: ClassVar[int] = 5  # numbers before the observables
+
+    model: Model
+    stairs: Stairs
+    tolerance: float | tuple[float, ...] = TOLERANCE
+
+    @property
+    def window(self) -> int:
+        return SETTLE_WINDOW + 1  # the last crossing and those before it
+
+    @property
+    def width(self) -> int:
+        return self.HEAD + len(self.model.observables)
+
+    def stop(self, params: Params) -> jax.Array:
+        return jnp.full_like(self.model.period(params), self.stairs.first)
+
+    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
+        # a stair shorter than a step costs attempts of its own
+        rest = (self.stairs.duration - self.stairs.first) / dt + 2 * self.stairs.count
+        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * rest
+
+    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
+        record, row, keep = super().begin(params, carry)
+        return dataclasses.replace(record, window=self._emptied(record)), row, keep
+
+    def take(
+        self, params: Params, carry: Carry, record: Record
+    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+        crossed = carry.halt == CROSSING
+        due = (carry.halt == TIME) & (record.filled < BUFFER)
+        waits = (carry.halt == TIME) & ~due
+        cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
+        last = jnp.where(crossed, self.observables(params, carry.state), record.last)
+        slot = self._slot(cycles)[:, None]
+        taken = dataclasses.replace(
+            record, cycles=cycles, last=last, window=jnp.where(slot & crossed, last, record.window)
+        )
+        # what a stair has not crossed yet is NaN, which is near nothing
+        moved = jnp.abs(change(self.model, last[None, :] - record.window))
+        bound = bounds(self.model, self.tolerance, record.window)[None, :]
+        settled = jnp.all(moved < bound)
+        head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
+        row = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
+
+        taken = counted(taken, due)
+        status = jnp.where(due & (taken.samples >= self.stairs.count), Status.complete, Status.running)
+        taken = dataclasses.replace(
+            taken,
+            status=status.astype(jnp.int32),
+            window=jnp.where(due, self._emptied(taken), taken.window),
+        )
+        halt = jnp.where(waits, TIME, GOING).astype(carry.halt.dtype)
+        end = self.stairs.end(taken.samples.astype(carry.t.dtype))
+        # the new value may fire a guard where the trajectory stands, so it begins as a start does, by an
+        # attempt of zero length; an event that was being located under the old value is forgotten, and so
+        # are the guards that fired last
+        carry = dataclasses.replace(
+            carry,
+            stop=jnp.where(due, end, carry.stop),
+            h=jnp.where(due, 0.0, carry.h),
+            far=jnp.where(due, jnp.inf, carry.far),
+            far_guards=jnp.where(due, -1.0, carry.far_guards),
+            halt=halt,
+        )
+        return carry, taken, row, due
+
+    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+        return t / self.stairs.duration
+
+    def _slot(self, cycles: jax.Array) -> jax.Array:
+        return jnp.arange(self.window) == cycles % self.window
+
+    def _emptied(self, record: Record) -> jax.Array:
+        """The window where a stair begins: its crossing 0 is the last one before it."""
+        return jnp.where(self._slot(record.cycles)[:, None], record.last, jnp.nan)
+
+
+def readable(samples: np.ndarray) -> np.ndarray:
+    """Which of a block's records (n, width), in the order of rows, stand on the section: those with a
+    crossing on their own stair."""
+    stair, crossing = samples[:, 0], samples[:, 1]
+    before = np.where(stair == 0, 0.0, np.roll(crossing, 1))
+    return crossing > before

@@ -1,0 +1,95 @@
+"""A parameter that moves in stairs along a path and is held on each."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.engine.recorders.ramp import PARTS
+
+# A distance may be longer than its whole number of steps by this share of a step: rounding, no stair more.
+_ROUNDING = 1e-9
+# Resolutions of the longest time by which a time may lie before a change and count as the change itself.
+_SLACK = 16
+
+
+@dataclasses.dataclass(frozen=True)
+class Stairs:
+    """The values of a parameter between `values`, `step` apart or less, `hold` s on each.
+
+    Each pass from one of `values` to the next is divided in equal stairs; a turning value is held once and
+    belongs to the pass that reaches it, the first value to pass 0. `first_hold` s on stair 0 (None: `hold`).
+    """
+
+    values: tuple[float, ...]
+    step: float
+    hold: float
+    first_hold: float | None = None
+
+    @property
+    def lengths(self) -> list[int]:
+        """Stairs of each pass; the first value is no part of pass 0's."""
+        pairs = itertools.pairwise(self.values)
+        return [max(1, math.ceil(abs(b - a) / self.step - _ROUNDING)) for a, b in pairs]
+
+    @property
+    def count(self) -> int:
+        return 1 + sum(self.lengths)
+
+    @property
+    def first(self) -> float:
+        """Seconds on stair 0."""
+        return self.hold if self.first_hold is None else self.first_hold
+
+    @property
+    def duration(self) -> float:
+        return self.first + (self.count - 1) * self.hold
+
+    def end(self, stair: jax.Array | np.ndarray) -> jax.Array:
+        """The time (s) at which a stair ends; the dtype is that of `stair`."""
+        return jnp.asarray(self.first + stair * self.hold)
+
+    def middle(self, stair: np.ndarray) -> np.ndarray:
+        """A time (s) well inside a stair."""
+        return np.where(stair == 0, 0.5 * self.first, self.first + (stair - 0.5) * self.hold)
+
+    def stair(self, t: jax.Array) -> jax.Array:
+        """The stair at time `t` (s), a whole number in the dtype of `t`; a change counts as after it."""
+        # the end of a stair is a product, so that this quotient may lie by rounding below the whole number
+        slack = _SLACK * float(jnp.finfo(t.dtype).eps) * self.duration / self.hold
+        begun = jnp.floor((t - self.first) / self.hold + slack)
+        return jnp.clip(begun + 1.0, 0.0, self.count - 1.0)
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Instants on the stairs that divide each pass in `PARTS` equal parts at most."""
+        stairs: list[np.ndarray] = [np.zeros(1)]
+        before = 0
+        for length in self.lengths:
+            stairs.append(np.unique(np.round(np.linspace(before, before + length, PARTS + 1))))
+            before += length
+        return tuple(float(t) for t in self.middle(np.unique(np.concatenate(stairs))))
+
+    def at(self, t: jax.Array) -> jax.Array:
+        """The parameter at time `t` (s)."""
+        return self.value(self.stair(t))
+
+    def value(self, stair: jax.Array) -> jax.Array:
+        """The parameter on a stair, a whole number in floating point; the path's own values exactly."""
+        value = jnp.full_like(stair, self.values[0])
+        before = 0
+        # a choice for each pass: a search over them would not be straight-line code
+        for (a, b), length in zip(itertools.pairwise(self.values), self.lengths, strict=True):
+            share = (stair - before) / length
+            value = jnp.where(share > 0.0, a * (1.0 - share) + b * share, value)
+            before += length
+        return value
+
+    def passes(self, stair: np.ndarray) -> np.ndarray:
+        """The pass (0, 1, ...) to which each stair belongs."""
+        return np.searchsorted(np.cumsum(self.lengths)[:-1], stair, side="left")

@@ -1,0 +1,1 @@
+"""A sweep: rows through lanes on devices, block by block."""

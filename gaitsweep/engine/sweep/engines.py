@@ -1,0 +1,117 @@
+"""Which engine runs a job here, and its lanes on each device."""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any, Protocol
+
+import numpy as np
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.sweep import xla
+from gaitsweep.engine.sweep.lane import Given, RowDrive
+from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.xla import Device, Values
+from gaitsweep.errors import UserError
+
+# Looks of a kernel's recorder between two returns to the host, on each kind of device. On a CPU chunks are
+# short, since a row that has ended waits for the chunk's end; on a GPU what the host does after each counts.
+KERNEL_LOOKS = {"cpu": 16, "gpu": 128}
+
+
+class Lanes(Protocol):
+    """Trajectories in flight on one device: fill some, run a chunk of attempts, read what they gave."""
+
+    size: int
+
+    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None: ...
+
+    def run_chunk(self, looks: int) -> Given: ...
+
+
+class EngineError(UserError):
+    """The engine that a job asks for cannot run it here; the message is a sentence."""
+
+
+def choose(
+    wanted: str,
+    device: Device,
+    model: Model,
+    recorder: Recorder,
+    numerics: Numerics,
+    drive: RowDrive | None,
+) -> tuple[str, str | None]:
+    """The engine that runs, and why where it is not the one that `auto` prefers.
+
+    Args:
+        wanted: auto, xla or kernel.
+        device: the first device of the run.
+        model, recorder, numerics, drive: what is to be run.
+
+    Raises:
+        EngineError: `kernel` is asked for and cannot be had.
+    """
+    if wanted == "xla":
+        return "xla", None
+    reason = _obstacle(device, model, recorder, numerics, drive)
+    if reason is None:
+        return "kernel", None
+    if wanted == "kernel":
+        raise EngineError(f"engine.name is kernel, but {reason}. Allowed here: auto, xla.")
+    return "xla", f"engine: xla, because {reason}."
+
+
+def _obstacle(
+    device: Device, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
+) -> str | None:
+    """What stands in the way of a scalar kernel, in words, or None."""
+    if model.host_parameters:
+        return f"{model.name} works out numbers on the host, of {', '.join(model.host_parameters)}"
+    if device.platform not in KERNEL_LOOKS:
+        return f"there are no kernels for {device.platform}"
+    if importlib.util.find_spec("numba") is None:
+        return "the package numba is not installed"
+    if device.platform == "gpu":
+        from gaitsweep.engine.kernel.cuda import missing
+
+        absent = missing()
+        if absent is not None:
+            return absent
+    from gaitsweep.engine.kernel.lanes import kernel_of
+    from gaitsweep.engine.kernel.trace import UnsupportedError
+
+    try:
+        kernel_of(model, recorder, numerics, drive)
+    except UnsupportedError as error:
+        return str(error)
+    return None
+
+
+def lanes_on(device: Device, work: Work) -> Lanes:
+    """The lanes of a run on one device."""
+    what = work.model, work.recorder, work.numerics
+    options: dict[str, Any] = {"size": work.lanes, "drive": work.drive}
+    if work.engine == "xla":
+        return xla.Lanes(*what, device=device, **options)
+    if device.platform == "gpu":
+        from gaitsweep.engine.kernel.cuda import CudaLanes
+
+        return CudaLanes(*what, device=device, **options)
+    from gaitsweep.engine.kernel.lanes import CpuLanes
+
+    return CpuLanes(*what, **options)
+
+
+def looks_of(work: Work) -> int:
+    """Looks of the recorder between two returns to the host."""
+    return KERNEL_LOOKS[work.devices[0].platform] if work.engine == "kernel" else xla.LOOKS
+
+
+def default_lanes(engine: str, n_rows: int, platform: str) -> int:
+    """Lanes for each device, from the job, the engine and the kind of device alone."""
+    if engine == "kernel" and platform == "cpu":
+        # enough that the host's work between chunks is small, few enough that all end together
+        return int(min(512, max(16, xla.power_of_two(n_rows / 8))))
+    return xla.default_lanes(n_rows, platform)

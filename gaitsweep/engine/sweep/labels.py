@@ -1,0 +1,82 @@
+"""Gaits of a block's rows where they ended, or at the ends of their stairs, from the observables there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Status, Verdict
+from gaitsweep.engine.recorders.staircase import Staircase, readable
+from gaitsweep.engine.sweep.block import Block
+from gaitsweep.engine.sweep.sweep_spec import Work
+
+# How a row may end and still have a last section crossing at which its gait can be read.
+LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
+# Records of stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
+BATCH = 1024
+
+
+class Labels:
+    """Gaits and traits of a block's rows, or of their stairs, in calls of fixed width."""
+
+    def __init__(self, work: Work) -> None:
+        self.work = work
+        self._label = _reader(work.model, work.drive)
+
+    def __call__(self, block: Block) -> dict[str, np.ndarray]:
+        """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
+        recorder = self.work.recorder
+        if isinstance(recorder, Staircase):
+            rows, samples = block.kept()
+            samples = samples.reshape(-1, recorder.width)
+            t = recorder.stairs.middle(samples[:, 0])
+            observed = samples[:, recorder.HEAD :]
+            return self._read(block, BATCH, rows, t, observed, readable(samples))
+        if not recorder.labelled:
+            return {}
+        good = np.isin(block.status, LABELLED) & (block.cycles > 0)
+        width = min(self.work.block, self.work.n_rows)
+        return self._read(block, width, np.arange(block.rows), block.t_end, block.last, good)
+
+    def _read(
+        self,
+        block: Block,
+        width: int,
+        rows: np.ndarray,
+        t: np.ndarray,
+        observed: np.ndarray,
+        good: np.ndarray,
+    ) -> dict[str, np.ndarray]:
+        """The labels of `rows` (n,) of a block at times and observables (n, ...), `width` at a time."""
+        values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
+        parts = []
+        for first in range(0, max(rows.size, 1), width):
+            part = slice(first, first + width)
+            n = rows[part].size
+            # what cannot be read takes the first row's place, so that the width never changes
+            padded = np.concatenate([rows[part], np.zeros(width - n, np.int64)])
+            times, seen = np.zeros(width), np.zeros((width, observed.shape[1]))
+            times[:n], seen[:n] = t[part], np.where(good[part, None], observed[part], 0.0)
+            given = self._label({k: v[padded] for k, v in values.items()}, times, jnp.asarray(seen))
+            parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
+        found = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+        gait = np.where(good, found.pop("gait"), -1).astype(np.int32)
+        traits = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
+        return {"gait": gait, **traits}
+
+
+# kept for the process, as the engine's programs are: a refined run's rounds need not compile it again
+@lru_cache(maxsize=16)
+def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
+    names = [q.name for q in model.observables]
+
+    def one(values: Any, t: jax.Array, observed: jax.Array) -> dict[str, jax.Array]:
+        params = model.params(values) if drive is None else drive(values, t)
+        return model.label(params, {name: observed[i] for i, name in enumerate(names)})
+
+    return jax.jit(jax.vmap(one))

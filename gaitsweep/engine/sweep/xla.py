@@ -1,0 +1,183 @@
+"""The XLA engine: `advance` and a recorder vmapped over lanes and jitted, one program for each device.
+
+Every device runs the same program over the same number of lanes, so a row's numbers do not depend on how
+many devices there are, nor on the lane or the moment in which it ran. (One program partitioned over the
+devices would not do: XLA compiles it differently for one device and for two, to the last bits.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import os
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Status
+from gaitsweep.engine.advance import Carry, select
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.recorder import BUFFER, CADENCE, UNSEEN, Record, Recorder
+from gaitsweep.engine.sweep.lane import Given, OneLane, RowDrive
+from gaitsweep.errors import ArgumentError
+
+# Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
+# chances to show progress, to store and to refill.
+LOOKS = 64
+
+Values = Mapping[str, np.ndarray]
+Device = Any  # a jax.Device, which type checkers take for a variable
+
+
+def see_all_cores() -> None:
+    """Make each usable core a device of JAX's, which can be done only before its first computation.
+
+    Sets float64 on, which is gaitsweep's default everywhere.
+    """
+    jax.config.update("jax_enable_x64", True)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    # afterwards JAX has the devices that it has
+    with contextlib.suppress(RuntimeError):
+        if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
+            jax.config.update("jax_num_cpu_devices", cores)
+
+
+def local_devices(count: int | None = None) -> list[Device]:
+    """The devices of a run: all local ones, or the first `count`; on a CPU one for each usable core.
+
+    Raises:
+        ValueError: more devices are asked for than there are.
+    """
+    see_all_cores()
+    devices = jax.local_devices()
+    if count is not None and count > len(devices):
+        raise ArgumentError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
+    return devices[:count]
+
+
+def default_lanes(n_rows: int, platform: str) -> int:
+    """Lanes for each device, from the job and the kind of device alone.
+
+    A CPU is at its best from some 256 lanes on; half as many lanes as rows leave rows to refill with, so
+    that devices end together. On a GPU an attempt costs about the same for one lane and for 16 384.
+    """
+    if platform == "cpu":
+        return int(min(256, max(8, power_of_two(n_rows / 4))))
+    return int(min(131072, max(256, power_of_two(n_rows))))
+
+
+def power_of_two(least: float) -> int:
+    return 2 ** math.ceil(math.log2(max(least, 1.0)))
+
+
+class Lanes:
+    """Trajectories in flight on one device: fill some, run a chunk of attempts, read what they gave.
+
+    Args:
+        model, recorder, numerics: what is run and what is kept.
+        size: trajectories at once.
+        device: where to run.
+        drive: for a ramp, the parameters at a time, from the raw values of a row.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        recorder: Recorder,
+        numerics: Numerics,
+        *,
+        size: int,
+        device: Device,
+        drive: RowDrive | None = None,
+    ) -> None:
+        self.size = size
+        self._dtype = np.dtype(numerics.carried)
+        self._device = device
+        self._programs = _programs(model, recorder, numerics, drive)
+        self._lanes: Any = None
+
+    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
+        """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
+        values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
+        begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
+        opened = self._programs.open(values, begin)
+        if self._lanes is None:
+            held, carry, record, kept = opened
+            status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
+            self._lanes = held, carry, dataclasses.replace(record, status=status), kept
+        else:
+            self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
+
+    def run_chunk(self, looks: int = LOOKS) -> Given:
+        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+        self._lanes, given = self._programs.chunk(self._put(np.int32(looks)), self._lanes)
+        if not np.asarray(given.record.filled).any():
+            # buffers are large, and most chunks leave them empty: nothing of the right shape is free
+            given = given._replace(kept=np.broadcast_to(np.zeros((), self._dtype), given.kept.shape))
+        return jax.device_get(given)
+
+    def _put(self, array: Any) -> jax.Array:
+        return jax.device_put(array, self._device)
+
+
+class _Programs(NamedTuple):
+    """The three programs of a run, vmapped over lanes and jitted; each device compiles its own."""
+
+    open: Callable[..., Any]
+    merge: Callable[..., Any]
+    chunk: Callable[..., Any]
+
+
+# kept for the process, so that running a job again in a notebook does not compile again
+@lru_cache(maxsize=16)
+def _programs(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> _Programs:
+    one = OneLane(model, recorder, numerics, drive)
+    return _Programs(
+        open=jax.jit(jax.vmap(partial(_open, one))),
+        merge=jax.jit(jax.vmap(select)),
+        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_look, one)))),
+    )
+
+
+def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array]:
+    held, carry, record, row, keep = one.open(values, starts)
+    buffer = jnp.zeros((BUFFER if row.size else 0, row.size), row.dtype)
+    return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), row, keep)
+
+
+def _look(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
+    carry, after, row, keep = one.look(held, carry, record)
+    return carry, after, _appended(kept, record.filled, row, keep)
+
+
+def _appended(kept: jax.Array, place: jax.Array, row: jax.Array, keep: jax.Array) -> jax.Array:
+    here = (jnp.arange(kept.shape[0]) == place) & keep
+    return jnp.where(here[:, None], row, kept)
+
+
+def _chunk(
+    attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, lanes: Any
+) -> tuple[Any, Given]:
+    held, carry, record, kept = lanes
+
+    def going(loop: Any) -> jax.Array:
+        count, _, record, _ = loop
+        return (count < looks) & jnp.any(record.status == Status.running)
+
+    def turn(loop: Any) -> Any:
+        count, carry, record, kept = loop
+        carry = jax.lax.fori_loop(0, CADENCE, lambda _, c: attempt(held, c), carry)
+        return count + 1, *look(held, carry, record, kept)
+
+    opening = (jnp.zeros((), jnp.int32), carry, record, kept)
+    _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
+    nothing = jnp.zeros((record.status.size, 0), record.last.dtype)
+    seen = dataclasses.replace(record, **dict.fromkeys(UNSEEN, nothing))
+    # the host reads what is given, so that the buffers are free again
+    record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
+    return (held, carry, record, kept), Given(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]

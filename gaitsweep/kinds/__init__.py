@@ -1,0 +1,1 @@
+"""Kinds of runs: what a job may do with each of its rows."""

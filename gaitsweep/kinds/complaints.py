@@ -1,0 +1,211 @@
+"""What is wrong with a job, as sentences: where it stands, what was found, what is allowed or meant."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from gaitsweep import near_miss
+from gaitsweep.errors import UserError
+
+Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
+
+_SHOWN = 5
+_TEXT_LIMIT = 60
+_LONGEST_WORD = 150
+_LONGEST_SENTENCE = 1500
+_DEEPEST = 4  # lists inside lists that are quoted
+
+
+@dataclasses.dataclass(frozen=True)
+class Complaint:
+    """One thing that is wrong: the field's path, the sentence's end, and where it is written, if known."""
+
+    path: Path
+    text: str
+    file: str = ""
+    line: int | None = None
+    place: str = ""  # "--set key=value" where that, not a line, brought it in
+
+    def __str__(self) -> str:
+        parts = [self.file] if self.file else []
+        if self.place:
+            parts.append(self.place)
+        elif self.line is not None:
+            parts.append(f"line {self.line}")
+        where = ", ".join(parts)
+        field = shown(self.path)
+        what = printable(clipped_words(f"{field} {self.text}" if field else self.text))
+        return f"{printable(where)}: {what}" if where else what
+
+
+class JobError(UserError):
+    """A job that cannot be run: `complaints` has all that is wrong, the message the first few."""
+
+    def __init__(self, complaints: Sequence[Complaint]) -> None:
+        self.complaints = tuple(dict.fromkeys(complaints))
+        lines = [str(complaint) for complaint in self.complaints[:_SHOWN]]
+        if len(self.complaints) > _SHOWN:
+            lines.append(f"... and {len(self.complaints) - _SHOWN} more.")
+        super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Complaint, ...]]]:
+        return JobError, (self.complaints,)
+
+
+def printable(text: str) -> str:
+    """A text on one line, with a space for each line's end and an escape for whatever a terminal obeys."""
+    if text.isprintable():
+        return text
+    return "".join(
+        " " if each in "\n\t" else each if each.isprintable() else each.encode("unicode_escape").decode()
+        for each in text
+    )
+
+
+def clipped(text: str) -> str:
+    """A text short enough to be quoted."""
+    return text if len(text) <= _TEXT_LIMIT else f"{text[: _TEXT_LIMIT - 3]}..."
+
+
+def clipped_words(text: str) -> str:
+    """A sentence without words longer than anybody reads: a key of a thousand letters."""
+    if len(text) > _LONGEST_SENTENCE:
+        text = f"{text[:_LONGEST_SENTENCE]}..."
+    return re.sub(rf"\S{{{_LONGEST_WORD + 1},}}", lambda word: f"{word[0][: _LONGEST_WORD - 3]}...", text)
+
+
+def shown(path: Path) -> str:
+    """A path as a reader would write it: vary.psi_1.linspace[0]."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def found(value: object) -> str:
+    """What was written, short enough to be quoted; of what is long only the beginning is looked at."""
+    return clipped(_written(value, 0))
+
+
+def _written(value: object, depth: int) -> str:
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f'"{value[:_TEXT_LIMIT]}"'
+    if isinstance(value, (list, tuple, dict)) and depth > _DEEPEST:
+        return "..."
+    if isinstance(value, dict):
+        return f"a mapping ({', '.join(_some(map(str, value)))})" if value else "an empty mapping"
+    if isinstance(value, (list, tuple)):
+        items = _some(_written(item, depth + 1) for item in value)
+        return f"a list ({', '.join(items)})" if value else "an empty list"
+    if isinstance(value, int) and value.bit_length() > 1000:
+        return f"a number of {math.floor(value.bit_length() * math.log10(2.0)) + 1} digits"
+    return str(value)
+
+
+def _some(texts: Iterator[str]) -> Iterator[str]:
+    """As many of the texts as are shown, and one more."""
+    length = 0
+    for text in texts:
+        yield text
+        length += len(text) + 2
+        if length > _TEXT_LIMIT:
+            return
+
+
+def unknown_field(path: Path, owner: str, allowed: Iterable[str]) -> Complaint:
+    """The complaint about a field that its owner does not have."""
+    field = str(path[-1])
+    of = f" of {owner}" if owner else ""
+    return Complaint(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Owner:
+    """A part of a job: how a sentence calls it, its class, and the field whose union it belongs to."""
+
+    words: str
+    part: type[BaseModel]
+    union: str = ""
+
+    @property
+    def fields(self) -> list[str]:
+        return list(self.part.model_fields)
+
+
+def from_pydantic(
+    error: ValidationError, owners: dict[str, Owner], top: str, prefix: Path = ()
+) -> list[Complaint]:
+    """Our sentence for each thing that pydantic refused.
+
+    Args:
+        error: what pydantic raised.
+        owners: the parts by the field, or the union's tag, under which pydantic reports them.
+        top: the key in `owners` of what was validated.
+        prefix: the path of what was validated inside the job.
+    """
+    return [_from_details(details, owners, top, prefix) for details in error.errors(include_url=False)]
+
+
+def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, prefix: Path) -> Complaint:
+    loc = tuple(details["loc"])
+    path: Path = (*prefix, *_without_tags(loc, owners))
+    sort, value, context = details["type"], details["input"], details.get("ctx", {})
+    owner = owners.get(_key(loc, -2) if len(loc) > 1 else top, owners[top])
+    if sort == "gaitsweep":
+        return Complaint(path, context["text"])
+    if sort == "extra_forbidden":
+        return unknown_field(path, owner.words, owner.fields)
+    if sort == "missing":
+        return Complaint(path, f"is missing: {owner.part.model_fields[str(path[-1])].description}.")
+    if sort in ("union_tag_invalid", "union_tag_not_found"):
+        return _about_kind(path, value, owners)
+    if sort in ("too_short", "too_long"):
+        end, limit = ("at least", "min_length") if sort == "too_short" else ("at most", "max_length")
+        return Complaint(path, f"has {context['actual_length']} items, but takes {end} {context[limit]}.")
+    if sort == "list_type":
+        return Complaint(path, f"is {found(value)}, but takes a list in brackets.")
+    if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
+        return _about_kind(path, value, owners)
+    if sort in ("model_type", "dict_type", "model_attributes_type"):
+        inner = owners.get(_key(loc, -1) if loc else "")
+        fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
+        return Complaint(path, f"is {found(value)}, but takes fields (key: value).{fields}")
+    return Complaint(path, f"is {found(value)}, which this field does not take.")
+
+
+def _about_kind(path: Path, value: object, owners: dict[str, Owner]) -> Complaint:
+    kinds = [tag.rpartition(".")[2] for tag, owner in owners.items() if owner.union == path[0]]
+    if not isinstance(value, dict):
+        return Complaint(
+            path, f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
+        )
+    if "kind" not in value:
+        return Complaint((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
+    kind = value["kind"]
+    return Complaint(
+        (*path, "kind"), f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
+    )
+
+
+def _without_tags(loc: Path, owners: dict[str, Owner]) -> Path:
+    """The path as written: pydantic puts a union's tag after run and after figures[i]."""
+    if len(loc) > 1 and loc[0] == "run" and loc[1] in owners:
+        return (loc[0], *loc[2:])
+    if len(loc) > 2 and loc[0] == "figures" and _key(loc, 2) in owners:
+        return (*loc[:2], *loc[3:])
+    return loc
+
+
+def _key(loc: Path, place: int) -> str:
+    """Under which key of the owners a part of a pydantic path stands: figures.basin, but settle."""
+    return f"figures.{loc[place]}" if loc[0] == "figures" else str(loc[place])

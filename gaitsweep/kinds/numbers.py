@@ -1,0 +1,257 @@
+"""Numbers, words and flags of a job: how each is read, and the sentence for what is none.
+
+A number may be an expression. In `run`, `numerics` and `figures` it becomes a float while the job is read,
+over the parameters that stay fixed (`SCOPE`); in `params`, `start` and `vary` one that names parameters
+stays text, as these may change from row to row.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Callable, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from gaitsweep import near_miss
+from gaitsweep.effort import MOST, Effort
+from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
+from gaitsweep.kinds.complaints import Complaint, JobError, found
+
+
+@dataclass(frozen=True)
+class Scope:
+    """The names that an expression outside `vary` may use, and why the model's others may not be."""
+
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
+    known: bool = True  # False while the model is unknown: then names are let pass, another complaint stands
+
+
+SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
+
+MOST_POINTS = 10**7  # of an axis
+
+_LONGEST_TEXT = 1000
+_STEM = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")
+_TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
+    (re.compile(r"^\s*\d+:\d"), "which some YAML readers take for base 60: write one plain number"),
+    (re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}([Tt ].*)?$"), "which is a date, not a number"),
+    (
+        re.compile(r"^\s*[-+]?0\d+\s*$"),
+        "which some readers take for base 8: write it without the leading zero",
+    ),
+    (re.compile(r"^\s*[-+]?\.?(inf(inity)?|nan)\s*$", re.IGNORECASE), "but takes a finite number"),
+    (re.compile(r"^\s*[-+]?\d+,\d+\s*$"), "but a decimal point is a dot"),
+    (re.compile(r"^\s*(yes|no|on|off|true|false)\s*$", re.IGNORECASE), "but takes a number"),
+)
+
+
+def not_text(value: str) -> str | None:
+    """The first thing in a text that no figure can show, in words; None where it is plain text."""
+    if value.isprintable():
+        return None
+    for each in value:
+        if unicodedata.category(each) in ("Cc", "Cs") and each not in "\t\n\r":
+            return f"the control character U+{ord(each):04X}"
+    return None
+
+
+class Refused(ValueError):
+    """A value that a field does not take; the message goes on from the field's name."""
+
+
+def read_number(value: Any) -> float | str:
+    """A float, or the text of an expression that names parameters, without its spaces.
+
+    Raises:
+        Refused: what is not a finite number or arithmetic, YAML's traps (1:30, 010, dates) by their name.
+    """
+    if isinstance(value, str):
+        if not Effort.spend("expressions"):  # no complaint for each: the reading ends here
+            text = f"has more than {MOST['expressions']} numbers that are written as text or expressions."
+            raise JobError([Complaint((), text)])
+        for trap, sentence in _TRAPS:
+            if len(value) < 100 and trap.match(value):
+                raise Refused(f"is {found(value)}, {sentence}.")
+        try:
+            return "".join(value.split()) if names_in(value) else evaluate(value, {})
+        except ExpressionError as error:
+            raise Refused(f"is not a number: {error}") from None
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise Refused(f"is {found(value)}, but takes a number.")
+    try:
+        return evaluate(float(value), {}) + 0.0  # turns -0.0 into 0.0, which decide the same rows
+    except (ExpressionError, OverflowError):
+        raise Refused(f"is {found(value)}, but takes a finite number.") from None
+
+
+def read_fixed(value: Any) -> float | None:
+    """A float, expressions evaluated over the job's `SCOPE`; None where the names cannot be known yet.
+
+    Raises:
+        Refused: as `read_number`; names that vary in this job, or that the model does not have.
+    """
+    number = read_number(value)
+    if not isinstance(number, str):
+        return number
+    scope = SCOPE.get() or Scope()
+    if not scope.known:
+        return None
+    for name in sorted(names_in(number)):
+        if name in scope.moving:
+            raise Refused(
+                f'is "{number}", but {name} {scope.moving[name]}, and this field has one value for all rows.'
+            )
+        if name not in scope.fixed:
+            near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
+            raise Refused(f'is "{number}", but {name} is not known here{near}')
+    try:
+        return evaluate(number, scope.fixed)
+    except ExpressionError as error:
+        raise Refused(f"is not a number: {error}") from None
+
+
+def between(number: float, low: float, high: float, open_ends: bool) -> bool:
+    """Whether a bound lets a number pass."""
+    return low < number < high if open_ends else low <= number <= high
+
+
+def bound(low: float, high: float, open_ends: bool) -> str:
+    """A bound in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded"."""
+    if math.isinf(high):
+        return f"{'above' if open_ends else 'at least'} {low:g}"
+    if math.isinf(low):
+        return f"{'below' if open_ends else 'at most'} {high:g}"
+    return f"between {low:g} and {high:g}, ends excluded" if open_ends else f"from {low:g} to {high:g}"
+
+
+def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_ends: bool = False) -> float:
+    """A float within its bound; raises Refused."""
+    number = read_fixed(value)
+    if number is None:
+        return math.nan
+    if not between(number, low, high, open_ends):
+        raise Refused(f"is {number:g}, but must be {bound(low, high, open_ends)}.")
+    return number
+
+
+def read_whole(value: Any, low: int, high: int) -> int:
+    """An int within its bound; raises Refused."""
+    number = read_fixed(value)
+    if number is None:
+        return low
+    if number != math.floor(number):
+        raise Refused(f"is {number:g}, but takes a whole number.")
+    if not low <= number <= high:
+        raise Refused(f"is {number:g}, but must be a whole number from {low} to {high}.")
+    return int(number)
+
+
+def read_each(value: Any) -> float | dict[str, float]:
+    """A number above 0, or one for each of some names; raises Refused."""
+    if not isinstance(value, Mapping):
+        return read_real(value, low=0.0, open_ends=True)
+    if not value:
+        raise Refused("is an empty mapping, but takes a number above 0, or one for each of some observables.")
+    each = {}
+    for name, number in value.items():
+        try:
+            each[read_text(name)] = read_real(number, low=0.0, open_ends=True)
+        except Refused as error:
+            raise Refused(f"has {name}, which {error}") from None
+    return each
+
+
+def read_text(value: Any) -> str:
+    """Text; raises Refused where YAML made a number or a flag of it."""
+    if not isinstance(value, str):
+        quotes = ": put it in quotes" if isinstance(value, (int, float)) else ""
+        raise Refused(f"is {found(value)}, but takes text{quotes}.")
+    if not value.strip():
+        raise Refused("is empty, but takes text.")
+    if len(value) > _LONGEST_TEXT:
+        raise Refused(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
+    if (wrong := not_text(value)) is not None:
+        raise Refused(f"has {wrong}, which is no text.")
+    return value
+
+
+def read_stem(value: Any) -> str:
+    """Text that can name a file; raises Refused."""
+    text = read_text(value)
+    if not _STEM.match(text):
+        raise Refused(f"is {found(text)}, but names files: letters, digits, _ - . (a letter or digit first).")
+    return text
+
+
+def read_flag(value: Any) -> bool:
+    """True or false; raises Refused for all else, 1 and yes included."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise Refused(f"is {found(value)}, but takes true or false.")
+    return bool(value)
+
+
+def read_word(value: Any, allowed: tuple[str, ...]) -> str:
+    """One of the allowed words; raises Refused with the near miss."""
+    if not isinstance(value, str) or value not in allowed:
+        raise Refused(f"is {found(value)}{near_miss.suggestion(str(value), allowed)}")
+    return value
+
+
+def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
+    """A reader as pydantic takes it: Refused becomes the error whose sentence we print."""
+
+    def validate(value: Any) -> Any:
+        try:
+            return read(value, **limits)
+        except Refused as error:
+            raise PydanticCustomError("gaitsweep", "{text}", {"text": str(error)}) from None
+
+    return validate
+
+
+_NUMBER = WithJsonSchema({"type": ["number", "string"]})
+_WHOLE = WithJsonSchema({"type": ["integer", "string"]})
+_TEXT = WithJsonSchema({"type": "string"})
+
+Number = Annotated[float | str, PlainValidator(checked(read_number)), _NUMBER]
+Real = Annotated[float, PlainValidator(checked(read_real)), _NUMBER]
+Positive = Annotated[float, PlainValidator(checked(read_real, low=0.0, open_ends=True)), _NUMBER]
+PositiveOrEach = Annotated[
+    float | dict[str, float],
+    PlainValidator(checked(read_each)),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": ["number", "string"]},
+                {
+                    "type": "object",
+                    "additionalProperties": {"type": ["number", "string"]},
+                    "minProperties": 1,
+                },
+            ]
+        }
+    ),
+]
+NotNegative = Annotated[float, PlainValidator(checked(read_real, low=0.0)), _NUMBER]
+Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), _WHOLE]
+LaneCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=2**20)), _WHOLE]
+CountOrZero = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10**9)), _WHOLE]
+VerifyCount = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10_000)), _WHOLE]
+PointCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MOST_POINTS)), _WHOLE]
+Seed = Annotated[int, PlainValidator(checked(read_whole, low=0, high=2**53)), _WHOLE]
+Text = Annotated[str, PlainValidator(checked(read_text)), _TEXT]
+Stem = Annotated[str, PlainValidator(checked(read_stem)), _TEXT]
+Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type": "boolean"})]
+
+
+def word(*allowed: str) -> BeforeValidator:
+    """The validator to put beside a Literal, for the sake of its sentence."""
+    return BeforeValidator(checked(read_word, allowed=allowed))

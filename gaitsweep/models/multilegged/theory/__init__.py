@@ -1,0 +1,1 @@
+"""The analytic solutions of the multi-legged chain."""

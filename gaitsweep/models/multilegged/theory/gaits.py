@@ -1,0 +1,164 @@
+"""The gait of a settled state: the analytic solution that it lies nearest to on section 1."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.models.multilegged.theory.chain import (
+    Chain,
+    Scalar,
+    amplitudes,
+    shift,
+    springs,
+    touchdown_phase,
+)
+from gaitsweep.models.multilegged.theory.order import meetings
+from gaitsweep.models.multilegged.theory.section import TWO_PI
+from gaitsweep.models.multilegged.theory.solution_sets import (
+    Branch,
+    Steps,
+    all_steps,
+    branches,
+    solution,
+)
+
+GAITS = ("direct", "source", "retrograde", "locked", "none")
+DIRECT, SOURCE, RETROGRADE, LOCKED, NONE = range(len(GAITS))
+LOCKED_WITHIN = 0.05  # rad, from the locked state
+NONE_BEYOND = 0.2  # rad, from every analytic solution
+SHORTEST = 1e-9  # rad: what is left between two cuts that coincide up to rounding is no piece
+
+
+class Segments(NamedTuple):
+    """Straight pieces of the solution sets on a section: middle + t * direction, |t| <= half.
+
+    middle, direction: rad, shape (sets, pieces, N), direction of length 1. half: rad, shape (sets, pieces);
+    about 0 for a piece that does not exist at these parameters. The sets are in the order of `branches(N)`.
+    """
+
+    middle: jax.Array
+    direction: jax.Array
+    half: jax.Array
+
+
+def gait_of(branch: Branch) -> int:
+    """Index into GAITS: both sets of the boundary leg k = 2 are the retrograde wave."""
+    if branch.kind == "direct":
+        return DIRECT
+    return RETROGRADE if branch.k == 2 else SOURCE
+
+
+def segments(N: int, chain: Chain | None = None, section: int = 1) -> Segments:
+    """All solution sets of a chain of N + 1 legs on the section of one leg, cut where they jump."""
+    chain = Chain() if chain is None else chain
+    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain), section))(all_steps(N, chain))
+
+
+def pieces(rule: Steps, circle: jax.Array, section: int) -> Segments:
+    """The N + 2 pieces of one set on the section of one leg, without the leading axis.
+
+    A set jumps by m_B b where a leg touches together with the section's own.
+    """
+    cuts = meetings(rule, circle, section)
+    ends = jnp.concatenate([rule.low[None], jnp.sort(cuts), rule.high[None]])
+    middle = jax.vmap(lambda s: solution(rule, s, circle, section))(0.5 * (ends[1:] + ends[:-1]))
+    length = jnp.sqrt(jnp.sum(rule.slope**2))
+    direction = jnp.broadcast_to((rule.slope / length)[None, :], middle.shape)
+    return Segments(middle, direction, 0.5 * length * (ends[1:] - ends[:-1]))
+
+
+def distance_from(lines: Segments, psi: jax.Array) -> jax.Array:
+    """Distance on the torus of psi (N,) from the pieces of one set, rad; inf where it has none.
+
+    Exact within about 2 rad: beyond, the slanted pieces of set A may have a nearer image than the one used.
+    """
+    away = wrapped_difference(psi[None, :], lines.middle)
+    along = jnp.sum(away * lines.direction, axis=1)
+    nearest = jnp.clip(along, -lines.half, lines.half)
+    apart = jnp.sqrt(jnp.sum((away - nearest[:, None] * lines.direction) ** 2, axis=1))
+    return jnp.min(jnp.where(lines.half > SHORTEST, apart, jnp.inf))
+
+
+def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
+    """Distance on the torus of psi on section 1, rad, shape (N,), from each of `branches(N)`, rad."""
+    circle = touchdown_phase(chain)
+    # one set after another, so that long chains need no more memory than one set's pieces
+    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), all_steps(N, chain))
+
+
+def wrapped_difference(one: jax.Array, other: jax.Array) -> jax.Array:
+    """one - other in [-pi, pi), rad."""
+    return jnp.mod(one - other + jnp.pi, TWO_PI) - jnp.pi
+
+
+def locked_state(chain: Chain) -> jax.Array:
+    """psi on section 1 of the state of N = 3 whose legs 2 and 3 stay in phase, rad, shape (3,).
+
+    Legs 2 and 3 come down together between legs 1 and 4, which are in phase too. They carry their own weights
+    alone, so they touch at 2 pi - m b; legs 1 and 4 then do so as well, which they can only while legs 2 and
+    3 take off, at 2 beta pi + (m - m_B) b. Of unlike ends the means are taken: legs 2 and 3 do not stay in
+    phase between them.
+    """
+    k, a = springs(3, chain), amplitudes(3, chain)
+    ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))
+    D, end_mass = chain.m * shift(ends), 0.5 * (jnp.asarray(chain.m_1) + chain.m_end)
+    taking_off = 0.5 * (a[0] + a[-1]) / chain.a * D - end_mass * shift(ends)
+    psi_1 = 2.0 * chain.beta * jnp.pi + D + taking_off
+    return jnp.stack([psi_1, jnp.zeros_like(psi_1), TWO_PI - psi_1])
+
+
+def _locking(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
+    """How far psi is from a locked state, rad: the known one if N = 3, else any with two legs in phase."""
+    if N == 3:
+        return jnp.sqrt(jnp.sum(wrapped_difference(psi, locked_state(chain)) ** 2))
+    return jnp.min(jnp.abs(wrapped_difference(psi, jnp.zeros_like(psi))))
+
+
+def classify(
+    N: int,
+    psi: jax.Array,
+    *,
+    beta: Scalar = 0.8,
+    kappa: Scalar = 100.0,
+    m: Scalar = 1.0,
+    m_1: Scalar = 0.9,
+    m_end: Scalar = 0.9,
+    a: Scalar = 0.4,
+    g: Scalar = 9.8,
+    kappa_1: Scalar | None = None,
+    kappa_end: Scalar | None = None,
+    a_1: Scalar | None = None,
+    a_end: Scalar | None = None,
+    locked_within: float = LOCKED_WITHIN,
+    none_beyond: float = NONE_BEYOND,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Gait of a state on section 1: that of the nearest analytic solution on the torus.
+
+    `locked` where two neighbouring legs are in phase and psi lies nearer to that than to any solution; `none`
+    farther than `none_beyond` from all of them, and for psi that is not a number.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        psi: relative phases on section 1, rad, any turns, shape (N,).
+        beta, kappa, m, m_1, m_end, a, g, kappa_1, kappa_end, a_1, a_end: as in `Chain`; may be traced.
+        locked_within: distance from the locked state (N = 3), or of some psi_i from 0 (other N), rad.
+        none_beyond: rad.
+
+    Returns:
+        gait (int, index into GAITS), k (int, the boundary leg of a source wave, 0 for other gaits) and the
+        distance to the nearest analytic solution, rad.
+    """
+    chain = Chain(beta, kappa, m, m_1, m_end, a, g, kappa_1, kappa_end, a_1, a_end)
+    sets = branches(N)
+    apart = distances(N, chain, psi)
+    nearest = jnp.argmin(apart)
+    distance = apart[nearest]
+    gait = jnp.asarray([gait_of(branch) for branch in sets])[nearest]
+    locking = _locking(N, chain, psi)
+    gait = jnp.where(distance <= none_beyond, gait, NONE)
+    gait = jnp.where((locking <= locked_within) & (locking < distance), LOCKED, gait)
+    k = jnp.where(gait == SOURCE, jnp.asarray([branch.k for branch in sets])[nearest], 0)
+    return gait, k, distance

@@ -1,0 +1,118 @@
+"""The order in which legs touch down along a solution, the sets T_1 and T_2, and the jumps between orders."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.models.multilegged.theory.chain import Chain, reset, shift, touchdown_phase
+from gaitsweep.models.multilegged.theory.section import Leg, touches_early
+from gaitsweep.models.multilegged.theory.solution_sets import (
+    Branch,
+    Steps,
+    places,
+    rule_of,
+    solution,
+)
+
+APART = 1e-6  # rad of the free phase, on either side of a jump, at which psi is read
+
+
+class Jump(NamedTuple):
+    """Where a set of solutions jumps on a section, because a leg comes to touch before or after its leg.
+
+    s: the free phase, rad. leg: the leg whose touchdown passes that of the section's leg. change: of psi as
+    s rises, rad, shape (N,).
+    """
+
+    s: float
+    leg: int
+    change: np.ndarray
+
+
+def touchdown_order(
+    N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
+) -> tuple[int, ...]:
+    """The legs, 1 .. N+1, in the order in which they touch down in a cycle.
+
+    Args:
+        N, branch, chain: as in `solution_set`.
+        s: the free phase, rad.
+        section: the leg whose touchdown begins the cycle; the set's own k where not given.
+
+    Source: Fig. 9.
+    """
+    chain = Chain() if chain is None else chain
+    theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    return order_of_places(theta, circle, section or branch.k)
+
+
+def order_of_places(theta: np.ndarray, circle: float, leg: int) -> tuple[int, ...]:
+    """The legs, 1 .. N+1, as they touch down from `leg`'s touchdown on, from their places on the circle.
+
+    Args:
+        theta: places, rad, shape (N+1,).
+        circle: the touchdown phase, rad.
+        leg: 1 .. N+1.
+    """
+    behind = np.mod(theta[leg - 1] - theta, circle)
+    return tuple(int(i) + 1 for i in np.argsort(behind, kind="stable"))
+
+
+def order_sets(
+    N: int, branch: Branch, s: float, chain: Chain | None = None
+) -> tuple[frozenset[int], frozenset[int]]:
+    """T_1 and T_2: legs in front of and behind the boundary leg that touch before both of their neighbours.
+
+    For chains whose ends differ in their masses only.
+
+    Args:
+        N, branch, chain: as in `solution_set`.
+        s: the free phase, rad.
+
+    Source: eq. (18).
+    """
+    chain = Chain() if chain is None else chain
+    circle = touchdown_phase(chain)
+    psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
+    threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
+    early = np.flatnonzero(np.asarray(touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
+    return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
+
+
+def meetings(rule: Steps, circle: jax.Array, section: Leg) -> jax.Array:
+    """The free phase at which each leg touches together with the section's own, rad, shape (N+1,).
+
+    A leg's place on the circle moves against that of the section's leg at a rate of 0, 1 or 2 in s, and so
+    meets it once at most; `rule.high` where it does not.
+    """
+    start = places(rule, jnp.zeros_like(rule.low))
+    rate = jnp.concatenate([jnp.zeros_like(rule.slope[:1]), jnp.cumsum(rule.slope)])
+    ahead, rate = start - start[section - 1], rate - rate[section - 1]
+    moving = jnp.where(rate == 0.0, 1.0, rate)
+    meeting = rule.low + jnp.mod(-ahead / moving - rule.low, circle / jnp.abs(moving))
+    return jnp.where(rate == 0.0, rule.high, jnp.minimum(meeting, rule.high))
+
+
+def jumps(N: int, branch: Branch, chain: Chain | None = None, section: int | None = None) -> tuple[Jump, ...]:
+    """Where a set jumps, by rising free phase.
+
+    Args:
+        N, branch, chain: as in `solution_set`.
+        section: the leg whose section psi is read on; the set's own where not given.
+
+    Source: Fig. 11 and the text above it: each jump is one of m_B b.
+    """
+    chain = Chain() if chain is None else chain
+    leg = branch.k if section is None else section
+    rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
+    found = []
+    for number, s in enumerate(np.asarray(meetings(rule, circle, leg)), start=1):
+        if float(rule.low) + APART < s < float(rule.high) - APART:
+            above, below = (solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
+            change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
+            found.append(Jump(float(s), number, np.mod(change + np.pi, 2.0 * np.pi) - np.pi))
+    return tuple(sorted(found, key=lambda jump: jump.s))

@@ -1,0 +1,96 @@
+"""Stability of the analytic solutions: the linear map of a cycle, and its characteristic polynomial.
+
+A disturbance is what each leg's phase is ahead of the solution, u (N+1,). Where leg i touches, eq. (12)
+gives what its touchdown is early by, from u_i and the u of neighbours that are taking off; reset, the leg is
+ahead by just that. So every touchdown is one row of a matrix, and a cycle is their product in the order of
+touchdowns. Differences of u are the disturbances of psi.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gaitsweep.errors import ArgumentError
+from gaitsweep.models.multilegged.theory.chain import Chain, amplitudes, springs, touchdown_phase
+from gaitsweep.models.multilegged.theory.order import order_of_places
+from gaitsweep.models.multilegged.theory.solution_sets import (
+    Branch,
+    branches,
+    places,
+    rule_of,
+)
+
+
+def multipliers(N: int, branch: Branch) -> np.ndarray:
+    """Eigenvalues of the Poincare map on one set of solutions, shape (N,), of a chain of one spring and one
+    amplitude: eqs. (22) and (26).
+
+    Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
+    """
+    if branch not in branches(N):
+        raise ArgumentError(f"{branch} is not among the sets of a chain of {N + 1} legs.")
+    values = np.full(N, 2.0 / 3.0)
+    values[0] = 1.0
+    if branch.kind == "A":
+        values[1] = 0.5
+    return values
+
+
+def polynomial(N: int, branch: Branch) -> np.ndarray:
+    """The characteristic polynomial with the roots `multipliers`, highest power first, shape (N+1,)."""
+    return np.poly(multipliers(N, branch))
+
+
+def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
+    """Coefficients of det(lambda - matrix), highest power first, shape (n+1,), for a matrix (n, n).
+
+    By Faddeev and LeVerrier's recursion, without eigenvalues: the block of 2/3 is defective, so computed
+    eigenvalues scatter (by 0.02 for N = 9) while these coefficients are right to rounding.
+    """
+    n = len(matrix)
+    coefficients = np.ones(n + 1)
+    power = np.eye(n)
+    for i in range(1, n + 1):
+        power = matrix @ power
+        coefficients[i] = -np.trace(power) / i
+        power = power + coefficients[i] * np.eye(n)
+    return coefficients
+
+
+def linear_map(
+    N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
+) -> np.ndarray:
+    """P_k of eq. (21), (N, N): a disturbance of psi on a section, a cycle later.
+
+    It holds between the jumps of the set and away from the corners of the legs' phases.
+
+    Args:
+        N, branch, chain: as in `solution_set`.
+        s: the free phase, rad.
+        section: the leg whose section psi is read on; the set's own k where not given.
+
+    Source: eqs. (12), (14), (21).
+    """
+    chain = Chain() if chain is None else chain
+    theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    k, a = np.asarray(springs(N, chain)), np.asarray(amplitudes(N, chain))
+    ahead = np.eye(N + 1)
+    for leg in order_of_places(theta, circle, section or branch.k):
+        phi = circle - np.mod(theta[leg - 1] - theta, circle)
+        pull = np.zeros(N + 1)
+        beside = {i: k[min(i, leg - 1)] for i in (leg - 2, leg) if 0 <= i <= N}
+        for i, spring in beside.items():
+            share = spring * a[i] / (sum(beside.values()) * a[leg - 1])
+            pull[i] = _slope(float(phi[i]), chain) * share
+        ahead[leg - 1] = (ahead[leg - 1] - pull @ ahead) / (1.0 - pull.sum())
+    differences = np.diff(np.eye(N + 1), axis=0)
+    # psi says nothing of a common shift: leg 1 is taken to be ahead by none
+    from_psi = np.tril(np.ones((N + 1, N)), -1)
+    return differences @ ahead @ from_psi
+
+
+def _slope(phi: float, chain: Chain) -> float:
+    """Slope of a leg's length over its phase, in units of that in landing; eq. (3)."""
+    if phi <= 2.0 * float(chain.beta) * np.pi:
+        return 0.0
+    return -1.0 if phi < (1.0 + float(chain.beta)) * np.pi else 1.0

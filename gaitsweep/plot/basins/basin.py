@@ -1,0 +1,205 @@
+"""Basins of attraction: the gait that each start leads to, over two varied quantities (Ambe 2021, Fig. 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from gaitsweep.plot import style
+from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
+from gaitsweep.plot.columns import (
+    FAILED,
+    NOT_SETTLED,
+    PlotError,
+    axis_label,
+    categories,
+    column,
+    is_angle,
+    outcome,
+    rows_where,
+    symbol,
+    written,
+)
+
+_PANELS_A_ROW = 4
+_MOST_PANELS = 40
+
+_Looks = tuple[dict[str, str], dict[str, str]]  # colour and marker of each outcome, the same in all panels
+
+
+def basin(
+    table: pd.DataFrame,
+    *,
+    x: str,
+    y: str,
+    hue: str = "gait",
+    panels: str | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Cells coloured by what each start led to, one panel for each value of `panels`, shares in the legend.
+
+    Starts on a grid are drawn as cells; others as points. A numeric `hue` is drawn on a colour scale. Rows
+    that failed or did not settle are hatched grey; cells whose rows are not there yet are left white.
+
+    Args:
+        table: a settle table; partial ones are drawn as far as they go.
+        x, y: columns along the axes.
+        hue: column that colours; panels: column of which each value gets a panel.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there, or a cell has several rows.
+    """
+    for name in (x, y, hue, *([panels] if panels else [])):
+        column(table, name)
+    values = sorted(table[panels].dropna().unique()) if panels else [None]
+    if len(values) > _MOST_PANELS:
+        title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
+        values = values[:_MOST_PANELS]
+    columns = min(len(values), _PANELS_A_ROW) or 1
+    rows = -(-max(len(values), 1) // columns)
+    numeric = pd.api.types.is_numeric_dtype(table[hue])
+    width = style.COLUMN + 0.4 if columns == 1 else min(style.PAGE, 2.4 * columns)
+    side = (width - (1.3 if numeric else 0.6)) / columns
+    with style.canvas(width, rows * (side + 0.35) + (0.35 if numeric else 0.75), title) as figure:
+        if not len(table):
+            style.message(figure.add_subplot(), "no rows yet")
+            return figure
+        grid = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
+        parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
+        shown = outcome(table, hue)
+        names = categories(table, hue, shown)
+        looks = style.colours(names), style.markers(names)
+        limits = (table[hue].min(), table[hue].max()) if numeric else None
+        image = None
+        # the grid of all panels tells which cells one of them lacks
+        whole = tuple(np.unique(table[name].dropna().to_numpy(float)) for name in (x, y))
+        for axes, value, part in zip(grid, values, parts, strict=False):
+            drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits, looks, whole)
+            image = drawn or image
+            if panels:
+                axes.set_title(written(table, panels, value))
+        for axes in grid[len(values) :]:
+            axes.set_visible(False)
+        _axes_of(table, list(grid[: len(values)]), x, y, columns)
+        if numeric and image is not None:
+            figure.colorbar(image, ax=list(grid), label=axis_label(table, hue), shrink=0.8)
+            names = [name for name in names if name in (NOT_SETTLED, FAILED)]
+        if names:
+            status = table["status"].astype(str) if "status" in table.columns else pd.Series(dtype=str)
+            inferred = float(np.mean(status.to_numpy(str) == "inferred")) if len(status) else 0.0
+            each = [shown.loc[part.index] for part in parts]
+            _legend(figure, each, names, looks, symbol(table, panels or hue), inferred)
+    return figure
+
+
+def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int) -> None:
+    """Labels along the outer edges, ticks of angles in multiples of pi."""
+    for number, axes in enumerate(grid):
+        below = number + columns >= len(grid)
+        axes.set_xlabel(axis_label(table, x) if below else "")
+        axes.tick_params(labelbottom=below)
+        axes.set_ylabel(axis_label(table, y) if number % columns == 0 else "")
+        for which, name in (("x", x), ("y", y)):
+            if is_angle(table, name):
+                style.angle_axis(axes, which)
+        if is_angle(table, x) and is_angle(table, y):
+            axes.set_aspect("equal")
+
+
+def _cells(
+    axes: Axes,
+    part: pd.DataFrame,
+    x: str,
+    y: str,
+    hue: str,
+    shown: pd.Series,
+    limits: tuple | None,
+    looks: _Looks,
+    whole: tuple[np.ndarray, ...],
+):
+    """Draw one panel; returns what a colour scale is read from, for a numeric hue."""
+    part = rows_where(part, part[x].notna() & part[y].notna())
+    if not len(part):
+        style.message(axes, "no rows yet")
+        return None
+    across, up = np.unique(part[x]), np.unique(part[y])
+    regular = on_grid(across) and on_grid(up) and len(part) >= 0.02 * len(across) * len(up)
+    shown = shown.loc[part.index]
+    if not regular:
+        return _points(axes, part, x, y, hue, shown, limits, looks)
+    if part.duplicated([x, y]).any():
+        raise PlotError(
+            f"Several rows have the same {x} and {y}: another quantity varies too. Name it as `panels`, or "
+            "keep one of its values in the table."
+        )
+    across, up = (
+        filled(all_ if on_grid(all_) else mine) for all_, mine in zip(whole, (across, up), strict=True)
+    )
+    at = np.searchsorted(up, part[y]), np.searchsorted(across, part[x])
+    edges = cell_edges(across), cell_edges(up)
+    hatch_cells(axes, edges, at, shown.isin([NOT_SETTLED, FAILED]).to_numpy())
+    if limits is not None:
+        cells = np.full((len(up), len(across)), np.nan)
+        cells[at] = part[hue].where(~shown.isin([FAILED]))
+        return axes.pcolormesh(*edges, cells, cmap="viridis", vmin=limits[0], vmax=limits[1], rasterized=True)
+    cells = np.zeros((len(up), len(across), 4))
+    cells[at] = np.array([to_rgba(looks[0][name]) for name in shown])
+    axes.pcolormesh(*edges, cells, rasterized=True)
+    return None
+
+
+def _points(
+    axes: Axes,
+    part: pd.DataFrame,
+    x: str,
+    y: str,
+    hue: str,
+    shown: pd.Series,
+    limits: tuple | None,
+    looks: _Looks,
+):
+    """Starts that lie on no grid, one point each."""
+    size = float(np.clip(4e3 / len(part), 2.0, 30.0))
+    if limits is not None:
+        colour = part[hue]
+        return axes.scatter(
+            part[x], part[y], c=colour, s=size, cmap="viridis", vmin=limits[0], vmax=limits[1]
+        )
+    palette, marker = looks
+    for name in shown.unique():
+        mine = rows_where(part, shown == name)
+        axes.scatter(mine[x], mine[y], c=palette[name], marker=marker[name], s=size, linewidths=0.6)
+    return None
+
+
+def _legend(
+    figure: Figure, parts: list[pd.Series], names: list[str], looks: _Looks, panels: str, inferred: float
+) -> None:
+    """Below the panels: each outcome with its share, panel by panel where they are few."""
+    colour, _ = looks
+    apart = parts if 1 < len(parts) <= _PANELS_A_ROW else [pd.concat(parts)]
+    handles = []
+    for name in names:
+        shares = " / ".join(
+            style.percent(float((part == name).mean()) if len(part) else 0.0) for part in apart
+        )
+        hatch = style.HATCH if name in (NOT_SETTLED, FAILED) else None
+        face = {"facecolor": colour[name], "edgecolor": "#333333", "hatch": hatch, "linewidth": 0.4}
+        handles.append(Patch(label=f"{name}  {shares} %", **face))
+    guessed = f" ({style.percent(inferred)} % of cells inferred from their neighbours)" if inferred else ""
+    heading = (
+        f"share of starts{guessed}"
+        if len(apart) == 1
+        else f"share of starts{guessed}, by {panels}, left to right"
+    )
+    columns = min(len(handles), 3 if len(parts) > 1 else 2)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, title=heading, title_fontsize=7.5
+    )

@@ -1,0 +1,163 @@
+"""Basins in numbers: shares with intervals, entropies, and the share of uncertain starts over their error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+from gaitsweep.analysis.attractors.attractors import with_attractors
+from gaitsweep.analysis.attractors.matching import follow_attractors
+from gaitsweep.analysis.basins.measures import Basins, basins
+from gaitsweep.analysis.gaits.records import axes_of
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
+
+_MOST_NAMED = 6  # lines that a legend names; of more a bar shows the shades
+_SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
+
+
+def basin_measures(
+    table: pd.DataFrame,
+    *,
+    axes: Sequence[str] | None = None,
+    hue: str = "gait",
+    panels: str | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Three panels: the share of each outcome with its interval, entropies, and uncertain starts over eps.
+
+    Args:
+        table: a settle table, refined or not; partial ones are measured as far as they go.
+        axes: columns of the starts; what varies besides `panels` if not given.
+        hue: column of what starts come to; `attractor` groups the settled states, and follows them along
+            `panels`.
+        panels: column of which each value is measured by itself.
+        title: text above the figure.
+
+    Raises:
+        PlotError, AnalysisError: a column is not there, or there is nothing to measure along.
+    """
+    if panels:
+        column(table, panels)
+    with style.canvas(style.PAGE, 2.7, title) as figure:
+        if not len(table):
+            style.message(figure.add_subplot(), "no rows yet")
+            return figure
+        if hue == "attractor" and hue not in table.columns:
+            table = _with_attractors(table, panels)
+        column(table, hue)
+        measured = basins(table, axes, label=hue, by=panels or ())
+        shares, entropies, uncertain = figure.subplots(1, 3)
+        _shares(shares, table, measured, panels)
+        _entropies(entropies, table, measured, panels)
+        first = axes[0] if axes else next(name for name in axes_of(table) if name != panels)
+        _uncertain(uncertain, table, measured, panels, unit_of(table, first))
+    return figure
+
+
+def _with_attractors(table: pd.DataFrame, panels: str | None) -> pd.DataFrame:
+    if panels is None or not pd.api.types.is_numeric_dtype(table[panels]):
+        return with_attractors(table)
+    followed = table.assign(attractor=follow_attractors(table, panels).column)
+    followed.attrs = table.attrs
+    return followed
+
+
+def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins) -> dict[object, float]:
+    """Where the values of the panels' column stand along an axis, which is labelled accordingly."""
+    if panels is None:
+        axes.set_xticks([])
+        axes.set_xlim(-1.0, 1.0)
+        return {None: 0.0}
+    values = list(measured.panels[panels])
+    axes.set_xlabel(axis_label(table, panels))
+    if not pd.api.types.is_numeric_dtype(measured.panels[panels]):
+        axes.set_xticks(range(len(values)), [str(value) for value in values])
+        return {value: float(place) for place, value in enumerate(values)}
+    if is_angle(table, panels):
+        style.angle_axis(axes, "x")
+    return dict(zip(values, measured.panels[panels].to_numpy(float).tolist(), strict=True))
+
+
+def _of(records: pd.DataFrame, name: str | None, value: object) -> pd.DataFrame:
+    return records if name is None else rows_where(records, records[name] == value)
+
+
+def _shares(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+    place = _along(axes, table, panels, measured)
+    records = measured.fractions
+    names = list(dict.fromkeys(records["outcome"]))
+    colour, marker = style.colours(names), style.markers(names)
+    for name in names:
+        mine = _of(records, "outcome", name)
+        at = [place[value] for value in (mine[panels] if panels else [None] * len(mine))]
+        share = mine["fraction"].to_numpy()
+        ends = np.abs(np.stack([mine["low"].to_numpy(), mine["high"].to_numpy()]) - share)
+        look = {"color": colour[name], "marker": marker[name], "markersize": 3.5, "capsize": 2.0}
+        axes.errorbar(at, share, ends, label=name, linewidth=0.7, elinewidth=1.0, **look)
+    axes.set_ylim(-0.02, max(1.02 * float(np.max(records["high"].to_numpy(float))), 0.1))
+    axes.set_ylabel("share of starts")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2 if len(names) > 2 else 1)
+
+
+def _entropies(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None) -> None:
+    place = _along(axes, table, panels, measured)
+    at = [place[value] for value in (measured.panels[panels] if panels else [None])]
+    for name, colour, marker in (("basin_entropy", "#0072B2", "o"), ("boundary_entropy", "#D55E00", "s")):
+        look: dict[str, Any] = {"color": colour, "marker": marker, "markersize": 3.5, "linewidth": 0.7}
+        axes.plot(at, measured.panels[name].to_numpy(float), label=name.replace("_", " "), **look)
+    axes.axhline(np.log(2.0), color="#555555", linewidth=0.7, linestyle="--")
+    axes.annotate("ln 2", (1.0, np.log(2.0)), xycoords=("axes fraction", "data"), ha="right", va="bottom")
+    axes.set_ylim(0.0, 0.8)
+    axes.set_ylabel("entropy (nats)")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
+
+
+def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | None, unit: str) -> None:
+    values = list(measured.panels[panels]) if panels else [None]
+    many = len(values) > _MOST_NAMED
+    shades = _SHADES(np.linspace(0.0, 1.0, len(values)))
+    for number, value in enumerate(values):
+        mine = _of(measured.uncertainty, panels, value)
+        mine = rows_where(mine, mine["uncertain"] > 0.0)
+        exponent = float(_of(measured.panels, panels, value)["exponent"].to_numpy(float)[0])
+        slope = f"slope {exponent:.3f}" if np.isfinite(exponent) else "no slope"
+        label = f"{written(table, panels, value)}, {slope}" if panels else slope
+        look = {"color": shades[number], "marker": style.SPARE_MARKERS[number % len(style.SPARE_MARKERS)]}
+        named = None if many else label
+        axes.loglog(mine["eps"], mine["uncertain"], label=named, markersize=3.5, linewidth=0.7, **look)
+    axes.set_xlabel(
+        rf"error of a start $\varepsilon$ ({unit})" if unit else r"error of a start $\varepsilon$"
+    )
+    axes.set_ylabel("share of uncertain starts")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(ScalarFormatter())
+        axis.set_minor_formatter(NullFormatter())
+    if many and panels:
+        _shades_of(axes, table, measured.panels, panels)
+    elif axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22))
+
+
+def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:
+    """A bar of the lines' shades, from the first value of the panels' column to the last, and the slopes."""
+    values = list(measured[panels])
+    bar = axes.inset_axes((0.1, -0.36, 0.8, 0.05))
+    bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_SHADES, aspect="auto", vmin=0.0, vmax=1.0)
+    bar.set_yticks([])
+    ends = (0, len(values) - 1)
+    bar.set_xticks(ends, [written(table, panels, values[end]) for end in ends])
+    bar.tick_params(length=0)
+    slopes = measured["exponent"].to_numpy(float)
+    if np.isfinite(slopes).any():
+        text = f"slopes {np.nanmin(slopes):.3f} to {np.nanmax(slopes):.3f}"
+        axes.text(0.04, 0.96, text, transform=axes.transAxes, ha="left", va="top", fontsize=7.5)

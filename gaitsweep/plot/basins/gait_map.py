@@ -1,0 +1,129 @@
+"""Gait maps: which gaits are stable at each place of a plane of two parameters, each from several starts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from gaitsweep.plot import style
+from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
+from gaitsweep.plot.columns import FAILED, NOT_SETTLED, column, described, is_angle, outcome, rows_where
+
+OTHER = "another gait"  # settled, in none that the model names
+_HATCHED = (NOT_SETTLED, FAILED)
+
+
+def gait_map(table: pd.DataFrame, *, x: str, y: str, hue: str = "gait", title: str | None = None) -> Figure:
+    """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
+
+    A gait belongs to a cell's set if any of its starts settles there; starts that fall or do not settle take
+    nothing away. A cell of which no start settles in a named gait is `another gait`, `not settled` or
+    `failed`, the first of these that any of its starts is. The legend gives each set's share of the cells.
+
+    Args:
+        table: a settle table, several starts for each pair of x and y; partial ones are drawn as far as they
+            go.
+        x, y: columns along the axes.
+        hue: the column of the gait; `none` is not a gait.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    for name in (x, y, hue):
+        column(table, name)
+    with style.canvas(style.COLUMN + 1.8, 3.9, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        table = rows_where(table, table[x].notna() & table[y].notna())
+        if not len(table):
+            style.message(axes, "no rows yet")
+            return figure
+        sets = _sets(table, x, y, hue)
+        colour = _colours(_ordered(sets["set"].tolist()))
+        _draw(axes, sets, x, y, colour)
+        for which, name in (("x", x), ("y", y)):
+            if is_angle(table, name):
+                style.angle_ticks(axes, which)
+        look = {"title": "gaits that starts settle in, share of cells", "title_fontsize": 7.5}
+        figure.legend(handles=_key(sets, colour), loc="outside lower center", ncols=2, **look)
+    return figure
+
+
+def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
+    """The set of each cell, a tuple of names in the hue's own order: columns x, y, set."""
+    shown = outcome(table, hue).replace({"none": OTHER})
+    kind = table[hue].dtype
+    order = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    order = [name for name in order if name != "none"] or sorted(set(shown) - {OTHER, *_HATCHED})
+
+    def reached(names: pd.Series) -> tuple[str, ...]:
+        here = set(names)
+        gaits = tuple(name for name in order if name in here)
+        return gaits or tuple(name for name in (OTHER, *_HATCHED) if name in here)[:1]
+
+    cells = pd.DataFrame({x: table[x], y: table[y], "set": shown})
+    return cells.groupby([x, y], sort=True)["set"].agg(reached).reset_index()
+
+
+def _ordered(sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """The sets that occur: single gaits first, then several together, cells without a gait last."""
+    present = list(dict.fromkeys(sets))
+    without = [(OTHER,), *((name,) for name in _HATCHED)]
+    gaits = sorted((each for each in present if each not in without), key=lambda each: (len(each), each))
+    return [*gaits, *(each for each in without if each in present)]
+
+
+def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
+    """A gait's own colour for it alone, another for each set of several, greys for none."""
+    alone = style.colours(dict.fromkeys(name for each in sets for name in each if name != OTHER))
+    colour = {
+        each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]] for each in sets if len(each) == 1
+    }
+    free = [each for each in ("#009E73", *style.SPARE_COLOURS) if each not in alone.values()]
+    free = free or list(style.SPARE_COLOURS)  # many gaits leave none
+    several = [each for each in sets if len(each) > 1]
+    return colour | {each: free[number % len(free)] for number, each in enumerate(several)}
+
+
+def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:
+    """Each set in words, with its share of the cells."""
+    every = sets["set"].tolist()
+    handles = []
+    for names in _ordered(every):
+        hatch = style.HATCH if names[0] in _HATCHED else None
+        face: dict[str, Any] = {"facecolor": colour[names], "edgecolor": "#333333", "linewidth": 0.4}
+        label = f"{_words(names)}  {style.percent(every.count(names) / len(every))} %"
+        handles.append(Patch(label=label, hatch=hatch, **face))
+    return handles
+
+
+def _words(names: tuple[str, ...]) -> str:
+    """A set in words: `trot only`, `trot and walk`, `failed`."""
+    if len(names) == 1:
+        return names[0] if names[0] in (OTHER, *_HATCHED) else f"{names[0]} only"
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _draw(axes: Axes, sets: pd.DataFrame, x: str, y: str, colour: dict[tuple[str, ...], str]) -> None:
+    """Cells where the places lie on a grid, else a point for each place."""
+    across, up = np.unique(sets[x]), np.unique(sets[y])
+    colours = np.array([to_rgba(colour[each]) for each in sets["set"]])
+    if not (on_grid(across) and on_grid(up) and len(sets) >= 0.02 * len(across) * len(up)):
+        size = float(np.clip(4e3 / len(sets), 4.0, 36.0))
+        axes.scatter(sets[x], sets[y], c=colours, s=size, edgecolors="#333333", linewidths=0.3)
+        return
+    across, up = filled(across), filled(up)
+    at = np.searchsorted(up, sets[y]), np.searchsorted(across, sets[x])
+    edges = cell_edges(across), cell_edges(up)
+    cells = np.zeros((len(up), len(across), 4))
+    cells[at] = colours
+    axes.pcolormesh(*edges, cells, rasterized=True)
+    hatch_cells(axes, edges, at, sets["set"].isin([(name,) for name in _HATCHED]).to_numpy())

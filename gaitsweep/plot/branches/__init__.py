@@ -1,0 +1,1 @@
+"""Figures of return maps, hysteresis and branches of fixed points."""

@@ -1,0 +1,99 @@
+"""Branch diagrams: the fixed points of return maps over a parameter (Aoi 2011, Fig. 7b)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.analysis.circular import cut, on_line
+from gaitsweep.analysis.transitions.return_map import branches as find_branches
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, described, is_angle, rows_where
+
+_COLOUR = {True: "#0072B2", False: "#D55E00"}
+
+
+def branches(
+    table: pd.DataFrame, *, y: str, x: str, bandwidth: float | None = None, title: str | None = None
+) -> Figure:
+    """The fixed points of the return map over a parameter: stable ones filled, unstable ones open.
+
+    Neighbours of one stability are joined, by a solid line where stable and a broken one where not; bars are
+    two standard errors. Values at which no fixed point is found are marked below.
+
+    Args:
+        table: a return map's table over several values of x.
+        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
+        x: the column of the parameter.
+        bandwidth: half the window of the regression, in the observable's unit; 0.05 rad for an angle and a
+            twentieth of the values' range for others if not given.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    name = column(table, y, ("_n", ""))
+    for each in (x, "row", "crossing"):
+        column(table, each)
+    found = find_branches(table, name, x, bandwidth)
+    with style.canvas(style.COLUMN + 1.6, 3.4, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, name, 36))
+        if not len(found):
+            style.message(axes, "no fixed point was found")
+            return figure
+        value = found["value"].to_numpy(float)
+        place = on_line(value, cut(value)) if is_angle(table, name) else value
+        _draw(axes, found.assign(place=place), x)
+        tried = np.unique(table[x].dropna().to_numpy(float))
+        without = tried[~np.isin(tried, found[x].to_numpy(float))]
+        if len(without):
+            below = axes.get_xaxis_transform()
+            axes.plot(
+                without, np.zeros(len(without)), "|", color="#555555", ms=7, transform=below, clip_on=False
+            )
+        if is_angle(table, name):
+            style.angle_ticks(axes, "y")
+        figure.legend(handles=_key(found, len(without) > 0), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _draw(axes: Axes, found: pd.DataFrame, x: str) -> None:
+    """Each branch: its line, broken where it leaps around the circle, and its points with their errors."""
+    for _, branch in found.groupby("branch", sort=True):
+        stable = bool(branch["stable"].iloc[0])
+        colour = _COLOUR[stable]
+        branch = branch.sort_values(x, kind="stable")
+        at, place = branch[x].to_numpy(float), branch["place"].to_numpy(float)
+        leaps = np.flatnonzero(np.abs(np.diff(place)) > np.pi) + 1
+        line: dict[str, Any] = {"color": colour, "lw": 1.2, "ls": "-" if stable else (0, (4, 2)), "zorder": 2}
+        axes.plot(np.insert(at, leaps, np.nan), np.insert(place, leaps, np.nan), **line)
+        error = 2.0 * branch["value_error"].to_numpy(float)
+        face = colour if stable else "white"
+        points: dict[str, Any] = {"fmt": "o", "ms": 4.5, "mew": 1.1, "mfc": face, "zorder": 3}
+        axes.errorbar(at, place, yerr=error, color=colour, elinewidth=0.8, **points)
+
+
+def _key(found: pd.DataFrame, without: bool) -> list[Line2D]:
+    handles = []
+    for stable, words in (
+        (True, "stable: starts nearby come to it"),
+        (False, "unstable: starts nearby leave it"),
+    ):
+        if len(rows_where(found, found["stable"].astype(bool) == stable)):
+            look: dict[str, Any] = {
+                "ls": "-" if stable else "--",
+                "mfc": _COLOUR[stable] if stable else "white",
+            }
+            handles.append(
+                Line2D([], [], color=_COLOUR[stable], marker="o", ms=4.5, lw=1.2, label=words, **look)
+            )
+    if without:
+        handles.append(Line2D([], [], ls="", marker="|", color="#555555", ms=7, label="none found"))
+    return handles

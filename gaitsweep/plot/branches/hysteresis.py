@@ -1,0 +1,255 @@
+"""Hysteresis: a section observable while one parameter rises and falls again (Aoi 2011, Fig. 5, 6 and 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.transforms import ScaledTranslation
+
+from gaitsweep.analysis.circular import cut
+from gaitsweep.analysis.gaits.records import sound
+from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, largest_jumps
+from gaitsweep.plot import style
+from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
+from gaitsweep.plot.columns import (
+    PlotError,
+    column,
+    described,
+    is_angle,
+    rows_where,
+    symbol,
+    unit_of,
+    written,
+)
+from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.table import TableError, load
+
+_PANELS_A_ROW = 3
+_MOST_PANELS = 12
+_FAINT = 4  # rows beyond which each is drawn fainter
+
+
+class _Panel(NamedTuple):
+    heading: str
+    table: pd.DataFrame | None  # None where there is none yet: the heading says of what, the note why
+    note: str = ""
+
+
+def hysteresis(
+    table: pd.DataFrame,
+    *,
+    y: str,
+    parameter: str | None = None,
+    panels: str | None = None,
+    with_table: str | pd.DataFrame | None = None,
+    least: float = LEAST,
+    title: str | None = None,
+) -> Figure:
+    """An observable over the parameter that moves, the way up and the way down apart, jumps shaded.
+
+    A ramp is a thin line through its crossings; a staircase has a marker at the end of each hold, open where
+    the hold had not settled, and a faint line between holds of one branch. The legend gives the interval of
+    each pass's jump, the median over the rows.
+
+    Args:
+        table: a ramp or staircase table.
+        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
+        parameter: the column of the parameter; the one that the job moves if not given.
+        panels: column of which each value gets a panel.
+        with_table: a second table to show beside the first, such as the staircase beside the ramp: a table,
+            or the path of a result directory (from here, or from where the first table's directory lies).
+        least: least change of the observable that counts as a jump, in its unit.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there, or no parameter moves.
+    """
+    parameter = parameter or _moving(table)
+    shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
+    if len(shown) > _MOST_PANELS:
+        title = f"{title or ''} (the first {_MOST_PANELS} of {len(shown)} panels)".strip()
+        shown = shown[:_MOST_PANELS]
+    for panel in shown:
+        for name in (y, parameter, "pass", "row"):
+            if panel.table is not None:
+                column(panel.table, name, ("_n", "") if name == y else ("",))
+    name = column(table, y, ("_n", ""))
+    across = min(len(shown), _PANELS_A_ROW)
+    down = -(-len(shown) // across)
+    width = style.PAGE if across > 1 else style.COLUMN + 1.2
+    with style.canvas(width, 2.5 * down + 1.0, title) as figure:
+        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+        origin = _origin([panel.table for panel in shown if panel.table is not None], name)
+        for number, (axes, panel) in enumerate(zip(grid, shown, strict=False)):
+            handles = _draw(axes, panel, name, parameter, least, origin)
+            if number % across == 0:
+                axes.set_ylabel(described(table, name, 30))
+            if number + across >= len(shown):
+                axes.set_xlabel(described(table, parameter, 66 // across))
+                axes.tick_params(labelbottom=True)
+            _below(axes, handles)
+        for axes in grid[len(shown) :]:
+            axes.set_visible(False)
+        if origin is not None:
+            style.angle_ticks(grid[0], "y")
+        drawn = {str(line.get_color()) for axes in grid for line in axes.lines}
+        figure.legend(handles=_key(shown, table, parameter, drawn), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _moving(table: pd.DataFrame) -> str:
+    run = _run_of(table)
+    if "parameter" not in run:
+        raise PlotError(
+            "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
+            "for another table name the column as `parameter`."
+        )
+    return str(run["parameter"])
+
+
+def _run_of(table: pd.DataFrame) -> Mapping[str, Any]:
+    job = table.attrs.get("job")
+    run = job.get("run") if isinstance(job, Mapping) else None
+    return run if isinstance(run, Mapping) else {}
+
+
+def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
+    """A table's panels; their headings say how its parameter moves where another table stands beside it."""
+    if panels is None:
+        return [_Panel(_pace(table), table)]
+    pace = f", {_pace(table)}" if beside else ""
+    column(table, panels)
+    values = sorted(table[panels].dropna().unique())
+    parts = [
+        (written(table, panels, value) + pace, rows_where(table, table[panels] == value)) for value in values
+    ]
+    return [_Panel(heading, part) for heading, part in parts] or [_Panel("", table)]
+
+
+def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str | None) -> list[_Panel]:
+    if other is None:
+        return []
+    if isinstance(other, pd.DataFrame):
+        return _remarked(_split(other, panels, True), other)
+    beside = Path(str(table.attrs.get("path", "."))).parent / other
+    path = next((path for path in (Path(other), beside) if path.is_dir()), beside)
+    try:
+        found = load(path)
+        return _remarked(_split(found, panels, True), found)
+    except TableError:
+        return [_Panel(path.name, None, f"{path.name}\nhas no table yet:\nrun its job, then\ngaitsweep plot")]
+
+
+def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
+    """The panels of a second table, with what has to be known of it in their headings."""
+    told = "\n".join(remarks(table))
+    return [panel._replace(heading=f"{panel.heading}\n{told}") for panel in shown] if told else shown
+
+
+def _pace(table: pd.DataFrame) -> str:
+    """How a table's parameter moves, in words, with its speed where the job says it."""
+    run = _run_of(table)
+    unit = unit_of(table, str(run.get("parameter", "")))
+    if "stair" in table.columns:
+        return f"held {run['hold']:g} s at each value" if "hold" in run else "held at each value"
+    rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if "rate" in run else ""
+    return f"moved slowly{rate}"
+
+
+def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
+    """Where the circle is cut for the axis; None for what is no angle."""
+    tables = [table for table in tables if name in table.columns]
+    if not tables or not is_angle(tables[0], name):
+        return None
+    return cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
+
+
+def _draw(
+    axes: Axes, panel: _Panel, name: str, parameter: str, least: float, origin: float | None
+) -> list[Patch]:
+    """One panel: each row's passes, and the jumps' intervals shaded; returns what tells of the jumps."""
+    axes.set_title(panel.heading if panel.table is not None else "")
+    if panel.table is None:
+        style.message(axes, panel.note)
+        return []
+    order = "stair" if "stair" in panel.table.columns else "crossing"
+    table = panel.table.sort_values(["row", order], kind="stable")
+    table = rows_where(table, sound(table, name, parameter))
+    if not len(table):
+        style.message(axes, "no numbers yet")
+        return []
+    rows = table["row"].unique()
+    alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
+    axes.margins(y=0.1)  # room for the arrows
+    jumping = largest_jumps(panel.table, name, parameter, least)["row"]
+    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first to jump on each way
+    for row, part in table.groupby("row", sort=True):
+        passes = draw_row(axes, part, name, parameter, origin, alpha, least)
+        if row == with_arrows:
+            draw_arrows(axes, passes)
+    found = edges(panel.table, name, parameter, least)
+    handles = []
+    for edge in found.to_dict("records"):
+        colour = UP if edge["direction"] == "rising" else DOWN
+        axes.axvspan(edge["low"], edge["high"], color=colour, alpha=0.18, lw=0.8, zorder=0)
+        handles.append(Patch(color=colour, alpha=0.35, lw=0, label=_told(edge, table, parameter)))
+    return handles
+
+
+def _below(axes: Axes, handles: list[Patch]) -> None:
+    """The jumps of a panel, in a legend below its axis."""
+    if not handles:
+        return
+    label = axes.get_xlabel()
+    depth = 18.0 + 12.0 * (label.count("\n") + 1) if label else 4.0  # points
+    place = axes.transAxes + ScaledTranslation(0.0, -depth / 72, axes.figure.dpi_scale_trans)
+    look: dict[str, Any] = {"title_fontsize": 7.0, "fontsize": 7.0, "borderaxespad": 0.0}
+    axes.legend(
+        handles=handles,
+        title="jumps at",
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        bbox_transform=place,
+        **look,
+    )
+
+
+def _told(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
+    """An edge in words: `f rises: 2.86 to 2.9 Hz`."""
+    verb = "rises" if edge["direction"] == "rising" else "falls"
+    interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
+    rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
+    return f"{symbol(table, parameter)} {verb}: {interval}{rows}".replace("-", "−")
+
+
+def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
+    """What the colours that are drawn and the markers mean."""
+    stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
+    handles = []
+    for colour, marker, words in ((UP, "^", "rises"), (DOWN, "v", "falls")):
+        if colour not in drawn:
+            continue
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color=colour,
+                lw=1.0,
+                marker=marker if stairs else "",
+                ms=4,
+                label=f"{symbol(table, parameter)} {words}",
+            )
+        )
+    if any("settled" in each.columns and not each["settled"].to_numpy(bool).all() for each in stairs):
+        handles.append(
+            Line2D([], [], ls="", marker="^", ms=4, mfc="white", color="#555555", label="hold not settled")
+        )
+    return handles

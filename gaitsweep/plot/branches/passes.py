@@ -1,0 +1,93 @@
+"""The passes of one row: a parameter's way up and its way down, in their colours, with arrows."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.patches import FancyArrowPatch
+from matplotlib.transforms import ScaledTranslation
+
+from gaitsweep.analysis.circular import on_line
+from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
+
+UP, DOWN = "#D55E00", "#0072B2"  # apart for the colour-blind, and in lightness
+
+
+class Pass(NamedTuple):
+    """A pass as drawn: the parameter, the observable, (n,) each, and its colour."""
+
+    at: np.ndarray
+    value: np.ndarray
+    colour: str
+
+
+def draw_row(
+    axes: Axes,
+    part: pd.DataFrame,
+    name: str,
+    parameter: str,
+    origin: float | None,
+    alpha: float,
+    least: float,
+) -> list[Pass]:
+    """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes.
+
+    No line goes over a record that is missing, around the circle, or, between holds, over a jump by `least`.
+    """
+    stairs = "stair" in part.columns
+    if not stairs:
+        part = part.iloc[where_it_moves(part[parameter].to_numpy(float)) :]
+    at, value = part[parameter].to_numpy(float), part[name].to_numpy(float)
+    numbers = part["pass"].to_numpy(int)
+    count = part["stair" if stairs else "crossing"].to_numpy(int)
+    value = value if origin is None else on_line(value, origin)
+    settled = part["settled"].to_numpy(bool) if "settled" in part.columns else np.ones(len(part), bool)
+    passes = []
+    for number in np.unique(numbers):
+        mine = np.flatnonzero(numbers == number)
+        line = np.arange(max(mine[0] - 1, 0), mine[-1] + 1)  # from the turning point on
+        colour, marker = (UP, "^") if at[line[-1]] >= at[line[0]] else (DOWN, "v")
+        passes.append(Pass(at[line], value[line], colour))
+        across, along = at[line], value[line]
+        change = np.abs(np.diff(along))
+        parted = np.diff(count[line]) > 1
+        if origin is not None:
+            parted |= change > np.pi
+        if stairs and len(change):
+            parted |= change >= max(least, STEEPER * float(np.quantile(change, 0.25)))
+        ends = np.flatnonzero(parted) + 1
+        across, along = np.insert(across, ends, np.nan), np.insert(along, ends, np.nan)
+        axes.plot(across, along, color=colour, lw=0.7, alpha=alpha * (0.5 if stairs else 1.0))
+        if stairs:
+            look: dict[str, Any] = {"ls": "", "marker": marker, "ms": 4.0, "mew": 0.8, "alpha": alpha}
+            for which, face in ((settled[mine], colour), (~settled[mine], "white")):
+                axes.plot(at[mine][which], value[mine][which], color=colour, mfc=face, **look)
+    return passes
+
+
+def draw_arrows(axes: Axes, passes: list[Pass]) -> None:
+    """An arrow half way along each pass, on the side of it where the other passes are not."""
+    heights = []
+    for one in passes:
+        middle = 0.5 * (one.at[0] + one.at[-1])
+        heights.append(float(one.value[np.argmin(np.abs(one.at - middle))]))
+    for one, height in zip(passes, heights, strict=True):
+        middle, half = 0.5 * (one.at[0] + one.at[-1]), 0.06 * (one.at[-1] - one.at[0])
+        if half == 0.0:
+            continue
+        above = height > np.mean(heights) or (height == np.mean(heights) and one.colour == DOWN)
+        offset = ScaledTranslation(0.0, (7 if above else -7) / 72, axes.figure.dpi_scale_trans)
+        ends = (middle - half, height), (middle + half, height)
+        look: dict[str, Any] = {
+            "arrowstyle": "-|>",
+            "mutation_scale": 8,
+            "lw": 1.0,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        }
+        arrow = FancyArrowPatch(*ends, color=one.colour, **look)
+        arrow.set_transform(axes.transData + offset)
+        axes.add_patch(arrow)

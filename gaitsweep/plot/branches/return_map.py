@@ -1,0 +1,205 @@
+"""First return maps: how a section observable changes from one crossing to the next (Aoi 2011, Fig. 7a)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.analysis.circular import cut, on_line
+from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import (
+    PlotError,
+    column,
+    described,
+    is_angle,
+    rows_where,
+    symbol,
+    unit_of,
+    written,
+)
+
+_PANELS_A_ROW = 3
+_MOST_PANELS = 24
+_POINTS, _CURVE, _POINT, _GHOST = "#B8B8B8", "#0072B2", "#D55E00", "#009E73"
+_FAST = 2.0  # ranges of the other steps that fast ones take: they are left out of the limits
+FORMS = ("change", "next")
+
+
+def return_map(
+    table: pd.DataFrame,
+    *,
+    y: str,
+    panels: str | None = None,
+    form: str = "change",
+    bandwidth: float | None = None,
+    title: str | None = None,
+) -> Figure:
+    """The change from crossing to crossing over the value, or the next value over it with the diagonal.
+
+    A grey point is one step of one start; the line is their local linear regression with two standard errors
+    on either side, broken where the points have a gap, a jump or two branches. Fixed points are filled where
+    they are stable and open where they are not; a triangle marks a ghost, where the change comes near to zero
+    and turns back.
+
+    Args:
+        table: a return map's table.
+        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
+        panels: column of which each value gets a panel.
+        form: "change" for x_{n+1} - x_n over x_n, "next" for x_{n+1}.
+        bandwidth: half the window of the regression, in the observable's unit; 0.05 rad for an angle and a
+            twentieth of the values' range for others if not given.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there, or the form is neither of the two.
+    """
+    if form not in FORMS:
+        raise PlotError(f"form is {form}, but is one of {' and '.join(FORMS)}.")
+    name = column(table, y, ("_n", ""))
+    for each in ("row", "crossing", *([panels] if panels else [])):
+        column(table, each)
+    values = sorted(table[panels].dropna().unique()) if panels else []
+    if len(values) > _MOST_PANELS:
+        title = f"{title or ''} (the first {_MOST_PANELS} of {len(values)} panels)".strip()
+    values = values[:_MOST_PANELS] or [None]
+    across = min(len(values), _PANELS_A_ROW)
+    down = -(-len(values) // across)
+    width = style.PAGE if across > 1 else style.COLUMN + 1.2
+    with style.canvas(width, (2.3 if across > 1 else 2.8) * down + 0.9, title) as figure:
+        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
+        origin = cut(table[name].to_numpy(float)) if is_angle(table, name) else None
+        seen: set[str] = set()
+        for number, (axes, value) in enumerate(zip(grid, values, strict=False)):
+            part = table if value is None else rows_where(table, table[panels] == value)
+            seen |= _panel(axes, part, name, form, bandwidth, origin)
+            axes.set_title("" if value is None else written(table, str(panels), value))
+            if number % across == 0:
+                axes.set_ylabel(_label(table, name, form))
+            if number + across >= len(values):
+                axes.set_xlabel(described(table, name, 66 // across))
+                axes.tick_params(labelbottom=True)
+        for axes in grid[len(values) :]:
+            axes.set_visible(False)
+        _scale(list(grid[: len(values)]), form, origin)
+        if seen:
+            figure.legend(handles=_key(seen), loc="outside lower center", ncols=min(across + 1, 3))
+    return figure
+
+
+def _label(table: pd.DataFrame, name: str, form: str) -> str:
+    """What stands on the vertical axis: `change a crossing (rad)` or the next value."""
+    unit = unit_of(table, name)
+    what = (
+        "change from one crossing\nto the next"
+        if form == "change"
+        else f"{symbol(table, name)} at the next crossing"
+    )
+    return f"{what} ({unit})" if unit else what
+
+
+def _panel(
+    axes: Axes, part: pd.DataFrame, name: str, form: str, bandwidth: float | None, origin: float | None
+) -> set[str]:
+    """One map: points, curve, fixed points and ghosts; returns which of them there are."""
+    steps = pairs(part, name)
+    if not len(steps):
+        style.message(axes, "no two crossings yet")
+        return set()
+    here, change = _on_axis(steps["value"], origin), steps["change"].to_numpy(float)
+    curve = drift(part, name, bandwidth=bandwidth)
+    fixed, ghost = fixed_points(part, name, bandwidth=bandwidth), ghosts(part, name, bandwidth=bandwidth)
+    seen = {"points"}
+    size = float(np.clip(2e3 / len(steps), 1.0, 6.0))
+    axes.scatter(
+        here, change + here * (form == "next"), s=size, color=_POINTS, lw=0, rasterized=True, zorder=1
+    )
+    if form == "change":
+        axes.axhline(0.0, color="black", lw=0.6, zorder=2)
+    else:
+        axes.axline((here.min(), here.min()), slope=1.0, color="black", lw=0.6, zorder=2)
+    if len(curve):
+        _curve(axes, curve, form, origin)
+        seen.add("curve")
+    places = _on_axis(fixed["value"], origin)
+    for place, stable in zip(places, fixed["stable"], strict=True):
+        look: dict[str, Any] = {"marker": "o", "ms": 6.0, "mew": 1.3, "color": _POINT, "zorder": 6}
+        axes.plot(place, place * (form == "next"), mfc=_POINT if stable else "white", **look)
+        seen.add("stable" if stable else "unstable")
+    for place, least in zip(_on_axis(ghost["value"], origin), ghost["drift"], strict=True):
+        axes.plot(
+            place, least + place * (form == "next"), "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6
+        )
+        offset = (0, -14) if least > 0 else (0, 8)  # beyond zero, where fewer points are
+        told = f"{least:+.2g}".replace("-", "−")
+        axes.annotate(
+            told,
+            (place, least + place * (form == "next")),
+            offset,
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+            color=_GHOST,
+        )
+        seen.add("ghost")
+    return seen
+
+
+def _curve(axes: Axes, curve: pd.DataFrame, form: str, origin: float | None) -> None:
+    """The smoothed change and two standard errors on either side, broken where `drift` tells of none."""
+    at = _on_axis(curve["value"], origin)
+    order = np.argsort(at)
+    at, mean, piece = at[order], curve["drift"].to_numpy(float)[order], curve["piece"].to_numpy()[order]
+    error = 2.0 * curve["drift_error"].to_numpy(float)[order]
+    step = np.diff(at)
+    parted = (step > 1.5 * np.median(step)) | (np.diff(piece) != 0) if len(step) else np.zeros(0, bool)
+    gaps = np.flatnonzero(parted) + 1
+    at, mean, error = (np.insert(each, gaps, np.nan) for each in (at, mean, error))
+    line = mean + at * (form == "next")
+    axes.fill_between(at, line - error, line + error, color=_CURVE, alpha=0.25, lw=0, zorder=3)
+    axes.plot(at, line, color=_CURVE, lw=1.2, zorder=4)
+
+
+def _on_axis(values: Any, origin: float | None) -> np.ndarray:
+    numbers = np.asarray(values, float)
+    return numbers if origin is None else on_line(numbers, origin)
+
+
+def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
+    """Limits that the steps fill, without those few that are far faster than the others; ticks in pi."""
+    if form == "change":
+        marked = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
+        points = [np.asarray(each.get_offsets())[:, 1] for axes in grid for each in axes.collections[:1]]
+        spread = [np.quantile(each, (0.05, 0.95)) for each in points if len(each)]
+        heights = np.concatenate([[0.0], *marked, *spread])
+        low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
+        every = np.concatenate([[0.0], *points])
+        if np.ptp(every) <= _FAST * (high - low):
+            low, high = min(low, float(every.min())), max(high, float(every.max()))
+        if high > low:
+            grid[0].set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
+    if origin is not None:
+        style.angle_ticks(grid[0], "x")
+        if form == "next":
+            style.angle_ticks(grid[0], "y")
+
+
+def _key(seen: set[str]) -> list[Line2D]:
+    """What the marks mean, of those that are there."""
+    point: dict[str, Any] = {"ls": "", "marker": "o", "ms": 6.0, "mew": 1.3, "color": _POINT}
+    handles = {
+        "points": Line2D([], [], ls="", marker=".", color=_POINTS, label="one step of one start"),
+        "curve": Line2D([], [], color=_CURVE, lw=1.2, label="smoothed, ± 2 standard errors"),
+        "stable": Line2D([], [], label="stable", **point),
+        "unstable": Line2D([], [], mfc="white", label="unstable", **point),
+        "ghost": Line2D(
+            [], [], ls="", marker="^", ms=5, color=_GHOST, label="ghost: slow passage, with its change"
+        ),
+    }
+    return [handle for name, handle in handles.items() if name in seen]

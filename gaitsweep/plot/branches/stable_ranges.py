@@ -1,0 +1,140 @@
+"""Where steady gaits are stable in a plane of two parameters, between the folds of their branches."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitsweep.analysis.continuation.stable_ranges import MARKS, edges
+from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
+from gaitsweep.plot import style
+from gaitsweep.plot.branches.continuation import LOOKS, WORDS
+from gaitsweep.plot.columns import PlotError, column, described
+
+_TOGETHER = "#009E73"  # as in a gait map of two gaits
+
+
+def stable_ranges(
+    table: pd.DataFrame, *, y: str, x: str | None = None, hue: str = "gait", title: str | None = None
+) -> Figure:
+    """The range of one parameter in which each gait is stable, over another that differs between branches.
+
+    An area for each gait, another colour where two are stable; its edges are marked by what ends the gait
+    there. An edge without a mark is where the branch was left or lost, or where stability changes at a bend
+    or jump of the map or unmarked; one without a line is where branches begin, or leave their range.
+
+    Args:
+        table: a continuation's table. Where several branches have one gait at one value of y, the ranges in
+            which it is stable have to meet, and count as one.
+        y: the column of the parameter that differs between branches.
+        x: the column of the one along which they were followed; the one that the job moves if not given.
+        hue: the column of the gait.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there, y is not of numbers, or a gait's ranges at one value of y lie apart.
+    """
+    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    for name in (x, y, hue, "row", "point", "stable", "special", "end"):
+        column(table, name)
+    if not pd.api.types.is_numeric_dtype(table[y]):
+        raise PlotError(f"y is {y}, which is not of numbers: the plane of two parameters has no such axis.")
+    with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        areas = _areas(table.assign(gait=table[hue]), x, y)
+        if not areas:
+            style.message(axes, "no stable gait was found")
+            return figure
+        _draw(axes, areas)
+        figure.legend(handles=_key(areas), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
+    """The ranges of each gait that has a name, with the value `up` of y, in its order."""
+    up = dict(zip(table["row"], table[y], strict=True))
+    found = {}
+    for name in dict.fromkeys(ranges_of(table, x)["gait"]):
+        if name != "none":
+            area = edges(table, x, name)
+            area = area.assign(up=[up[row] for row in area["row"]])
+            area = pd.DataFrame(
+                [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
+            )
+            # no area goes over a value of y at which the gait is not stable
+            every = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
+            found[name] = every.merge(area, on="up", how="left").fillna({"low_by": "", "high_by": ""})
+    return found
+
+
+def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
+    """The one range that the ranges of branches at one place make together."""
+    same = same.sort_values("low", kind="stable")
+    low, high = same["low"].to_numpy(float), same["high"].to_numpy(float)
+    reach = np.maximum.accumulate(high)
+    if np.any(low[1:] > reach[:-1]):
+        raise PlotError(
+            f"{what}: stable in ranges of {x} that lie apart, which are no one area. Draw fewer branches, or "
+            "the branches themselves (figures: continuation)."
+        )
+    last = same.iloc[int(np.argmax(high))]
+    return pd.Series({**same.iloc[0], "high": last["high"], "high_by": last["high_by"]})
+
+
+def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
+    colour = style.colours(list(areas))
+    for name, area in areas.items():
+        low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
+        axes.fill_betweenx(up, low, high, color=colour[name], alpha=0.3, lw=0)
+    for low, high, up in _overlaps(areas):
+        axes.fill_betweenx(up, low, high, color="white", lw=0)
+        axes.fill_betweenx(up, low, high, color=_TOGETHER, alpha=0.45, lw=0)
+    for name, area in areas.items():
+        for side in ("low", "high"):
+            at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
+            by = area[f"{side}_by"].to_numpy(str)
+            lost = ~np.isin(by, ["start", "range"])
+            axes.plot(np.where(lost, at, np.nan), up, color=colour[name], lw=1.2, zorder=3)
+            for mark in MARKS:
+                here = by == mark
+                look: dict[str, Any] = {"ms": 4.5, "color": colour[name], "mfc": "white", "zorder": 4}
+                axes.plot(at[here], up[here], LOOKS[mark], **look)
+
+
+def _overlaps(areas: dict[str, pd.DataFrame]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For each two gaits: low, high and up (n,) of where both are stable, NaN where they are not."""
+    names, found = list(areas), []
+    for number, one in enumerate(names):
+        for other in names[number + 1 :]:
+            both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
+            low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
+            high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
+            apart, up = high <= low, both["up"].to_numpy(float)
+            if not apart.all():
+                found.append((np.where(apart, np.nan, low), np.where(apart, np.nan, high), up))
+    return found
+
+
+def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
+    colour = style.colours(list(areas))
+    handles: list[Line2D | Patch] = [
+        Patch(facecolor=colour[name], alpha=0.3, label=f"{name} stable") for name in areas
+    ]
+    if _overlaps(areas):
+        handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label="both stable"))
+    every = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
+    look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
+    handles += [
+        Line2D([], [], marker=mark, label=WORDS.get(kind, kind), **look)
+        for kind, mark in LOOKS.items()
+        if kind in every
+    ]
+    return handles

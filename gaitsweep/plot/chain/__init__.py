@@ -1,0 +1,1 @@
+"""Figures of the multi-legged chain and its theory."""

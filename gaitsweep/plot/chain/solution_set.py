@@ -1,0 +1,180 @@
+"""Settled states in space and two projections, the analytic solutions over them (Ambe 2021, Fig. 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.models.multilegged.theory.chain import Chain
+from gaitsweep.models.multilegged.theory.gaits import SHORTEST, segments
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import (
+    FAILED,
+    NOT_SETTLED,
+    PlotError,
+    axis_label,
+    categories,
+    column,
+    is_angle,
+    outcome,
+    rows_where,
+)
+
+_PSI = ("psi_1", "psi_2", "psi_3")
+
+
+def solution_set(
+    table: pd.DataFrame,
+    *,
+    axes: Sequence[str],
+    hue: str = "gait",
+    theory: bool = True,
+    points: Mapping[str, Sequence[float]] | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Where rows settled: in the space of three observables, and projected on two pairs of them.
+
+    Args:
+        table: a settle table; rows that failed or did not settle are left out and counted in the legend.
+        axes: three observables, by their own name or their column's (psi_1 or psi_1_end).
+        hue: column that colours the points.
+        theory: whether to draw the analytic solutions; for psi_1, psi_2, psi_3 of the multi-legged chain.
+        points: places to mark, by name, three numbers each.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there, or axes or points have not three entries.
+    """
+    if len(axes) != 3:
+        raise PlotError(f"axes has {len(axes)} entries: this figure is drawn over three observables.")
+    names = [column(table, name, ("_end", "")) for name in axes]
+    column(table, hue)
+    for name, place in (points or {}).items():
+        if len(place) != 3:
+            raise PlotError(f"Point {name} has {len(place)} numbers: give one for each of the three axes.")
+    shown = outcome(table, hue)
+    lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
+    with style.canvas(style.PAGE, 4.3, title) as figure:
+        space, low, high = _panels(figure)
+        kept = _scatter(table, names, hue, shown, space, low, high)
+        for start, stop in lines:
+            space.plot(*np.stack([start, stop]).T, color="black", lw=0.9, zorder=5)
+            for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
+                panel.plot([start[i], stop[i]], [start[j], stop[j]], color="black", lw=0.9, zorder=5)
+        for number, (name, place) in enumerate((points or {}).items()):
+            _mark(name, np.asarray(place, float), space, low, high, number)
+        _label(table, names, space, low, high)
+        if not kept:
+            style.message(low, "no row has settled")
+        _legend(figure, table, hue, shown, len(lines) > 0, remark)
+    return figure
+
+
+def _panels(figure: Figure) -> tuple[Any, Any, Any]:
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    space.view_init(elev=22.0, azim=-58.0)
+    space.set_box_aspect((1, 1, 0.95), zoom=0.95)  # pyright: ignore
+    space.computed_zorder = False  # else matplotlib hides the lines behind the points
+    return space, figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+
+
+def _scatter(
+    table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, low: Any, high: Any
+) -> int:
+    """The settled rows in all three panels; how many there are."""
+    order = categories(table, hue, shown)
+    colour, marker = style.colours(order), style.markers(order)
+    kept = 0
+    for name in order:
+        mine = rows_where(table, shown == name)
+        if name in (NOT_SETTLED, FAILED) or not len(mine):
+            continue
+        place = mine[names].to_numpy(float)
+        place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
+        look = {
+            "color": colour[name],
+            "marker": marker[name],
+            "linewidths": 0.8 if marker[name] == "x" else 0,
+            "clip_on": False,
+        }
+        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # thicker than the lines over them
+        space.scatter(*place.T, s=size, depthshade=False, **look)
+        low.scatter(place[:, 0], place[:, 1], s=size, rasterized=True, **look)
+        high.scatter(place[:, 1], place[:, 2], s=size, rasterized=True, **look)
+        kept += len(mine)
+    return kept
+
+
+def _mark(name: str, place: np.ndarray, space: Any, low: Any, high: Any, number: int) -> None:
+    """A named point: an open ring, its name beside it, on changing sides so that neighbours stay readable."""
+    ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
+    text = {"fontsize": 9, "fontweight": "bold", "zorder": 9}
+    space.scatter(*place[:, None], depthshade=False, **ring)
+    space.text(place[0] - 0.45, place[1], place[2] + 0.2, name, ha="center", **text)
+    for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
+        panel.scatter(place[i], place[j], **ring)
+        side = [(5, 4), (5, -11), (-11, 4)][number % 3]
+        panel.annotate(name, (place[i], place[j]), side, textcoords="offset points", **text)
+
+
+def _label(table: pd.DataFrame, names: list[str], space: Any, low: Any, high: Any) -> None:
+    labels = [axis_label(table, name) for name in names]
+    for which, name, label in zip("xyz", names, labels, strict=True):
+        getattr(space, f"set_{which}label")(label, labelpad=-2)
+        if is_angle(table, name):
+            style.angle_axis(space, which, steps=2)
+    space.tick_params(pad=-1)
+    for panel, pair in ((low, (0, 1)), (high, (1, 2))):
+        for which, i in zip("xy", pair, strict=True):
+            getattr(panel, f"set_{which}label")(labels[i])
+            if is_angle(table, names[i]):
+                style.angle_axis(panel, which)
+        if all(is_angle(table, names[i]) for i in pair):
+            panel.set_aspect("equal")
+
+
+def _legend(
+    figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: bool, remark: str | None
+) -> None:
+    order = categories(table, hue, shown)
+    colour, marker = style.colours(order), style.markers(order)
+    handles = []
+    for name in order:
+        face = "none" if name in (NOT_SETTLED, FAILED) else colour[name]
+        count = int((shown == name).sum())
+        label = f"{name} ({count})" if face != "none" else f"{name}: {count}, not shown"
+        handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
+    if theory:
+        handles.append(Line2D([], [], color="black", lw=0.9, label="analytic solutions"))
+    title = f"No analytic solutions are drawn: {remark}" if remark else None
+    if handles or title:
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=min(4, max(len(handles), 1)), title=title
+        )
+
+
+def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:
+    """Ends of the analytic pieces on section 1, shape (n, 2, 3), or why there are none to draw."""
+    none = np.zeros((0, 2, 3))
+    if any(name.removesuffix("_end") not in _PSI for name in axes):
+        return none, "they are known for psi_1, psi_2 and psi_3 only."
+    if "psi_4_end" in table.columns:
+        return none, "they are drawn for N = 3 only."
+    varied = [
+        name for name in (*Chain._fields, "m_B") if name in table.columns and len(table[name].unique()) > 1
+    ]
+    if varied:
+        return none, f"{', '.join(varied)} varies."
+    lines = segments(3, chain_of(table))
+    half, middle = np.asarray(lines.half)[..., None], np.asarray(lines.middle)
+    reach = np.asarray(lines.direction) * half
+    ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST]
+    order = [_PSI.index(name.removesuffix("_end")) for name in axes]
+    return ends[:, :, order], None

@@ -1,0 +1,1 @@
+"""Figures of footfalls, footprints and gaits over speed."""

@@ -1,0 +1,96 @@
+"""How the nine gaits and the four legs look in figures: colours, markers, footfall bars."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from types import MappingProxyType
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.gaits.footprints import spells
+
+# A colour for a kind of gait, a marker for its side; in the order of speed.
+COLOURS = MappingProxyType(
+    {
+        "D-walk": "#8C4A00",
+        "L-walk": "#E69F00",
+        "trot": "#0072B2",
+        "uR-canter": "#56B4E9",
+        "uL-canter": "#56B4E9",
+        "R-canter": "#009E73",
+        "L-canter": "#009E73",
+        "RT-gallop": "#CC79A7",
+        "LT-gallop": "#CC79A7",
+        "unsteady": "#999999",
+        "none": "#D5D5D5",
+    }
+)
+MARKERS = MappingProxyType(
+    {
+        "D-walk": "v",
+        "L-walk": "^",
+        "trot": "o",
+        "uR-canter": ">",
+        "uL-canter": "<",
+        "R-canter": ">",
+        "L-canter": "<",
+        "RT-gallop": ">",
+        "LT-gallop": "<",
+        "unsteady": "x",
+        "none": "+",
+    }
+)
+ORDER = tuple(COLOURS)
+NAMES = MappingProxyType({"none": "none of them, or fallen"})
+LEG_COLOURS = MappingProxyType({"LF": "#0072B2", "LH": "#D55E00", "RF": "#009E73", "RH": "#AA4499"})
+CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
+_BAR = 0.62
+
+
+def gait_key(gaits: Iterable[str]) -> list[Line2D]:
+    """The handles of a legend for those of the gaits that occur, in the order of speed."""
+    present = set(gaits)
+    return [
+        Line2D([], [], ls="", marker=MARKERS[gait], color=COLOURS[gait], ms=4.5, label=NAMES.get(gait, gait))
+        for gait in ORDER
+        if gait in present
+    ]
+
+
+def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> None:
+    """A bar for each leg while it is on the ground, the first on top; light grey where none is.
+
+    Args:
+        axes: where they are drawn, over time in s.
+        samples: a part of one row of a trace: t and contact_1, ... in the order of `LEGS`.
+        legs: which legs, from above.
+
+    Raises:
+        PlotError: a contact is not in the table.
+    """
+    missing = [CONTACTS[leg] for leg in legs if CONTACTS[leg] not in samples.columns]
+    if missing:
+        raise PlotError(f"The table has no column {missing[0]}: footfalls are drawn from a trace.")
+    t = samples["t"].to_numpy(float)
+    down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
+    for row, leg in enumerate(legs):
+        starts, stops = spells(t, down[:, row])
+        bars = list(zip(starts, stops - starts, strict=True))
+        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
+    shade_flights(axes, t, down)
+    axes.set_yticks(range(len(legs)), list(legs))
+    for tick, leg in zip(axes.get_yticklabels(), legs, strict=True):
+        tick.set_color(LEG_COLOURS[leg])
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylim(len(legs) - 0.4, -0.6)
+
+
+def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:
+    """Light grey where no leg is on the ground; `t` (n,) s, `down` (n, legs)."""
+    for start, stop in zip(*spells(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
+        axes.axvspan(float(start), float(stop), facecolor="#E6E6E6", linewidth=0, zorder=0)

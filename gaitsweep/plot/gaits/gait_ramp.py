@@ -1,0 +1,96 @@
+"""Which gaits follow each other while a parameter rises and falls (Fukuoka 2015, Fig. 2 and 4)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from gaitsweep.analysis.transitions.gait_bouts import gaits_along
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, axis_label, column, rows_where, written
+from gaitsweep.plot.gaits.gait_looks import COLOURS, NAMES, ORDER
+
+_BAR = 0.36
+
+
+def gait_ramp(
+    table: pd.DataFrame, *, panels: str | None = None, cycles: int = 3, title: str | None = None
+) -> Figure:
+    """Two bars for each row, the way up above the way down, coloured by the gait over every few cycles.
+
+    Args:
+        table: a ramp, or a trace along which a parameter moves, of a model whose gaits are the nine.
+        panels: column of which each value gets a panel.
+        cycles: how many cycles give one reading of the gait.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there, or no parameter moves.
+    """
+    parameter = str(table.attrs.get("job", {}).get("run", {}).get("parameter"))
+    if parameter not in table.columns or "pass" not in table.columns:
+        raise PlotError("The table's job moves no parameter: take a ramp, or a trace with run.parameter.")
+    if panels is not None:
+        column(table, panels)
+    values = [None] if panels is None else sorted(table[panels].dropna().unique())
+    along = gaits_along(table, cycles=cycles)
+    along = along.loc[np.isfinite(along[parameter])] if len(along) else along
+    parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
+    rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
+    heights = [max(len(each), 1) for each in rows]
+    present = set(along["gait"].astype(str)) if len(along) else set()
+    with style.canvas(style.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
+        grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axes, value, each in zip(grid, values, rows, strict=True):
+            axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
+            _panel(axes, along, each, parameter)
+        grid[-1].set_xlabel(axis_label(table, parameter))
+        handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
+        handles = list({handle.get_facecolor(): handle for handle in handles}.values())
+        figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _kind(gait: str) -> str:
+    """A gait's name without its side, where both sides have one colour."""
+    return {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}.get(
+        gait[:2] if gait.endswith("canter") else "", "gallop" if gait.endswith("gallop") else gait
+    )
+
+
+def _panel(axes: Axes, along: pd.DataFrame, rows: np.ndarray, parameter: str) -> None:
+    look: dict[str, Any] = {"fontsize": 6.5, "va": "center", "ha": "right", "color": "#444444"}
+    for place, row in enumerate(rows):
+        mine = along.loc[along["row"] == row]
+        for down in (0, 1):
+            part = mine.loc[mine["pass"] == down]
+            height = place + (0.22 if down else -0.22)
+            _bar(axes, part, parameter, height)
+            if len(part):
+                arrow = "\u2190" if down else "\u2192"
+                axes.annotate(
+                    arrow, (0.0, height), (-3, 0), axes.get_yaxis_transform(), "offset points", **look
+                )
+    axes.set_yticks(range(len(rows)), [f"row {row}" for row in rows])
+    axes.tick_params(axis="y", length=0, pad=12)
+    axes.set_ylim(len(rows) - 0.45, -0.55)
+    axes.spines["left"].set_visible(False)
+
+
+def _bar(axes: Axes, part: pd.DataFrame, parameter: str, height: float) -> None:
+    """The readings of one pass, each from half way to the one before to half way to the next, but no farther
+    than readings usually lie apart."""
+    if len(part) < 2:
+        return
+    at = part[parameter].to_numpy(float)
+    edges = np.r_[at[0], 0.5 * (at[1:] + at[:-1]), at[-1]]
+    colours = [COLOURS[str(gait)] for gait in part["gait"]]
+    usual = float(np.median(np.abs(np.diff(at))))
+    begins, ends = (np.clip(each, at - usual, at + usual) for each in (edges[:-1], edges[1:]))
+    for low, high, colour in zip(begins, ends, colours, strict=True):
+        axes.barh(height, high - low, _BAR, left=low, color=colour, linewidth=0)

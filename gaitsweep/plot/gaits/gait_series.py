@@ -1,0 +1,164 @@
+"""Time series of a walk: flexors, loads, footfalls, pitch, the gait along time (Fukuoka 2015, Fig. 2-6)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
+from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, rows_where, written
+from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, shade_flights
+
+_MOST_STRIPS = 12
+_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
+_LEAST = 3  # windows of a gait that is named along time
+_LETTER = 0.075  # inches that a letter of a gait's name takes
+
+
+def gait_series(
+    table: pd.DataFrame,
+    *,
+    row: int | None = None,
+    window: Sequence[float] | None = None,
+    strip: float | None = None,
+    loads: bool = False,
+    titles: Sequence[str] | None = None,
+    title: str | None = None,
+) -> Figure:
+    """What each flexor gives out, footfalls and pitch over time; flight phases in grey.
+
+    Each row is a strip; the peaks of loads at touchdown are cut off. A single row may go over several strips
+    of a given length, with the gait's name along time: for a walk whose speed changes.
+
+    Args:
+        table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
+        row: the only row to show.
+        window: begin and end of what is shown, s.
+        strip: length of a strip, s; a row's gait then stands along time instead of in its title.
+        loads: whether the loads on the feet are drawn too.
+        titles: titles of the strips, in place of rows' own.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    for name in ("row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads)):
+        column(table, name)
+    table = table if row is None else rows_where(table, table["row"] == row)
+    parts = _strips(table, window, strip)
+    kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
+    heights = [_HEIGHTS[kind] for kind in kinds]
+    height = max(len(parts), 1) * (sum(heights) + 0.35) + 0.5
+    along = gaits_along(table) if strip and len(table) else None
+    with style.canvas(style.PAGE, height, title) as figure:
+        outer = figure.subfigures(max(len(parts), 1), 1, squeeze=False)[:, 0]
+        for number, (sub, part) in enumerate(zip(outer, parts, strict=False)):
+            grid = sub.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+            heading = _heading(table, part, number, titles) if strip is None or titles else ""
+            _draw(dict(zip(kinds, grid, strict=True)), part, along, heading)
+        if not parts:
+            style.message(outer[0].subplots(), "nothing was recorded")
+        handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=leg) for leg in LEGS]
+        figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | None) -> list[pd.DataFrame]:
+    """The samples of each strip, in order."""
+    parts = []
+    for _, samples in table.groupby("row", sort=True):
+        samples = rows_where(samples, samples["t"].notna()).sort_values("t", kind="stable")
+        t = samples["t"].to_numpy(float)
+        if len(t) < 2:
+            continue
+        begin, end = (t[0], t[-1]) if window is None else window
+        edges = [begin, end] if strip is None else [*np.arange(begin, end - 1e-9, strip), end]
+        for low, high in itertools.pairwise(edges):
+            part = rows_where(samples, (t >= low - 1e-9) & (t <= high + 1e-9))
+            if len(part) > 1:
+                parts.append(part)
+    return parts[:_MOST_STRIPS]
+
+
+def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Sequence[str] | None) -> str:
+    """The title given, or the gait, its speed and what varies."""
+    if titles is not None:
+        return titles[number] if number < len(titles) else ""
+    row = part["row"].iloc[0]
+    found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
+    names = [
+        name for name in found.index[1 : list(found.index).index("cycles")] if name not in ("seed", "pair")
+    ]
+    told = [str(found["gait"])]
+    if "x" in part.columns:
+        told.append(f"{_speed(part):.2f} m/s")
+    return ", ".join([*told, *(written(table, str(name), found[name]) for name in names)])
+
+
+def _speed(part: pd.DataFrame) -> float:
+    t, x = part["t"].to_numpy(float), part["x"].to_numpy(float)
+    return float((x[-1] - x[0]) / (t[-1] - t[0]))
+
+
+def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str) -> None:
+    """One strip."""
+    t = part["t"].to_numpy(float)
+    down = part[[name for name in CONTACTS.values() if name in part.columns]].to_numpy(float)
+    footfalls(grid["feet"], part)
+    for leg in LEGS:
+        out = np.maximum(part[FLEXORS[leg]].to_numpy(float), 0.0)
+        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], lw=0.9)
+        if "load" in grid:
+            grid["load"].plot(t, part[f"F_{leg}"].to_numpy(float), color=LEG_COLOURS[leg], lw=0.8)
+    grid["flexor"].set_ylabel("flexor")
+    grid["pitch"].plot(t, part["pitch"].to_numpy(float), color="black", lw=0.9)
+    grid["pitch"].axhline(0.0, color="#AAAAAA", lw=0.5, zorder=0)
+    grid["pitch"].set_ylabel("pitch,\ndown (rad)")
+    grid["pitch"].set_xlabel("time (s)")
+    if "load" in grid:
+        grid["load"].set_ylabel("load (N)")
+        loads = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float)
+        grid["load"].set_ylim(0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0))  # touchdowns are far above
+    for kind in ("flexor", "load", "pitch"):
+        if kind in grid:
+            shade_flights(grid[kind], t, down)
+    grid["pitch"].set_xlim(t[0], t[-1])
+    top = next(iter(grid.values()))
+    top.set_title(heading, loc="left")
+    if along is not None and "gait" in grid:
+        _names(grid["gait"], part, along)
+
+
+def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame) -> None:
+    """The gaits along time as bars with their names, and the speed at round times."""
+    axes.set_axis_off()
+    axes.set_ylim(0.0, 1.0)
+    mine = rows_where(along, along["row"] == part["row"].iloc[0])
+    low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
+    axes.set_xlim(low, high)
+    width = style.PAGE * 0.86 / (high - low)  # inches a second
+    found = spells(mine, "gait", _LEAST).to_dict("records")
+    for spell in found:
+        begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
+        if end <= begin:
+            continue
+        name = str(spell["gait"])
+        axes.barh(0.15, end - begin, 0.26, left=begin, color=COLOURS[name], linewidth=0)
+        if (end - begin) * width > _LETTER * len(name):
+            look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 7.0}
+            axes.text(0.5 * (begin + end), 0.3, name, color=COLOURS[name], weight="bold", **look)
+    if "speed" in mine.columns and len(mine):
+        for at in (low, high):
+            v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
+            side: Any = "left" if at == low else "right"
+            axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=7.0, color="#444444", ha=side)

@@ -1,0 +1,91 @@
+"""The 3 x 3 table of gaits, an example's footfalls in each cell (Fukuoka 2015, Fig. 5c)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, rows_where, written
+from gaitsweep.plot.gaits.gait_looks import COLOURS, footfalls
+
+_TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
+
+
+def nine_gaits(table: pd.DataFrame, *, cycles: float = 2.5, title: str | None = None) -> Figure:
+    """A cell for each gait: which leg of each diagonal pair swings first, with the footfalls of one row.
+
+    The row shown is the one of its gait that lies farthest from where another gait begins; a gait that no row
+    has leaves its cell empty.
+
+    Args:
+        table: a trace of a model whose gaits are the nine.
+        cycles: how many cycles are shown.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    for name in ("row", "t", *FLEXORS.values()):
+        column(table, name)
+    gaits = gaits_in(table)
+    with style.canvas(style.PAGE, 4.9, title) as figure:
+        grid = figure.subplots(3, 3)
+        for place, gait in enumerate(CHART):
+            axes = grid[place // 3, place % 3]
+            found = gaits.loc[gaits["gait"] == gait]
+            if len(found):
+                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles)
+            else:
+                _empty(axes, gait)
+            if place // 3 == 0:
+                axes.annotate(
+                    f"LF, RH: {_TILTS[place]}", (0.5, 1.0), (0, 32), "axes fraction", "offset points",
+                    ha="center", fontsize=7.5,
+                )  # fmt: skip
+            if place % 3 == 0:
+                axes.set_ylabel(
+                    f"RF, LH:\n{_TILTS[place // 3]}".replace(" (", "\n("), fontsize=7.5, labelpad=4
+                )
+            if place // 3 == 2:
+                axes.set_xlabel("time (s)")
+    return figure
+
+
+def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float) -> None:
+    samples = rows_where(table, table["row"] == of["row"]).sort_values("t", kind="stable")
+    samples = samples.assign(t=samples["t"] - samples["t"].min())
+    end = cycles * float(of["period"])  # pyright: ignore[reportArgumentType]
+    samples = rows_where(samples, samples["t"] <= end)
+    footfalls(axes, samples)
+    axes.set_xlim(0.0, end)
+    told = []
+    if "x" in samples.columns:
+        t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
+        told.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
+    names = list(of.index)
+    for name in names[1 : names.index("cycles")]:
+        if name not in ("seed", "pair"):
+            told.append(written(table, str(name), of[name]))
+    _name(axes, gait, ", ".join(told))
+
+
+def _empty(axes: Axes, gait: str) -> None:
+    _name(axes, gait)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    style.message(axes, "no row has it")
+
+
+def _name(axes: Axes, gait: str, told: str = "") -> None:
+    """The gait above its cell, and below that what is told of the example."""
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(gait, (0.0, 1.0), (0, 12), color=COLOURS[gait], weight="bold", fontsize=8.5, **look)
+    axes.annotate(told, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)

@@ -1,0 +1,100 @@
+"""Gaits over speed: at which speeds each gait is found, for each value of a parameter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gaitsweep.analysis.basins.outcomes import UNSETTLED
+from gaitsweep.analysis.gaits.gait_tables import gaits_in
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
+from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, NAMES, ORDER, gait_key
+
+_SPREAD = 0.62  # of the distance between bands, over which rows of one speed spread
+_SAME = 0.02  # of the range of speeds: nearer points would hide each other
+
+
+def speed_gaits(
+    table: pd.DataFrame,
+    *,
+    y: str = "gait",
+    panels: str | None = None,
+    speed: str = "speed",
+    title: str | None = None,
+) -> Figure:
+    """A point for each row at the speed at which it walks, in the band of its gait or of a parameter's value.
+
+    Rows of nearly one speed stand one above the other, so that how many starts came to a gait can be seen.
+
+    Args:
+        table: a settle table of a model whose gaits are the nine; rows that fell are left out, and markers of
+            rows that had not settled are open.
+        y: `gait`, or the column whose values are bands; gaits are then told by colour and marker.
+        panels: column of which each value gets a panel.
+        speed: the observable along the axis.
+        title: text above the figure.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    speed = column(table, speed, ("_end", ""))
+    for name in (y, "status", *([panels] if panels else [])):
+        column(table, name)
+    gaits = gaits_in(table).set_index("row")["gait"].astype(str)
+    shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
+    shown = rows_where(shown, np.isfinite(shown[speed].to_numpy(float)) & (shown["gait"] != "none"))
+    present = [gait for gait in ORDER if gait in set(shown["gait"])]
+    bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
+    values = [None] if panels is None else sorted(table[panels].dropna().unique())
+    height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
+    with style.canvas(style.PAGE, height + (0.0 if y == "gait" else 0.35), title) as figure:
+        grid = figure.subplots(1, len(values), sharex=True, sharey=True, squeeze=False)[0]
+        for axes, value in zip(grid, values, strict=True):
+            part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
+            axes.set_title("" if value is None else written(table, str(panels), value))
+            _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
+            axes.set_xlabel(described(table, speed, 60 // len(values)))
+            if not len(part):
+                style.message(axes, "no rows yet")
+        names = [NAMES.get(band, band) if y == "gait" else f"{band:.4g}" for band in bands]
+        grid[0].set_yticks(
+            range(len(bands)), [name.replace("-", "−") if y != "gait" else name for name in names]
+        )
+        grid[0].set_ylim(-0.6, len(bands) - 0.4)
+        if y != "gait":
+            grid[0].set_ylabel(axis_label(table, y))
+            figure.legend(handles=gait_key(present), loc="outside lower center", ncols=6)
+    return figure
+
+
+def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str, extent: float) -> None:
+    """The rows of one panel, each band's spread upwards and downwards around its middle."""
+    axes.grid(axis="y", color="#EEEEEE", lw=0.6)
+    axes.set_axisbelow(True)
+    for place, band in enumerate(bands):
+        mine = rows_where(part, part[y] == band)
+        at = mine[speed].to_numpy(float)
+        moving = mine["status"].astype(str).isin(list(UNSETTLED)).to_numpy()
+        offset = _stacked(at, _SAME * extent) * _SPREAD
+        for gait in ORDER:
+            which = (mine["gait"] == gait).to_numpy()
+            look = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.2, "mew": 0.6, "ls": ""}
+            for some, face in ((which & ~moving, COLOURS[gait]), (which & moving, "white")):
+                if some.any():
+                    axes.plot(at[some], place + offset[some], mfc=face, **look)
+
+
+def _stacked(at: np.ndarray, same: float) -> np.ndarray:
+    """Offsets (n,) in [-0.5, 0.5] that keep points of nearly one place apart."""
+    order = np.argsort(at, kind="stable")
+    offset = np.zeros(len(at))
+    groups = np.split(order, np.flatnonzero(np.diff(at[order]) > same) + 1) if len(at) else []
+    most = max((len(group) for group in groups), default=1)
+    for group in groups:
+        offset[group] = (np.arange(len(group)) - 0.5 * (len(group) - 1)) / max(most, 4)
+    return offset

@@ -1,0 +1,1 @@
+"""Stick figures and movies of a row."""

@@ -1,0 +1,193 @@
+"""A row of a trace walking: the frames of a movie, and a strip of poses over a cycle."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Generator, Iterator
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+
+from gaitsweep.plot import style
+from gaitsweep.plot.gaits.footfalls import Footfalls
+from gaitsweep.plot.movie.side_view import SideView, bounds
+from gaitsweep.skeleton import Skeleton
+
+_WIDE = 8.0  # inches that any picture is wide, so that its text keeps its share of it
+_CYCLES_SHOWN = 2.0
+_LONG = 1.6  # a body longer than twice this times its height has its poses in two lines
+_EDGE = 0.012
+_LEFT, _RIGHT = 0.115, 0.975  # of the width: the charts
+_INK = "#55595F"
+_FORWARD = "forward \N{LONG RIGHTWARDS ARROW}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Clip:
+    """What is shown of a row.
+
+    `skeleton` is the body at the times `t` (n,) s of the pictures; `contact` (m, limbs) is 1 on the ground at
+    the times `contact_t` (m,) s of the whole trace; `period` s of a cycle; `title` and `pace` are words.
+    """
+
+    t: np.ndarray
+    skeleton: Skeleton
+    contact_t: np.ndarray
+    contact: np.ndarray
+    period: float
+    title: str
+    pace: str = ""
+
+    @property
+    def down(self) -> np.ndarray:
+        """Whether each limb is on the ground at `t`, (n, limbs)."""
+        edges = 0.5 * (self.contact_t[1:] + self.contact_t[:-1])
+        return self.contact[np.searchsorted(edges, self.t)] > 0.5
+
+    @property
+    def camera(self) -> np.ndarray:
+        """What the picture follows, (n, 2) m: the body's middle, its swaying within a cycle left out."""
+        parts = self.skeleton.bodies or tuple(limb.points for limb in self.skeleton.limbs)
+        middle = np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
+        if len(self.t) < 3:
+            return middle
+        wide = int(min(round(self.period / (self.t[1] - self.t[0])), len(self.t) - 1)) // 2
+        padded = np.pad(middle, ((wide, wide), (0, 0)), mode="reflect", reflect_type="odd")
+        kernel = np.full(2 * wide + 1, 1.0 / (2 * wide + 1))
+        return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
+
+
+class Scene(Protocol):
+    """The body's picture in axes."""
+
+    def show(self, k: int) -> None:
+        """Show sample k."""
+
+
+Drawn: TypeAlias = Callable[[Axes, Clip, bool], Scene]  # the picture in axes, with names in it or without
+
+
+def side_view(axes: Axes, clip: Clip, named: bool) -> Scene:
+    """The body's lines, drawn by Matplotlib."""
+    return SideView(axes, clip.skeleton, clip.down, clip.camera, named=named)
+
+
+def frames(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Generator[np.ndarray]:
+    """The pictures of a movie, one for each of the clip's times.
+
+    Args:
+        clip: what is shown.
+        size: width and height, pixels.
+        scene: makes the body's picture in the axes that are left for it.
+
+    Yields:
+        RGB bytes (height, width, 3), each valid until the next.
+    """
+    with _sheet(size) as (figure, canvas):
+        view, chart, bar = _places(figure, clip)
+        falls = Footfalls(chart, clip.skeleton.limbs, clip.contact_t, clip.contact)
+        clock, progress = _clock(figure), _time_bar(bar, clip)
+        drawn = scene(view, clip, True)
+        shown, first = _CYCLES_SHOWN * clip.period, float(clip.t[0])
+        for k, t in enumerate(clip.t):
+            drawn.show(k)
+            low = max(first, float(t) - shown)
+            falls.window(low, low + shown)
+            falls.now(float(t))
+            clock.set_text(", ".join(filter(None, (f"{t:.2f} s", clip.pace))))
+            progress.set_width(float(t) - first)
+            canvas.draw()
+            yield np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def _places(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
+    """The axes of the body, of the footfalls and of the time bar, from top to bottom."""
+    tall = figure.get_figheight()
+    chart = _chart_height(clip, tall)
+    head, foot = 0.34 / tall, 0.62 / tall
+    between = 0.2 / tall
+    view = figure.add_axes((0.0, foot + chart + between, 1.0, 1.0 - head - between - chart - foot))
+    falls = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
+    bar = figure.add_axes((_LEFT, 0.13 / tall, _RIGHT - _LEFT, 0.06 / tall))
+    figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+    figure.text(
+        _EDGE, foot + chart + 0.03 / tall, "feet on the ground", va="bottom", fontsize=7.5, color=_INK
+    )
+    figure.text(
+        _RIGHT,
+        foot + chart + 0.03 / tall,
+        clip.skeleton.note,
+        ha="right",
+        va="bottom",
+        fontsize=7.5,
+        color=_INK,
+    )
+    figure.text(_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK)
+    return view, falls, bar
+
+
+def _clock(figure: Figure) -> Text:
+    return figure.text(_RIGHT, 1.0 - 0.17 / figure.get_figheight(), "", ha="right", va="center", fontsize=10)
+
+
+def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
+    """How much of the clip has passed."""
+    axes.set_xlim(clip.t[0], clip.t[-1])
+    axes.set_ylim(0.0, 1.0)
+    axes.set_axis_off()
+    axes.add_patch(Rectangle((clip.t[0], 0.0), clip.t[-1] - clip.t[0], 1.0, facecolor="#E4E6E9"))
+    passed = Rectangle((clip.t[0], 0.0), 0.0, 1.0, facecolor=_INK)
+    axes.add_patch(passed)
+    return passed
+
+
+@contextlib.contextmanager
+def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
+    """An empty figure of so many pixels, `_WIDE` inches wide whatever they are."""
+    width, height = size
+    with style.canvas(_WIDE, _WIDE * height / width) as figure:
+        figure.set_layout_engine("none")
+        figure.set_dpi(width / _WIDE)
+        yield figure, FigureCanvasAgg(figure)
+
+
+def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure:
+    """A strip of poses, side by side and numbered, above the footfalls in which they are marked.
+
+    Args:
+        clip: the poses, over a period or less.
+        size: width and height, pixels.
+        scene: makes a pose's picture in its axes.
+    """
+    half, height, _ = bounds(clip.skeleton, clip.camera)
+    lines = 2 if half > _LONG * height else 1
+    columns = -(-len(clip.t) // lines)
+    with _sheet(size) as (figure, _):
+        tall = figure.get_figheight()
+        head, foot, between = 0.3 / tall, 0.38 / tall, 0.2 / tall
+        chart = _chart_height(clip, tall)
+        figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+        figure.text(_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
+        low = foot + chart + between
+        wide, high = 1.0 / columns, (1.0 - head - low) / lines
+        for k in range(len(clip.t)):
+            line, column = divmod(k, columns)
+            axes = figure.add_axes((column * wide, 1.0 - head - (line + 1) * high, wide, high))
+            scene(axes, clip, False).show(k)
+            axes.text(0.04, 0.98, str(k + 1), transform=axes.transAxes, va="top", fontsize=9, weight="bold")
+        axes = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
+        falls = Footfalls(axes, clip.skeleton.limbs, clip.contact_t, clip.contact)
+        falls.window(float(clip.t[0]), float(clip.t[0]) + clip.period)
+        falls.moments([float(t) for t in clip.t])
+    return figure
+
+
+def _chart_height(clip: Clip, tall: float) -> float:
+    """The share of a figure `tall` inches high that the footfalls get."""
+    return min(0.25 + 0.17 * len(clip.skeleton.limbs), 0.4 * tall) / tall

@@ -1,0 +1,169 @@
+"""A body rendered by MuJoCo without a display, where this machine has an OpenGL that can."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.image import AxesImage
+
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.movie.side_view import bounds, limb_colours
+from gaitsweep.skeleton import Skeleton
+
+BACKENDS = ("egl", "osmesa")  # ways to OpenGL without a display, the first that works is taken
+_PATIENCE = 90.0  # s for a picture; the first one waits for Python and MuJoCo to load
+_PAINTER = Path(__file__).with_name("mujoco_painter.py")
+
+
+class NoOpenGL(PlotError):
+    """MuJoCo cannot render here; the message says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """What MuJoCo renders: an MJCF and its qpos (n, nq), m and rad, heading so far (rad) from the x axis."""
+
+    mjcf: str
+    qpos: np.ndarray
+    heading: float = 0.0
+
+
+class Painter:
+    """A process that renders the pictures of a body one after the other."""
+
+    def __init__(self, body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> None:
+        """Start the process and have its first picture.
+
+        Args:
+            body: what is rendered, at n samples.
+            skeleton: the same body as lines, for the limbs' colours and how large it is.
+            camera: what is in the middle of each picture, (n, 2) m, forward and to the left.
+            size: width and height of a picture, pixels.
+
+        Raises:
+            NoOpenGL: no way to OpenGL works here.
+        """
+        self._shape = (size[1], size[0], 3)
+        self._at = 0
+        request = _request(body, skeleton, camera, size)
+        refusals = []
+        for backend in BACKENDS:
+            self._process, self._log = _start(request, backend)
+            try:
+                self._picture = self._read()
+                return
+            except NoOpenGL as error:
+                refusals.append(f"{backend}: {error}")
+        raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
+
+    def picture(self, k: int) -> np.ndarray:
+        """The picture of sample k, RGB bytes (height, width, 3); samples are asked for in their order."""
+        while self._at < k:
+            try:
+                self._picture = self._read()
+            except NoOpenGL as error:
+                raise PlotError(
+                    f"MuJoCo's renderer stopped after picture {self._at + 1} ({error}): "
+                    "try again, or use --renderer matplotlib."
+                ) from error
+            self._at += 1
+        return self._picture
+
+    def close(self) -> None:
+        """End the process; a second call does nothing."""
+        self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._log):
+            if stream is not None:
+                stream.close()
+
+    def _read(self) -> np.ndarray:
+        """The next picture; NoOpenGL with the process's last words where there is none."""
+        assert self._process.stdout is not None
+        wanted, got = int(np.prod(self._shape)), bytearray()
+        deadline = time.monotonic() + _PATIENCE
+        while len(got) < wanted:
+            ready, _, _ = select.select([self._process.stdout], [], [], max(deadline - time.monotonic(), 0.0))
+            piece = os.read(self._process.stdout.fileno(), wanted - len(got)) if ready else b""
+            if not piece:
+                silent = f"nothing came within {_PATIENCE:.0f} s"
+                words = _last_words(self._process, self._log) if ready else silent
+                self.close()
+                raise NoOpenGL(words)
+            got += piece
+        return np.frombuffer(bytes(got), np.uint8).reshape(self._shape)
+
+
+class Rendered:
+    """A painter's pictures in axes."""
+
+    def __init__(self, axes: Axes, painter: Painter) -> None:
+        axes.set_axis_off()
+        self._axes, self._painter = axes, painter
+        self._image: AxesImage | None = None
+
+    def show(self, k: int) -> None:
+        """Show sample k, or the next in order."""
+        picture = self._painter.picture(k)
+        if self._image is None:
+            self._image = self._axes.imshow(picture, aspect="auto", interpolation="nearest")
+        self._image.set_data(picture)
+
+
+def pixels(axes: Axes) -> tuple[int, int]:
+    """Width and height of axes in their figure, pixels."""
+    box = axes.get_window_extent()
+    return max(round(box.width), 1), max(round(box.height), 1)
+
+
+def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> bytes:
+    half, tall, _ = bounds(skeleton, camera)
+    cosine, sine = np.cos(body.heading), np.sin(body.heading)
+    packed = io.BytesIO()
+    np.savez(
+        packed,
+        mjcf=np.array(body.mjcf),
+        qpos=body.qpos,
+        middle=camera @ np.array([[cosine, sine], [-sine, cosine]]),  # back to where it walked
+        heading=body.heading,
+        size=np.array(size),
+        extent=np.array([half, tall]),
+        colours=np.array([to_rgb(colour) for colour in limb_colours(skeleton.limbs)]),
+    )
+    return packed.getvalue()
+
+
+def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.BufferedRandom]:
+    """The painter at work; what it says goes to a file without a name."""
+    environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
+    log = tempfile.TemporaryFile()  # noqa: SIM115 (the painter closes it)
+    # run as a file it need not wait for all that this package imports; -P hides the files beside it
+    command = [sys.executable, "-P", str(_PAINTER)]
+    process = subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, bufsize=0
+    )
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):  # it is gone, and its last words say why
+        process.stdin.write(request)
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.close()
+    return process, log
+
+
+def _last_words(process: subprocess.Popen[bytes], log: io.BufferedRandom) -> str:
+    code = process.wait()
+    log.seek(0)
+    lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
+    return lines[-1].rstrip(".") if lines else f"it ended with code {code}"

@@ -1,0 +1,176 @@
+"""A body seen from its right side and a little from above, walking over a ground with marks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull, QhullError
+
+from gaitsweep.plot.movie.ground import Ground
+from gaitsweep.skeleton import Limb, Skeleton
+
+# A metre to the left is drawn so far (m) to the right and up.
+_ASIDE = np.array([0.28, 0.22])
+_PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_FAR = 0.45  # how much white is in the colour of the far limb of a pair
+_BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
+_TURNS = 5  # of a spring
+_MOST_NAMES = 16
+
+
+def limb_colours(limbs: Sequence[Limb]) -> list[str]:
+    """A colour for each limb: that of its pair, lighter on the far side."""
+    found: list[str] = []
+    for limb in limbs:
+        white = _FAR if limb.far else 0.0
+        red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[limb.pair % len(_PAIRS)]))
+        found.append(to_hex((red, green, blue)))
+    return found
+
+
+def heading(skeleton: Skeleton) -> float:
+    """Where a body looks on average, from its tail to its head, rad from the x axis."""
+    if len(skeleton.bodies) < 2:
+        return 0.0
+    ahead = skeleton.bodies[0].mean(axis=(0, 1)) - skeleton.bodies[-1].mean(axis=(0, 1))
+    return float(np.arctan2(ahead[1], ahead[0]))
+
+
+def turned(skeleton: Skeleton, angle: float) -> Skeleton:
+    """A body turned back about the z axis by an angle (rad): by its heading, until it looks to the right."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return dataclasses.replace(
+        skeleton,
+        limbs=tuple(dataclasses.replace(limb, points=limb.points @ turn) for limb in skeleton.limbs),
+        bodies=tuple(body @ turn for body in skeleton.bodies),
+        springs=tuple(spring @ turn for spring in skeleton.springs),
+    )
+
+
+def projected(points: np.ndarray) -> np.ndarray:
+    """Points (..., 3) m as they lie in the picture (..., 2), m."""
+    return points[..., [0, 2]] + points[..., 1:2] * _ASIDE
+
+
+def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]:
+    """Half the width, the height and half the ground's depth (m) that hold the body at all samples."""
+    middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
+    parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
+    every = np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)
+    seen = projected(every)
+    height = float(seen[:, 1].max())
+    feet = np.concatenate([limb.points[:, -1:] - middle for limb in skeleton.limbs], axis=1)
+    return float(np.abs(seen[:, 0]).max()), height, max(1.5 * float(np.abs(feet[..., 1]).max()), 0.3 * height)
+
+
+class SideView:
+    """The picture of one sample, in axes; `show` moves it to another."""
+
+    def __init__(
+        self, axes: Axes, skeleton: Skeleton, down: np.ndarray, camera: np.ndarray, *, named: bool = True
+    ) -> None:
+        """Prepare the picture.
+
+        Args:
+            axes: where it is drawn.
+            skeleton: the body over n samples.
+            down: whether each limb is on the ground, (n, limbs).
+            camera: what is in the middle of the picture, (n, 2) m, forward and to the left.
+            named: whether limbs and marks on the ground are named.
+        """
+        self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
+        self._colours = limb_colours(skeleton.limbs)
+        half, self._height, depth = bounds(skeleton, camera)
+        self._moves = float(np.ptp(camera[:, 0])) > 1e-6 * half
+        self._sole = 0.05 * self._height
+        axes.set_axis_off()
+        self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named)
+        # lines are as thick as suits a body drawn a hundred points tall
+        points = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
+        self._thick = float(np.clip(72.0 * points / axes.figure.dpi / 110.0, 0.4, 1.5))
+        self._limbs = [self._limb(i) for i in range(len(skeleton.limbs))]
+        self._bodies = [(self._patch(_BODY), self._patch(_NEAR_SIDE)) for _ in skeleton.bodies]
+        self._springs = [
+            axes.plot([], [], color=_EDGE, lw=0.9 * self._thick, zorder=5)[0] for _ in skeleton.springs
+        ]
+        if named and len(skeleton.limbs) <= _MOST_NAMES:
+            self._name_limbs()
+        self.show(0)
+
+    def show(self, k: int) -> None:
+        """Move the picture to sample k."""
+        middle = np.array([*self._camera[k], 0.0])
+        for i, (line, foot, sole) in enumerate(self._limbs):
+            at = projected(self._skeleton.limbs[i].points[k] - middle)
+            stands = bool(self._down[k, i])
+            line.set_data(at[:, 0], at[:, 1])
+            foot.set_data(at[-1:, 0], at[-1:, 1])
+            foot.set_markerfacecolor(self._colours[i] if stands else "white")
+            sole.set_visible(stands)
+            sole.set_data(at[-1, 0] + np.array([-self._sole, self._sole]), at[[-1, -1], 1])
+        for points, (whole, side) in zip(self._skeleton.bodies, self._bodies, strict=True):
+            now = points[k] - middle
+            nearest = np.argsort(now[:, 1], kind="stable")[: (len(now) + 1) // 2]
+            whole.set_xy(_hull(projected(now)))
+            side.set_xy(_hull(projected(now[nearest])))
+        for ends, line in zip(self._skeleton.springs, self._springs, strict=True):
+            line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
+        if self._moves:
+            self._ground.show(float(self._camera[k, 0]))
+
+    def _limb(self, i: int) -> tuple[Line2D, Line2D, Line2D]:
+        """Links with their joints, the foot, and the mark below it while it stands."""
+        colour, far, w = self._colours[i], self._skeleton.limbs[i].far, self._thick
+        order = 2 if far else 7
+        (line,) = self._axes.plot(
+            [], [], color=colour, lw=3.4 * w, marker="o", ms=4.6 * w, mfc="white", mec=colour, mew=1.2 * w,
+            solid_capstyle="round", solid_joinstyle="round", zorder=order,
+        )  # fmt: skip
+        (foot,) = self._axes.plot(
+            [], [], ls="", marker="o", ms=6.0 * w, mec=colour, mew=1.4 * w, zorder=order + 0.1
+        )
+        (sole,) = self._axes.plot([], [], color=_EDGE, lw=2.2 * w, solid_capstyle="butt", zorder=1.5)
+        return line, foot, sole
+
+    def _patch(self, face: str) -> Polygon:
+        patch = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=_EDGE, lw=0.8 * self._thick, zorder=4)
+        self._axes.add_patch(patch)
+        return patch
+
+    def _name_limbs(self) -> None:
+        """Near limbs are named below the ground, far ones above the body, each at its own mean place."""
+        low, high = self._ground.near - 0.05 * self._height, 1.06 * self._height
+        for limb, colour in zip(self._skeleton.limbs, self._colours, strict=True):
+            roots = limb.points[:, 0].copy()
+            roots[:, :2] -= self._camera
+            place = float(projected(roots)[:, 0].mean())
+            y, alignment = (high, "bottom") if limb.far else (low, "top")
+            self._axes.text(
+                place, y, limb.name, color=colour, ha="center", va=alignment, weight="bold", fontsize=8
+            )
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # all on one line, as a flat body's nearer side is
+        return points
+
+
+def _zigzag(ends: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """A spring between two points, straight at both ends."""
+    share = np.concatenate([[0.0], np.linspace(0.2, 0.8, 2 * _TURNS + 1), [1.0]])
+    aside = np.zeros_like(share)
+    aside[2:-2] = 0.6 * width * np.where(np.arange(len(share) - 4) % 2, -1.0, 1.0)
+    along = ends[1] - ends[0]
+    length = float(np.hypot(*along))
+    across = np.array([-along[1], along[0]]) / length if length > 0.0 else np.zeros(2)
+    points = ends[0] + share[:, None] * along + aside[:, None] * across
+    return points[:, 0], points[:, 1]

@@ -1,0 +1,1 @@
+"""Jobs carried out: prepared, run, checked, and their results."""

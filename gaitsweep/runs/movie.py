@@ -1,0 +1,230 @@
+"""A movie, or a strip of poses, of one row of a trace, drawn as its model says."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from gaitsweep import near_miss
+from gaitsweep.plot import PlotError
+from gaitsweep.plot.movie import animation, movie_file, side_view
+from gaitsweep.plot.movie.animation import Clip, Drawn, Scene
+from gaitsweep.plot.movie.mujoco_movie import Body, NoOpenGL, Painter, Rendered, pixels
+from gaitsweep.runs.motion import Motion, read_motion
+from gaitsweep.table import WriteError, reason, replace_file
+from gaitsweep.table.manifest import FIGURES
+
+RENDERERS = ("auto", "mujoco", "matplotlib")
+SIZE, STILL_SIZE = (960, 540), (1600, 560)  # pixels
+_SIDES = (160, 4096)
+_POSES = 6
+_CYCLE_TIME = 1.6  # s that a cycle takes in a movie whose speed is not given
+_MOST_FRAMES = 3000
+
+Told = Callable[[str], None]
+
+
+def write_movie(
+    directory: str | Path,
+    out: str | Path | None = None,
+    *,
+    row: int = 0,
+    start: float = 0.0,
+    seconds: float | None = None,
+    speed: float | None = None,
+    fps: float = 25.0,
+    size: tuple[int, int] = SIZE,
+    renderer: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+    tell: Told | None = None,
+) -> Path:
+    """Write a movie of one row walking.
+
+    Args:
+        directory: the result directory of a `trace` run.
+        out: .gif or .mp4; `figures/animation_rowN.gif` in the directory by default.
+        row: which row.
+        start, seconds: which part of the trace, s; all that follows by default.
+        speed: how fast, 1 in real time; by default a cycle takes about 1.6 s.
+        fps: pictures a second.
+        size: width and height, pixels.
+        renderer: mujoco, matplotlib, or auto: MuJoCo where the model and this machine can.
+        progress: told how many pictures of how many are drawn.
+        tell: told, in a sentence, what was done otherwise than asked.
+
+    Returns:
+        The file.
+
+    Raises:
+        PlotError, TableError, JobError: what is asked cannot be shown.
+        WriteError: the file cannot be written.
+    """
+    motion = read_motion(directory, row)
+    _check(size, renderer)
+    speed = usual_speed(motion.period) if speed is None else speed
+    for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
+        if value is not None and not 0.0 < value < np.inf:
+            raise PlotError(f"--{name} is {value:g}, but has to be above 0.")
+    end = _end(motion, start, seconds, tell)
+    count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
+    if not 2 <= count <= _MOST_FRAMES:
+        raise PlotError(
+            f"That makes {count} picture{'s' * (count != 1)}, but a movie has 2 to {_MOST_FRAMES}: "
+            "change --seconds, --speed or --fps."
+        )
+    target = _target(directory, out, f"animation_row{row}.gif")
+    movie_file.require(target, fps)
+    times = start + np.arange(count) * (speed / fps)
+
+    def counted(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+        for number, frame in enumerate(frames):
+            yield frame
+            if progress is not None:
+                progress(number + 1, count)
+
+    with (
+        _prepared(motion, times, _pace(speed), renderer, tell) as (clip, scene),
+        contextlib.closing(animation.frames(clip, size, scene)) as frames,
+    ):
+        colours = side_view.limb_colours(clip.skeleton.limbs)
+        _write(target, lambda: movie_file.save(target, counted(frames), fps, colours))
+    return target
+
+
+def write_still(
+    directory: str | Path,
+    out: str | Path | None = None,
+    *,
+    row: int = 0,
+    at: float = 0.0,
+    size: tuple[int, int] = STILL_SIZE,
+    renderer: str = "auto",
+    tell: Told | None = None,
+) -> Path:
+    """Write a PNG of six poses over the cycle that begins at a time.
+
+    Args:
+        directory, row, size, renderer, tell: as for `write_movie`.
+        out: .png; `figures/poses_rowN.png` in the directory by default.
+        at: when the cycle begins, s.
+
+    Returns:
+        The file.
+
+    Raises:
+        PlotError, TableError, JobError: what is asked cannot be shown.
+        WriteError: the file cannot be written.
+    """
+    motion = read_motion(directory, row)
+    _check(size, renderer)
+    end = _end(motion, at, motion.period, tell)
+    target = _target(directory, out, f"poses_row{row}.png")
+    if target.suffix.lower() != ".png":
+        raise PlotError(f"{target} is no picture's name: end it with .png.")
+    times = np.linspace(at, end, _POSES, endpoint=False)
+    with _prepared(motion, times, "", renderer, tell) as (clip, scene):
+        figure = animation.still(clip, size, scene)
+    _write(
+        target, lambda: replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
+    )
+    return target
+
+
+def _check(size: tuple[int, int], renderer: str) -> None:
+    low, high = _SIDES
+    if not all(low <= side <= high for side in size):
+        raise PlotError(f"--size is {size[0]}x{size[1]}, but each side has {low} to {high} pixels.")
+    if renderer not in RENDERERS:
+        raise PlotError(f"{renderer} is not a renderer{near_miss.suggestion(renderer, RENDERERS)}")
+
+
+def _target(directory: str | Path, out: str | Path | None, name: str) -> Path:
+    if out is not None:
+        return Path(out)
+    folder = Path(directory) / FIGURES
+    _write(folder, lambda: folder.mkdir(exist_ok=True))
+    return folder / name
+
+
+def _write(target: Path, write: Callable[[], object]) -> None:
+    try:
+        write()
+    except OSError as error:
+        raise WriteError(f"{target} could not be written: {reason(error)}.") from error
+
+
+def _end(motion: Motion, start: float, seconds: float | None, tell: Told | None) -> float:
+    """Where the part shown ends, s: with the trace at the latest."""
+    first, last = float(motion.t[0]), float(motion.t[-1])
+    if not first <= start < last:
+        raise PlotError(f"{start:g} s is not in the trace, which goes from {first:g} to {last:g} s.")
+    if seconds is None:
+        return last
+    if start + seconds > last * (1.0 + 1e-9) and tell is not None:
+        tell(f"The trace ends at {last:g} s, and so does what is shown.")
+    return min(start + seconds, last)
+
+
+def usual_speed(period: float) -> float:
+    """A round speed at which a cycle (s) takes about as long as can be followed."""
+    wanted = np.log(period / _CYCLE_TIME)
+    heads = np.array([1.0, 2.0, 2.5, 5.0])
+    rounds = (heads * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
+    return float(rounds[np.abs(np.log(rounds) - wanted).argmin()])
+
+
+def _pace(speed: float) -> str:
+    if abs(speed - 1.0) < 1e-3:
+        return "real time"
+    return f"{speed:.3g} times faster" if speed > 1.0 else f"{1.0 / speed:.3g} times slower"
+
+
+@contextlib.contextmanager
+def _prepared(
+    motion: Motion, times: np.ndarray, pace: str, renderer: str, tell: Told | None
+) -> Iterator[tuple[Clip, Drawn]]:
+    """What is shown at some times, and what draws the body."""
+    signals, name = motion.at(times), motion.model.name
+    skeleton = motion.model.skeleton(motion.values, signals)
+    if skeleton is None:
+        raise PlotError(
+            f"{name} does not say how it is drawn: give it a `skeleton`, as gaitsweep/contract.py describes."
+        )
+    heading = side_view.heading(skeleton)
+    contact = motion.contact(len(skeleton.limbs))
+    clip = Clip(
+        times, side_view.turned(skeleton, heading), motion.t, contact, motion.period, motion.title, pace
+    )
+    mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
+    if mjcf is None:
+        if renderer == "mujoco":
+            raise PlotError(f"{name} gives no MJCF, which MuJoCo would need: use --renderer matplotlib.")
+        yield clip, animation.side_view
+        return
+    nq = sum(key.startswith("q_") for key in signals)
+    body = Body(mjcf, np.stack([signals[f"q_{i}"] for i in range(nq)], axis=1), heading)
+    painters: list[Painter] = []
+    refused = False
+
+    def rendered(axes: Axes, clip: Clip, named: bool) -> Scene:
+        nonlocal refused
+        try:
+            if not painters and not refused:
+                painters.append(Painter(body, clip.skeleton, clip.camera, pixels(axes)))
+        except NoOpenGL as error:
+            if renderer == "mujoco":
+                raise PlotError(f"{error}: use --renderer matplotlib.") from error
+            refused = True
+            if tell is not None:
+                tell(f"{error}: drawn by Matplotlib.")
+        return Rendered(axes, painters[0]) if painters else animation.side_view(axes, clip, named)
+
+    try:
+        yield clip, rendered
+    finally:
+        for painter in painters:
+            painter.close()

@@ -1,0 +1,173 @@
+"""A settle run that simulates the edges of basins only, in rounds, and its table of all rows.
+
+What a round simulates follows from the labels that the rounds before it found. Each round is a result
+directory of its own, `refinement/round-00` and so on, so that an interrupted run goes on inside the round
+where it was stopped. The parts of the job's own table are written once every cell is decided: rows that were
+simulated as they ended, the others with status `inferred` and the gait of their box.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import Status, Verdict
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
+from gaitsweep.engine.sweep.sweep import Timings, sweep
+from gaitsweep.engine.sweep.sweep_spec import Progress
+from gaitsweep.job import Plan
+from gaitsweep.job.refined import refined_axes
+from gaitsweep.kinds.runs import Run, Settle
+from gaitsweep.runs.frames import settle_frame
+from gaitsweep.table import ResultDirectory, load
+
+if TYPE_CHECKING:
+    from gaitsweep.runs.execute import Prepared
+    from gaitsweep.runs.execute import Progress as RunProgress
+
+FOLDER = "refinement"
+
+
+def refines(run: Run) -> bool:
+    """Whether a run simulates the edges of basins only."""
+    return isinstance(run, Settle) and run.refine is not None
+
+
+def grid_of(plan: Plan, run: Settle) -> Grid:
+    """How a job's rows lie for the refinement."""
+    return Grid(tuple(axis.length for axis in plan.axes), refined_axes(plan, run), run.coarse)
+
+
+def refine(
+    ready: Prepared, directory: ResultDirectory, progress: RunProgress | None, timings: Timings
+) -> None:
+    """Run the rounds that a directory still lacks, and write the parts of its table.
+
+    Args:
+        ready: the job made ready.
+        directory: its result directory.
+        progress: told how many rows are decided; those of the round under way count once they are simulated.
+        timings: added to as rounds go.
+
+    Raises:
+        TableError: a round's folder is not this job's, or cannot be written.
+    """
+    assert isinstance(ready.job.run, Settle)
+    grid = grid_of(ready.plan, ready.job.run)
+    known = np.full(grid.lengths, UNKNOWN, np.int32)
+    frames: list[pd.DataFrame] = []
+    decided = 0.0
+    while (rows := np.flatnonzero(wanted(known, grid))).size:
+        tell = None if progress is None else _telling(progress, len(frames), known.size, decided)
+        frame = _round(ready, directory, len(frames), rows, tell, timings)
+        known.reshape(-1)[rows] = _labels(frame)
+        frames.append(frame)
+        decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
+        simulated = sum(len(frame) for frame in frames)
+        directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})
+    _write_parts(ready, directory, pd.concat(frames).sort_values("row"), inferred(known, grid).reshape(-1))
+
+
+def _round(
+    ready: Prepared,
+    directory: ResultDirectory,
+    number: int,
+    rows: np.ndarray,
+    tell: Callable[[Progress], None] | None,
+    timings: Timings,
+) -> pd.DataFrame:
+    """The records of `rows` (n,), simulated as far as they are not there yet."""
+    plan = ready.plan
+    work = dataclasses.replace(
+        ready.work, n_rows=rows.size, values=lambda first, stop: plan.values_in(rows[first:stop])
+    )
+    path = directory.path / FOLDER / f"round-{number:02d}"
+    job = {"round": number, "of": ready.job.name}
+    round_hash = hashlib.sha256(ready.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
+    with ResultDirectory.open(path, job, round_hash, work.n_rows, work.block) as part:
+
+        def write(block: int, result: BlockResult) -> None:
+            stop = result.first + len(result.status)
+            axes = plan.at(rows[result.first : stop], plan.names)
+            part.write_part(block, settle_frame(plan.model, axes, result))
+
+        if missing := part.missing_blocks():
+            spent = Timings()
+            try:
+                sweep(work, missing, write, tell, spent, open_rows=part)
+            finally:
+                for field in dataclasses.fields(Timings):
+                    setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))
+        frame = load(path)
+    frame.attrs.clear()
+    frame["row"] = rows[frame["row"].to_numpy()]
+    return frame
+
+
+def _telling(progress: RunProgress, number: int, total: int, decided: float) -> Callable[[Progress], None]:
+    """What tells of a round, before which this share of all rows was decided."""
+
+    def tell(now: Progress) -> None:
+        rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
+        share = min(decided + now.share * now.rows / total, 1.0)
+        progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
+
+    return tell
+
+
+def _labels(frame: pd.DataFrame) -> np.ndarray:
+    """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
+    gait = frame["gait"].cat.codes.to_numpy()
+    # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
+    fixed = frame["status"].isin(list(Status.of(Verdict.sound))).to_numpy()
+    if "attractor_period" in frame.columns:  # a round may be older than the column
+        fixed = fixed & (frame["attractor_period"] == 1).to_numpy()
+    return np.where(fixed & (gait >= 0), gait, ALONE)
+
+
+def _write_parts(
+    ready: Prepared, directory: ResultDirectory, simulated: pd.DataFrame, labels: np.ndarray
+) -> None:
+    """Write the parts that a directory lacks, of the rows that were simulated and the labels of all (n,)."""
+    plan = ready.plan
+    at = simulated["row"].to_numpy()
+    for number in directory.missing_blocks():
+        start, stop = directory.rows_of(number)
+        there = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
+        others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), there["row"])
+        filled = _inferred_frame(plan, others, labels[others], simulated)
+        parts: Sequence[pd.DataFrame] = [part for part in (there, filled) if len(part)]
+        frame = parts[0] if len(parts) == 1 else pd.concat(parts)
+        directory.write_part(number, frame.sort_values("row", ignore_index=True))
+
+
+def _inferred_frame(plan: Plan, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
+    """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
+    model, n = plan.model, rows.size
+    traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.traits}
+    for trait in traits.values():
+        if trait.dtype.kind == "f":
+            trait[:] = np.nan
+    nothing = BlockResult(
+        first=0,
+        status=np.full(n, Status.inferred, np.int32),
+        cycles=np.zeros(n, np.int64),
+        attempts=np.zeros(n, np.int64),
+        t_end=np.full(n, np.nan),
+        last=np.full((n, len(model.observables)), np.nan),
+        period=np.zeros(n, np.int8),
+        slowest=np.full(n, -1),
+        fired=np.zeros((n, 0), np.int64),
+        labels={"gait": gaits, **traits},
+        owner=np.zeros(0, np.int64),
+        samples=np.zeros((0, 0)),
+    )
+    frame = settle_frame(model, plan.at(rows, plan.names), nothing)
+    frame["row"] = rows
+    return frame

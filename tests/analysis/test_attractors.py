@@ -1,0 +1,253 @@
+"""Attractors from settled states alone: points, lines on a torus, corners, names along a parameter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+import gaitsweep as gs
+from gaitsweep.analysis.attractors.attractors import agreement, attractors, with_attractors
+from gaitsweep.analysis.attractors.linkage import (
+    MOST_CELLS,
+    cells,
+    components,
+    linking_distance,
+    shortest_tree,
+)
+from gaitsweep.analysis.attractors.matching import follow_attractors
+from gaitsweep.analysis.attractors.state_space import Space
+from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.models.multilegged.theory.chain import Chain
+from gaitsweep.models.multilegged.theory.gaits import GAITS, classify, locked_state, segments
+
+TURN = 2 * np.pi
+
+
+def settled(states: np.ndarray, **more) -> pd.DataFrame:
+    """A table of rows that settled in these states, angles psi_1, psi_2, ..."""
+    columns = {f"psi_{i + 1}_end": np.mod(states[:, i], TURN) for i in range(states.shape[1])}
+    return pd.DataFrame({"row": np.arange(len(states)), **more, "status": "settled", **columns})
+
+
+def same_partition(one: np.ndarray, other: np.ndarray) -> bool:
+    pairs = np.unique(np.stack([one, other]), axis=1).shape[1]
+    return pairs == len(np.unique(one)) == len(np.unique(other))
+
+
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 10**6),
+    count=st.integers(2, 60),
+    closed=st.lists(st.booleans(), min_size=1, max_size=4),
+)
+def test_linkage_is_scipys(seed: int, count: int, closed: list[bool]) -> None:
+    """The tree's links are the heights of SciPy's single linkage, and cutting it gives SciPy's clusters."""
+    random = np.random.default_rng(seed)
+    space = Space(np.where(closed, TURN, 0.0), np.ones(len(closed)))
+    points = random.uniform(0, TURN, (count, len(closed)))
+    apart = np.sqrt(
+        sum(
+            np.minimum(d := np.abs(points[:, None, i] - points[None, :, i]), TURN - d if closed[i] else d)
+            ** 2
+            for i in range(len(closed))
+        )
+    )
+    oracle = linkage(squareform(apart, checks=False), "single")
+    links, lengths = shortest_tree(space, points)
+    np.testing.assert_allclose(np.sort(lengths), oracle[:, 2], atol=1e-12)
+    at = float(np.median(lengths)) + 1e-9
+    mine = components(count, links[lengths <= at])
+    assert same_partition(mine, fcluster(oracle, at, "distance"))
+
+
+def test_points_and_lines_over_the_turn() -> None:
+    """A point at the seam, a line around the circle of psi_2, one that winds twice: one attractor each."""
+    random = np.random.default_rng(1)
+    point = 0.01 * random.normal(size=(300, 3)) + [0.0, 3.0, 0.0]
+    t = random.uniform(0, TURN, 900)
+    ring = np.stack([np.full_like(t, 1.5), t, np.full_like(t, 2.0)], 1)
+    winding = np.stack([4.0 + 0.2 * np.cos(2 * t), t, 2 * t], 1)
+    table = settled(np.concatenate([point, ring, winding]))
+    found = attractors(table)
+    truth = np.repeat([0, 1, 2], [300, 900, 900])
+    assert same_partition(found.column.cat.codes.to_numpy(), truth)
+    by_size = found.summary.set_index("rows")
+    assert by_size.loc[300, ["dimension", "kind"]].tolist() == [0, "point"]
+    np.testing.assert_allclose(
+        np.cos(by_size.loc[300, ["psi_1_end", "psi_3_end"]].astype(float)), 1.0, atol=1e-3
+    )
+    lines = found.summary[found.summary["rows"] == 900]
+    assert set(lines["kind"]) == {"line"}
+    assert sorted(lines["extent"])[0] == pytest.approx(TURN, rel=0.03)  # the ring, but for its widest gap
+
+
+@settings(max_examples=12)
+@given(factor=st.floats(1e-3, 1e3), seed=st.integers(0, 1000))
+def test_the_choice_has_no_scale(factor: float, seed: int) -> None:
+    """The same states in another unit make the same attractors, the link scaled with them."""
+    random = np.random.default_rng(seed)
+    centres = np.array([[0.0, 0.0], [1.0, 0.3], [0.2, 1.1]])
+    states = np.concatenate([centre + 0.03 * random.normal(size=(80, 2)) for centre in centres])
+
+    def group(scale: float):
+        columns = {"a_end": scale * states[:, 0], "b_end": scale * states[:, 1]}
+        return attractors(pd.DataFrame({"status": "settled", **columns}), grain=0.01 * scale)
+
+    one, other = group(1.0), group(factor)
+    assert len(one.summary) == 3
+    np.testing.assert_array_equal(one.column, other.column)
+    assert other.link == pytest.approx(factor * one.link)
+
+
+def test_without_a_gap_all_is_one() -> None:
+    assert linking_distance(np.array([0.5, 0.4, 0.3, 0.2]), 0.01, rows=5) == np.inf
+    assert linking_distance(np.array([1.0, 0.1, 0.09]), 0.01, rows=4) == pytest.approx(np.sqrt(0.1))
+    # links below the grain are as good as the grain: no gap among them
+    assert linking_distance(np.array([1e-3, 1e-9, 1e-12]), 0.01, rows=4) == np.inf
+    # ten cells of a line, and one more row in one of them: no eleven attractors
+    assert linking_distance(np.full(10, 0.3), 0.01, rows=12) == np.inf
+    # two cells with five rows each are two attractors
+    assert linking_distance(np.array([1.0]), 0.01, rows=10) == pytest.approx(0.1)
+
+
+def test_a_million_rows_need_no_matrix_of_them() -> None:
+    random = np.random.default_rng(0)
+    n = 1_000_000
+    line = random.random(n) < 0.7
+    t = random.uniform(0, 4, n)
+    states = np.where(
+        line[:, None], np.stack([t, 0 * t + 1, 0 * t], 1), 0.005 * random.normal(size=(n, 3)) + 5
+    )
+    space = Space(np.full(3, TURN), np.ones(3))
+    assert cells(space, np.mod(states, TURN), 2e-4).first.size <= MOST_CELLS
+    found = attractors(settled(states))
+    assert same_partition(found.column.cat.codes.to_numpy()[::97], line[::97].astype(int))
+    assert found.summary["kind"].tolist() == ["line", "point"]
+
+
+def chain_states(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the chain's analytic solution lines (N = 3), and the gait that the classifier gives each."""
+    random = np.random.default_rng(seed)
+    lines = segments(3)
+    middle, direction = np.asarray(lines.middle).reshape(-1, 3), np.asarray(lines.direction).reshape(-1, 3)
+    half = np.maximum(np.asarray(lines.half).ravel(), 0.0)
+    piece = random.choice(half.size, n, p=half / half.sum())
+    states = middle[piece] + (random.uniform(-1, 1, n) * half[piece])[:, None] * direction[piece]
+    gait = jax.jit(jax.vmap(lambda psi: classify(3, psi)[0]))(jnp.asarray(states))
+    return states, np.asarray(gait)
+
+
+def test_the_chains_solution_lines_and_its_locked_state() -> None:
+    """The lines of the three gaits meet at corners and are one attractor each; the locked state is its own.
+
+    Rows closer to a corner than a tenth of a line may be counted to either line: 0.95 would fail if two lines
+    were one (0.7 at most) and is met with half of the corners on the other side.
+    """
+    states, gait = chain_states(600)
+    locked = np.tile(np.asarray(locked_state(Chain())), (20, 1))
+    table = settled(np.concatenate([states, locked]))
+    table["gait"] = np.array(GAITS)[np.concatenate([gait, np.full(20, GAITS.index("locked"))])]
+    found = attractors(table)
+    assert len(found.summary) == 4
+    assert agreement(table, found.column) > 0.95
+    own = found.column[table["gait"] == "locked"].unique()
+    assert len(own) == 1
+    alone = found.summary.set_index("attractor").loc[own[0]]
+    assert (alone["rows"], alone["kind"]) == (20, "point")
+    assert set(found.summary.loc[found.summary["rows"] > 20, "kind"]) == {"line"}
+    assert len(attractors(table, corners=False).summary) == 2
+
+
+def test_rows_that_did_not_settle_have_none() -> None:
+    table = settled(np.zeros((4, 2)))
+    table["status"] = ["settled", "cycle_limit", "inferred", "fell"]
+    table.loc[3, "psi_1_end"] = np.nan
+    found = attractors(table)
+    assert found.column.isna().tolist() == [False, True, True, True]
+    none = attractors(table.iloc[1:])
+    assert none.column.isna().all()
+    assert len(none.summary) == 0
+    with pytest.raises(AnalysisError, match="inferred"):
+        with_attractors(table)
+
+
+@pytest.mark.parametrize(
+    ("given_", "said"),
+    [
+        ({"columns": ["psi_3_end"]}, "did you mean psi_2_end|did you mean psi_1_end"),
+        ({"grain": 0.0}, "above 0"),
+        ({"scales": {"psi_1_end": -1.0}}, "above 0"),
+    ],
+)
+def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
+    with pytest.raises(AnalysisError, match=said):
+        attractors(settled(np.zeros((3, 2))), **given_)
+
+
+def moving_table() -> pd.DataFrame:
+    """Over p = 0 ... 9: a point that moves 0.1 a step, a line that is gone at 4 and 5, a point from 6 on."""
+    random = np.random.default_rng(3)
+    parts = []
+    for p in range(10):
+        s = random.uniform(0, 2, 200)
+        point = np.tile([1.0 + 0.1 * p, 5.0], (100 + 10 * p, 1))
+        line = np.stack([s + 3.0, np.full(200, 2.0 + 0.05 * p)], 1) if p not in (4, 5) else np.zeros((0, 2))
+        late = np.tile([3.0, 5.0], (30 if p >= 6 else 0, 1))
+        states = np.concatenate([point, line, late]) + 1e-3 * random.normal(
+            size=(len(point) + len(line) + len(late), 2)
+        )
+        parts.append(settled(states, p=float(p), start=np.arange(len(states))))
+    return pd.concat(parts, ignore_index=True)
+
+
+def test_names_stay_along_a_parameter() -> None:
+    table = moving_table()
+    found = follow_attractors(table, "p")
+    wide = found.fractions.pivot(index="p", columns="outcome", values="rows").fillna(0).astype(int)
+    line, point, late = found.summary.loc[found.summary["p"].isin([0.0, 6.0])].drop_duplicates("attractor")[
+        "attractor"
+    ]
+    assert wide[line].tolist() == [200] * 4 + [0, 0] + [200] * 4  # the vanished one comes back by its name
+    assert wide[point].tolist() == [100 + 10 * p for p in range(10)]
+    assert wide[late].tolist() == [0] * 6 + [30] * 4
+    moved = found.summary[(found.summary["attractor"] == point) & (found.summary["p"] > 0)]["moved"]
+    np.testing.assert_allclose(moved, 0.1, atol=2e-3)
+    assert found.within > 0.15
+    # a tight limit makes each a new one
+    assert len(follow_attractors(table, "p", within=0.02).column.cat.categories) > 10
+
+
+@pytest.fixture(scope="module")
+def landscape(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    angle = {"linspace": [0, TURN, 24], "at": "centre"}
+    job = gs.Job(
+        name="landscape",
+        model="landscape_model:Landscape",
+        vary={"shift": [0.0, 0.4, 0.8], "theta_2": angle, "theta_1": angle},
+        run={"kind": "settle", "max_cycles": 60},
+        numerics={"dt": 0.05},
+        engine={"name": "xla"},
+    )
+    return gs.run(job, Path(tmp_path_factory.mktemp("landscape")) / "out").table
+
+
+def test_a_simulated_tables_attractors_are_its_gaits(landscape: pd.DataFrame) -> None:
+    """Two closed lines, pi apart: found from the states alone, and followed as the lines move."""
+    part = landscape[landscape["shift"] == 0.4]
+    part.attrs = landscape.attrs
+    found = attractors(part)
+    assert agreement(part, found.column) == 1.0
+    assert found.summary["kind"].tolist() == ["line", "line"]
+    followed = follow_attractors(landscape, "shift")
+    assert agreement(landscape, followed.column) == 1.0
+    assert len(followed.column.cat.categories) == 2
+    assert np.abs(followed.fractions["fraction"] - 0.5).max() < 0.05

@@ -1,0 +1,185 @@
+"""Branches of fixed points by pseudo-arclength, and their folds."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.plot.branches.continuation import continuation as draw
+
+
+def fold(values, x):
+    return x + values["r"] - x**2
+
+
+def cusp(values, x):
+    return x + values["r"] + values["a"] * x - x**3
+
+
+def broken(values, x):
+    """Fixed points x = r up to r = 1, and x = r + gap beyond: the map jumps where x passes 1."""
+    return x + 0.5 * (values["r"] - x + jnp.where(x > 1.0 + 0.5 * values["gap"], values["gap"], 0.0))
+
+
+def spiral(values, x):
+    """Multipliers r exp(+-i): a circle is born at r = 1."""
+    turn = jnp.array([[jnp.cos(1.0), -jnp.sin(1.0)], [jnp.sin(1.0), jnp.cos(1.0)]])
+    return values["r"] * (turn @ x)
+
+
+def conserving(values, x):
+    """Pulls y towards b x^2 and conserves x + y."""
+    pull = 0.2 * (x[1] - values["b"] * x[0] ** 2)
+    return jnp.stack([x[0] + pull, x[1] - pull])
+
+
+FOLD = PlainMap(fold, ("x",), (("r", 0.1),))
+CUSP = PlainMap(cusp, ("x",), (("r", 0.0), ("a", 1.0)))
+
+
+def test_around_a_fold() -> None:
+    """x -> x + r - x^2: both branches x = +-sqrt(r), the fold at r = 0 to 1e-8, multiplier 1 - 2x."""
+    table = continuation(
+        FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(-0.5, 2.0), begin=0.9, towards=-1
+    )
+    folds = table.query("special == 'fold'")
+    assert len(folds) == 1
+    assert abs(folds["r"].to_numpy()[0]) < 1e-8
+    assert abs(folds["x"].to_numpy()[0]) < 1e-4  # r is flat there: x to the square root of r's error
+    np.testing.assert_allclose(table["x"] ** 2, table["r"], atol=1e-8)
+    np.testing.assert_allclose(table["multiplier_re"], 1.0 - 2.0 * table["x"], atol=1e-7)
+    assert table.loc[table["x"] > 1e-3, "stable"].all()
+    assert not table.loc[table["x"] < -1e-3, "stable"].any()
+    assert table["end"].iloc[-1] == "range"
+    assert table["r"].iloc[-1] == 2.0
+    assert table["point"].tolist() == list(range(len(table)))
+
+
+def test_many_branches_over_a_second_parameter() -> None:
+    """x -> x + r + a x - x^3: folds at r = +-2 (a/3)^1.5, flips where 1 + a - 3 x^2 = -1, for a grid of a.
+
+    One S-shaped curve each, in steps of their own.
+    """
+    a = np.array([0.0, 0.25, 0.5, 1.0])
+    starts = CUSP.points([[-1.3]] * 4)
+    table = continuation(CUSP, starts, {"a": a}, parameter="r", within=(-2.0, 2.0), begin=-1.0)
+    for row, each in enumerate(a):
+        branch = table[table["row"] == row]
+        assert np.all(branch["a"] == each)
+        folds = branch.loc[branch["special"] == "fold", "r"].to_numpy()
+        expected = 2.0 * (each / 3.0) ** 1.5
+        # at the cusp itself, a = 0, the two folds have met
+        assert len(folds) == (0 if each == 0.0 else 2)
+        np.testing.assert_allclose(folds, [expected, -expected][: len(folds)], atol=1e-8)
+        flips = branch.loc[branch["special"] == "flip", "x"].to_numpy()
+        np.testing.assert_allclose(flips, np.sqrt((2.0 + each) / 3.0) * np.array([-1.0, 1.0]), atol=1e-6)
+        assert branch["end"].tolist()[-1] == "range"
+
+
+def test_a_row_does_not_depend_on_the_others() -> None:
+    options = {"parameter": "r", "within": (-2.0, 2.0), "begin": -1.0}
+    alone = continuation(CUSP, CUSP.points([[-1.3]]), {"a": 0.5}, **options)
+    both = continuation(CUSP, CUSP.points([[-1.3]] * 2), {"a": np.array([1.0, 0.5])}, **options)
+    second = both[both["row"] == 1].reset_index(drop=True)
+    np.testing.assert_allclose(second["x"], alone["x"], atol=1e-9)
+
+
+def test_circles_that_are_born_are_told() -> None:
+    mapping = PlainMap(spiral, ("x", "y"), (("r", 0.5),))
+    table = continuation(mapping, mapping.points([[0.0, 0.0]]), {}, parameter="r", within=(0.5, 1.5))
+    special = table[table["special"] != ""]
+    assert special["special"].tolist() == ["neimark_sacker"]
+    np.testing.assert_allclose(special["r"], 1.0, atol=1e-6)
+
+
+def test_over_a_jump_of_the_map() -> None:
+    """A branch that jumps by .05 goes on behind it, and says so; no record lies in between."""
+    mapping = PlainMap(broken, ("x",), (("r", 0.5), ("gap", 0.05)))
+    table = continuation(mapping, mapping.points([[0.5]]), {}, parameter="r", within=(0.5, 1.5))
+    assert table["end"].iloc[-1] == "range"
+    below, above = table[table["x"] <= 1.025], table[table["x"] > 1.025]
+    assert len(below)
+    assert len(above)
+    np.testing.assert_allclose(below["x"], below["r"], atol=1e-8)
+    np.testing.assert_allclose(above["x"], above["r"] + 0.05, atol=1e-8)
+
+
+def test_a_closed_branch_ends() -> None:
+    """Fixed points on the circle x^2 + r^2 = 1."""
+    mapping = PlainMap(lambda v, x: x + 0.1 * (1.0 - x**2 - v["r"] ** 2), ("x",), (("r", 0.0),))
+    table = continuation(mapping, mapping.points([[1.0]]), {}, parameter="r", within=(-2.0, 2.0), begin=0.1)
+    assert table["end"].iloc[-1] == "closed"
+    folds = table.loc[table["special"] == "fold", "r"].to_numpy()
+    np.testing.assert_allclose(np.sort(folds), [-1.0, 1.0], atol=1e-8)
+
+
+def test_with_a_condition() -> None:
+    """Fixed points x + b x^2 = E of a map that conserves E, over b at E = 2."""
+    mapping = PlainMap(
+        conserving, ("x", "y"), (("b", 1.0),), invariants=(("E", lambda values, x: x[0] + x[1]),)
+    )
+    table = continuation(
+        mapping, mapping.points([[1.1, 0.9]]), {}, parameter="b", within=(1.0, 3.0), fix=["E"]
+    )
+    np.testing.assert_allclose(table["x"] + table["b"] * table["x"] ** 2, 2.0, atol=1e-8)
+    np.testing.assert_allclose(table["drift_E"], 0.0, atol=1e-12)
+    # 1, of the conserved E, is left out
+    np.testing.assert_allclose(table["multiplier_re"], 0.8 - 0.4 * table["b"] * table["x"], atol=1e-8)
+    assert table["end"].iloc[-1] == "range"
+
+
+def test_a_start_without_a_fixed_point() -> None:
+    """Branches that begin at the fold itself, or where r < 0 leaves none, say so; one beside them goes on."""
+    starts, begin = FOLD.points([[0.0], [0.7], [0.5]]), np.array([0.0, -0.2, 0.1])
+    table = continuation(FOLD, starts, {}, parameter="r", within=(-0.2, 1.0), begin=begin)
+    ends = table.groupby("row")["end"].agg("last").tolist()
+    assert ends == ["singular", "not_converged", "range"]
+    assert table["row"].value_counts()[[0, 1]].tolist() == [1, 1]
+    assert table.loc[table["row"] < 2, "stable"].isna().all()
+    with pytest.raises(ValueError, match="two numbers that differ"):
+        continuation(FOLD, FOLD.points([[0.5]]), {}, parameter="r", within=(1.0, 1.0))
+
+
+def test_a_branch_that_comes_to_where_the_map_has_no_derivative() -> None:
+    """It is lost there, at x = sqrt(r) = .9, and harms no branch beside it."""
+
+    def edged(values, x):
+        # the root's derivative beyond its end is 0 times infinity
+        return fold(values, x) + 0.0 * jnp.sqrt(jnp.maximum(values["edge"] - x, 0.0))
+
+    mapping = PlainMap(edged, ("x",), (("r", 0.1), ("edge", 9.0)))
+    values = {"edge": np.array([0.9, 9.0])}
+    starts = mapping.points([[0.5], [0.5]])
+    table = continuation(mapping, starts, values, parameter="r", within=(0.25, 1.5))
+    assert table.groupby("row")["end"].agg("last").tolist() == ["lost", "range"]
+    assert 0.8 < table.query("row == 0")["x"].max() <= 0.9
+    np.testing.assert_allclose(table["x"] ** 2, table["r"], atol=1e-8)
+
+
+def test_figure_of_branches() -> None:
+    """Solid where stable, broken where not, one mark for the fold."""
+    table = continuation(
+        FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(-0.5, 2.0), begin=0.9, towards=-1
+    )
+    figure = draw(table, x="r", y="x", intervals={"lost in holds": (-0.1, 0.1)})
+    lines = figure.axes[0].get_lines()
+    styles = [
+        (to_hex(line.get_color()), line.get_linestyle()) for line in lines if np.size(line.get_xdata()) > 1
+    ]
+    assert styles == [("#0072b2", "-"), ("#d55e00", "--")]
+    marks = [line for line in lines if line.get_marker() == "o" and np.size(line.get_xdata())]
+    assert len(marks) == 1
+    a = np.array([0.25, 1.0])
+    many = continuation(
+        CUSP, CUSP.points([[-1.3]] * 2), {"a": a}, parameter="r", within=(-2.0, 2.0), begin=-1.0
+    )
+    assert len(draw(many, x="r", y="x", hue="a").axes) == 2  # the second is the colour bar
+    named = many.assign(gait=np.where(many["a"] == 1.0, "walk", "trot"))
+    figure = draw(named, x="r", y="x", hue="gait")
+    assert {"walk", "trot"} <= {text.get_text() for text in figure.legends[0].get_texts()}
+    shown = {to_hex(line.get_color()) for line in figure.axes[0].get_lines() if line.get_marker() == "None"}
+    assert len(shown) == 2

@@ -1,0 +1,260 @@
+"""Edge states: saddles, cycles and worse on the edges between basins, against maps whose edges are known."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from landscape_model import Landscape, curve
+
+from gaitsweep.analysis.continuation.floquet import multipliers
+from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.analysis.edges.edge_states import Gaits, Limits, Nearest, Outcome, edge_states
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.return_map import return_map
+from gaitsweep.models.multilegged.reduced import MultileggedReduced
+from gaitsweep.models.multilegged.theory.chain import Chain
+from gaitsweep.models.multilegged.theory.gaits import locked_state
+
+
+def saddle(values, x):
+    """(s, w) -> (s + r s (1 - s^2), w/2 + .4), s = u - bend w^2: attractors s = +-1, saddle s = 0, w = .8."""
+    s = x[0] - values["bend"] * x[1] ** 2
+    w = 0.5 * x[1] + 0.4
+    return jnp.stack([s + values["r"] * s * (1.0 - s**2) + values["bend"] * w**2, w])
+
+
+def three(values, x):
+    """Attractors at pi/3, pi and 5 pi/3, repellers half-way, multiplier 1 + 3 pull."""
+    return x + values["pull"] * jnp.sin(3.0 * x)
+
+
+def turning(values, x):
+    """Attractors 0 and {2, -2}; the edge between them is the cycle {1, -1}, multiplier 1.3 a cycle."""
+    return -(x + 0.05 * x * (x**2 - 1.0) * (4.0 - x**2))
+
+
+def chaotic(values, x):
+    """Attractors x = +-1; on the edge x = 0 the other coordinate never comes to rest."""
+    return jnp.stack([x[0] + 0.5 * x[0] * (1.0 - x[0] ** 2), 1.0 - 1.9 * x[1] ** 2])
+
+
+def broken(values, x):
+    """Attractors +-1, and no fixed point between: the map jumps at .2."""
+    return 0.5 * x + 0.5 * jnp.where(x > 0.2, 1.0, -1.0)
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+SADDLE = PlainMap(saddle, ("u", "w"), (("r", 0.5), ("bend", 0.3)))
+LINE = PlainMap(three, ("x",), (("pull", 0.2),))
+ANGLE = PlainMap(three, ("x",), (("pull", 0.2),), angles=("x",))
+TURNING = PlainMap(turning, ("x",))
+
+
+def test_the_saddle_of_a_bistable_map() -> None:
+    """s = 0 at any bend and strength, many pairs at once; the table has its multiplier, newton the rest.
+
+    As a saddle is a fixed point, `still` is the error but for the factor 1/(multiplier - 1) = 2.
+    """
+    n = 12
+    random = np.random.default_rng(3)
+    ones = np.stack([random.uniform(0.5, 1.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
+    others = np.stack([random.uniform(-1.5, -0.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
+    values = {"r": np.linspace(0.5, 0.9, n), "bend": np.linspace(-0.3, 0.3, n)}
+    limits = Limits(settle=40)
+    found = edge_states(SADDLE, SADDLE.points(ones), SADDLE.points(others), values, limits=limits)
+    table = found.table
+    assert found.found.all()
+    assert (table["outcome"] == "fixed").all()
+    expected = np.stack([values["bend"] * 0.8**2, np.full(n, 0.8)], axis=1)
+    np.testing.assert_allclose(found.points.at, expected, atol=4e-6)
+    assert table["residual"].max() <= 1e-6
+    np.testing.assert_allclose(table[["u", "w"]], found.points.at)
+    np.testing.assert_allclose(table["growth"], 1.0 + values["r"], rtol=1e-4)
+    polished = newton(SADDLE, found.points, values)
+    assert polished.converged.all()
+    np.testing.assert_allclose(polished.points.at, expected, atol=1e-9)
+    outside = np.sum(np.abs(multipliers(polished.images.jacobian)) > 1.0, axis=1)
+    assert np.all(outside == 1)
+    assert np.all(table["evaluations"] > table["bisections"])
+
+
+def test_a_pair_does_not_depend_on_the_others() -> None:
+    """Alone, among others that diverge, and with more cuts at once: the same edge."""
+    good, bad = [[1.0, 0.2], [-1.0, 0.1]], [[1.0, 0.2], [9.0, 0.0]]
+    pairs = np.array([good, bad, good])
+    ones, others, limits = SADDLE.points(pairs[:, 0]), SADDLE.points(pairs[:, 1]), Limits(settle=40)
+    many = edge_states(SADDLE, ones, others, {}, limits=limits)
+    alone = edge_states(SADDLE, ones[:1], others[:1], {}, limits=limits)
+    assert many.outcome.tolist() == [Outcome.fixed, Outcome.lost, Outcome.fixed]
+    pd.testing.assert_frame_equal(many.table.iloc[[0]], alone.table)
+    np.testing.assert_array_equal(many.points.at[2], many.points.at[0])
+    assert many.table.loc[1, "met"] == -1 - Way.lost
+    assert many.table.loc[[1], ["u", "w"]].isna().all(axis=None)
+    faster = edge_states(SADDLE, ones[:1], others[:1], {}, limits=Limits(settle=40, cuts=7))
+    np.testing.assert_allclose(faster.points.at, alone.points.at, atol=4e-6)
+    assert faster.table["bisections"].sum() < 0.5 * alone.table["bisections"].sum()
+
+
+def test_outcomes_beside_a_third_attractor() -> None:
+    """On a line, the way from pi/3 to 5 pi/3 leads over pi; round the circle it does not."""
+    a, b, c = np.pi / 3.0, np.pi, 5.0 * np.pi / 3.0
+    attractors = np.array([[a], [b], [c]])
+    ones, others = LINE.points([[a], [a], [c + 0.1], [a]]), LINE.points([[c], [b], [c], [2.0 * np.pi / 3.0]])
+    decide = Nearest(LINE, attractors)
+    found = edge_states(LINE, ones, others, {}, decide=decide, limits=Limits(most=200))
+    expected = [Outcome.third, Outcome.fixed, Outcome.same, Outcome.undecided]
+    assert found.outcome.tolist() == expected
+    assert found.table["met"].tolist() == [1, -1, -1, -1]
+    assert found.table[["one", "other"]].to_numpy().tolist() == [[0, 2], [0, 1], [2, 2], [0, -1]]
+    np.testing.assert_allclose(found.points.at[1], 2.0 * np.pi / 3.0, atol=4e-6)
+    np.testing.assert_allclose(found.table.loc[1, "growth"], 1.6, rtol=1e-4)
+    unknown = edge_states(LINE, ones[:1], others[:1], {}, limits=Limits(most=50))
+    assert unknown.outcome.tolist() == [Outcome.undecided]
+    alike = edge_states(LINE, ones[2:3], others[2:3], {}, limits=Limits(settle=60))
+    assert alike.outcome.tolist() == [Outcome.same]
+    round_ = edge_states(ANGLE, ANGLE.points([[a]]), ANGLE.points([[c]]), {})
+    assert round_.outcome.tolist() == [Outcome.fixed]
+    np.testing.assert_allclose(ANGLE.apart(round_.points.at, np.zeros((1, 1))), 0.0, atol=4e-6)
+
+
+def test_an_edge_that_is_a_cycle() -> None:
+    """{1, -1} between 0 and {2, -2}, whose multiplier over both of its points is 1.3^2."""
+    decide = Nearest(TURNING, np.array([[0.0], [2.0], [-2.0]]), [0, 1, 1])
+    found = edge_states(TURNING, TURNING.points([[0.2]]), TURNING.points([[1.7]]), {}, decide=decide)
+    assert found.outcome.tolist() == [Outcome.periodic]
+    assert found.table["period"].tolist() == [2]
+    np.testing.assert_allclose(np.abs(found.points.at), 1.0, atol=4e-6)
+    np.testing.assert_allclose(found.table["growth"], 1.3, rtol=1e-4)
+    assert found.table["residual"].max() <= 1e-6
+
+
+def test_an_edge_that_does_not_come_to_rest() -> None:
+    """Of both coordinates only that across the edge is known; the other stays within -.9 and 1."""
+    mapping = PlainMap(chaotic, ("x", "y"))
+
+    def side(images, pair, cycle):
+        x = images.points.at[:, 0]
+        return np.where(np.abs(x) > 0.5, (x > 0).astype(int), -1)
+
+    ones, others = mapping.points([[-1.0, 0.3]]), mapping.points([[0.8, 0.4]])
+    found = edge_states(mapping, ones, others, {}, decide=side, limits=Limits(rounds=3))
+    assert found.outcome.tolist() == [Outcome.wandering]
+    assert found.table["rounds"].tolist() == [3]
+    assert found.table["residual"].min() > 1e-3
+    assert abs(found.points.at[0, 0]) < 1e-6
+    assert not found.found.any()
+
+
+def test_a_map_that_jumps_has_an_edge_without_a_fixed_point() -> None:
+    mapping = PlainMap(broken, ("x",))
+    found = edge_states(mapping, mapping.points([[-1.0]]), mapping.points([[0.9]]), {})
+    assert found.outcome.tolist() == [Outcome.jump]
+    np.testing.assert_allclose(found.points.at, 0.2, atol=1e-6)
+    assert found.table["residual"].min() > 0.3
+
+
+def test_what_the_map_does_not_part_is_told() -> None:
+    """Of one attractor, an arbitrary line through its basin is no edge."""
+    mapping = PlainMap(lambda values, x: 0.5 * x, ("x",))
+
+    def side(images, pair, cycle):
+        return (images.points.at[:, 0] > 0).astype(int)
+
+    found = edge_states(
+        mapping, mapping.points([[-1.0]]), mapping.points([[0.7]]), {}, decide=side, limits=Limits(most=20)
+    )
+    assert found.outcome.tolist() == [Outcome.together]
+    assert all(Outcome(code).sentence for code in Outcome)
+
+
+def test_a_model_on_its_section() -> None:
+    """The curves theta_1 = c and c + pi attract, so the edge lies half-way; its multiplier is exp(rate).
+
+    theta_2 stays as it is, so each pair with one theta_2 has its own edge state. A pair on the cliff falls.
+    Both ways to decide: the two attractors themselves, and the model's label after 25 cycles.
+    """
+    mapping = return_map(Landscape(), {"cliff": 0.9}, numerics=Numerics(dt=0.02))
+    theta_2 = np.array([1.0, 2.5, 4.0, 0.1])
+    c = np.asarray(curve({"shift": jnp.zeros(()), "bend": 0.7 * jnp.ones(())}, jnp.asarray(theta_2)))
+    ones, _ = mapping.settled({"theta_1": c + 0.3, "theta_2": theta_2}, {}, 0)
+    others, _ = mapping.settled({"theta_1": c + 2.2, "theta_2": theta_2}, {}, 0)
+    values = {"rate": np.array([1.0, 2.0, 3.0, 3.0])}
+    limits = Limits(narrow=1e-6, apart=1e-4, still=1e-5, cuts=3, settle=15, most=60)
+    gaits = Gaits(mapping, values, after=25)
+    for decide in (None, gaits):
+        found = edge_states(mapping, ones, others, values, decide=decide, limits=limits)
+        assert found.outcome.tolist() == [Outcome.fixed] * 3 + [Outcome.fell]
+        np.testing.assert_allclose(found.table["theta_1"][:3], (c + 0.5 * np.pi)[:3], atol=1e-5)
+        np.testing.assert_allclose(found.table["theta_2"][:3], theta_2[:3], atol=1e-12)
+        # so near to the edge nothing of the sine's cube is seen
+        np.testing.assert_allclose(found.table["growth"][:2], np.exp(values["rate"][:2]), rtol=1e-3)
+    assert found.table[["one", "other"]].to_numpy().tolist()[:3] == [[0, 1]] * 3
+
+
+def test_what_is_refused() -> None:
+    ones = SADDLE.points([[1.0, 0.0]] * 2)
+    with pytest.raises(ValueError, match="each needs its other"):
+        edge_states(SADDLE, ones, ones[:1], {})
+    with pytest.raises(ValueError, match="since float64 tells no finer"):
+        Limits(narrow=1e-15)
+    with pytest.raises(ValueError, match="cuts is 0"):
+        Limits(cuts=0)
+    with pytest.raises(ValueError, match="one label for each"):
+        edge_states(SADDLE, ones, ones, {}, decide=lambda images, pair, cycle: np.zeros(1, int))
+    with pytest.raises(ValueError, match="an edge lies between two"):
+        Nearest(SADDLE, np.zeros((2, 2)), [0, 0])
+    with pytest.raises(ValueError, match="2 points of attractors"):
+        Nearest(SADDLE, np.zeros((2, 2)), [0])
+    apart = np.array([[[1.0, 0.8], [-1.0, 0.8]]] * 2)
+    for decide in (Nearest(SADDLE, apart), Gaits(return_map(Landscape()), {"rate": [1.0, 2.0]}, after=0)):
+        with pytest.raises(ValueError, match="for 2 pairs, but there are more"):
+            decide(SADDLE.images(SADDLE.points([[1.0, 0.0]] * 3), {}), np.arange(3), 1)
+    with pytest.raises(ValueError, match="did you mean near"):
+        Gaits(return_map(Landscape()), {}, after=5, only=["neer"])
+
+
+@pytest.mark.slow
+def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
+    """Of starts with psi_2 = 0 the theory knows that they come to the locked state; all others leave it.
+
+    The edge is psi_2 = 0, and there the map jumps: what counts is which of legs 2 and 3 touches first. So the
+    two come apart at once, however near they are, and what is found is no fixed point; but within
+    psi_2 = 0 all of it comes to the locked state, where legs 1 and 4 are reset by m b (eq. 31).
+    """
+    mapping = return_map(MultileggedReduced(), numerics=Numerics(dt=0.1, method="exact"))
+    starts = {"psi_1": [4.9, 5.4, 5.2, 5.0], "psi_2": [0.3, 0.2, -0.3, -0.6], "psi_3": [1.0, 0.7, 1.2, 1.1]}
+    points, _ = mapping.settled({name: np.array(each) for name, each in starts.items()}, {}, 2)
+
+    def sign(images, pair, cycle):
+        psi_2 = wrapped(images.points.at[:, 1])
+        return np.where(np.abs(psi_2) > 0.9, (psi_2 > 0.0).astype(int), -1)
+
+    limits = Limits(rounds=2, cuts=3, most=100)
+    found = edge_states(mapping, points[:2], points[2:], {}, decide=sign, limits=limits)
+    table = found.table
+    assert table["outcome"].tolist() == ["wandering"] * 2
+    np.testing.assert_allclose(table["psi_2"], 0.0, atol=1e-7)
+    assert table["growth"].min() > 1e5
+    assert table["residual"].min() > 1e-3
+
+    exact = found.points.at.copy()
+    exact[:, 1] = 0.0
+    m_b = (1.0 - 0.8) * 9.8 * np.pi / (100.0 * 0.4)
+    for side in (1.0, -1.0):
+        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), found.points.like)
+        psi_2 = wrapped(mapping.images(beside, {}).points.at[:, 1])
+        np.testing.assert_allclose(psi_2, 0.5 * side * m_b, atol=1e-5)
+    held = Points(exact, found.points.like)
+    for _ in range(60):
+        held = mapping.images(held, {}).points
+    locked = np.asarray(locked_state(Chain()))
+    expected = locked + m_b * np.array([-1.0, 0.0, 1.0])
+    np.testing.assert_allclose(wrapped(held.at - expected), 0.0, atol=1e-6)

@@ -1,0 +1,136 @@
+"""Gaits out of traces, crossings and tables of ends; the gaits that follow each other while speed changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from gait_traces import crossings_of, ends, trace_of, traces
+
+import gaitsweep as gs
+from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
+from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.gaits.swing_onsets import gait_of
+from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_families() -> None:
+    assert [family(gait) for gait in ("L-walk", "D-walk", "trot", "uL-canter", "RT-gallop", "unsteady")] == [
+        "walk", "walk", "trot", "canter", "gallop", "unsteady",
+    ]  # fmt: skip
+
+
+def test_all_gaits_in_a_trace_with_what_varies_beside() -> None:
+    found = gaits_in(traces())
+    assert list(found["gait"]) == list(CHART)
+    assert list(found.columns[:2]) == ["row", "sigma"]
+    np.testing.assert_allclose(found["sigma"], 0.1 * np.arange(9))
+    # onsets lie on the samples' straight lines, so that they are found to rounding
+    np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
+    np.testing.assert_allclose(found["period"], 0.5, rtol=1e-9)
+
+
+def test_gaits_counted_over_what_varies() -> None:
+    """Nine rows, one of each gait, at two places with a seed each; each row counts once."""
+    found = gaits_in(traces()).drop(columns="sigma")
+    found.insert(1, "k2", np.arange(9) // 5 * 0.08)
+    found.insert(2, "seed", np.arange(9))
+    counted = gaits_counted(found)
+    assert list(counted["k2"]) == [0.0, 0.08]
+    assert list(counted.drop(columns="k2").sum(axis=1)) == [5, 4]
+    assert list(gaits_counted(found.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
+
+
+def test_of_another_model_the_signals_are_named() -> None:
+    trace = traces().drop(columns=[f"u_f_{leg}" for leg in LEGS])
+    with pytest.raises(AnalysisError, match="neither u_f_LF"):
+        gaits_in(trace)
+    feet = {leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)}
+    found = gaits_in(trace, signals=feet, level=0.5, falling=True)
+    assert list(found["gait"]) == list(CHART)
+    np.testing.assert_allclose(found["delta_2"], [0.2 * signs(gait)[1] for gait in CHART], atol=0.01)
+
+
+def test_all_gaits_in_crossings() -> None:
+    table = pd.concat([crossings_of(gait, row=row) for row, gait in enumerate(CHART)])
+    found = gaits_in(table)
+    assert list(found["gait"]) == list(CHART)
+    assert found["steady"].all()
+    np.testing.assert_allclose(found["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
+    assert list(gaits_in(table, thresholds=(0.3, 0.1))["gait"]) == ["trot"] * 9
+
+
+def test_a_table_of_ends_keeps_the_models_own_gait() -> None:
+    delta = np.array([-0.2, -0.06, 0.0, 0.06, 0.2, 0.2])
+    table = ends(delta, delta, delta)
+    table["status"] = ["complete"] * 5 + ["fell"]
+    table.loc[4, "gait"] = "unsteady"
+    found = gaits_in(table)
+    assert list(found["gait"]) == ["D-walk", "trot", "trot", "trot", "unsteady", "none"]
+    assert list(found["gait_at_0.05"]) == ["D-walk", "D-walk", "trot", "L-walk", "unsteady", "none"]
+    assert list(found["steady"]) == [True] * 4 + [False] * 2
+    assert list(found["k2"]) == [0.08] * 6
+
+
+def test_gaits_along_a_walk_that_turns_into_a_trot() -> None:
+    t = np.arange(0.0, 20.0, 2e-3)
+    phases = np.cumsum(np.linspace(1.0, 4.0, len(t))) * 2e-3  # cycles, ever faster
+    walk, trot = (trace_of(gait, duration=20.0, phases=phases) for gait in ("D-walk", "trot"))
+    table = pd.concat([walk.loc[walk["t"] < 10.0], trot.loc[trot["t"] >= 10.0]], ignore_index=True)
+    table["x"] = 0.05 * table["t"] ** 2
+    table["v_d"], table["pass"] = 0.1 * table["t"], (table["t"] > 15.0).astype(int)
+    table.attrs["job"] = {"run": {"parameter": "v_d"}}
+    along = gaits_along(table)
+    middle = along["t"].to_numpy()
+    np.testing.assert_allclose(along["v_d"], 0.1 * middle, atol=1e-9)
+    np.testing.assert_allclose(along["speed"], 0.1 * middle, rtol=1e-6)
+    assert set(along.loc[along["end"] < 9.9, "gait"]) == {"D-walk"}
+    assert set(along.loc[along["begin"] > 10.6, "gait"]) == {"trot"}
+    found = spells(along, least=3)
+    assert list(found["family"]) == ["walk", "trot"]
+    # a window of three cycles of 0.4 s says when to about half its length
+    assert abs(0.5 * (found.loc[0, "end"] + found.loc[1, "begin"]) - 10.0) < 0.6
+    assert found.loc[1, "pass_end"] == 1.0
+    assert found.loc[0, "speed_end"] == pytest.approx(0.1 * found.loc[0, "end"], rel=1e-6)
+
+
+def test_short_stretches_part_nothing() -> None:
+    along = pd.DataFrame({"row": 0, "family": list("aaaabbaaaacaaa"), "t": np.arange(14.0)})
+    along = along.assign(begin=along["t"], end=along["t"])
+    assert list(spells(along, least=2)["family"]) == ["a", "b", "a"]
+    assert list(spells(along, least=3)["family"]) == ["a"]
+    assert spells(along, least=20).empty
+
+
+def test_trots_in_crossings_lose_onsets_and_are_trots_all_the_same() -> None:
+    # RH begins in turn a little after LF and a little before it: every other onset of it is not recorded
+    table = crossings_of("trot", n=30)
+    table["since_RH_n"] = np.where(table["crossing"] % 2, 1e-3, 0.5 - 1e-3)
+    along = gaits_along(table)
+    assert set(along["gait"]) == {"trot"}
+
+
+def test_too_short_a_row_has_no_gaits_along() -> None:
+    assert gaits_along(trace_of("trot", duration=0.9)).empty
+
+
+@pytest.mark.slow
+def test_a_walk_and_a_trot_of_the_quadruped_with_a_waist(tmp_path: Path) -> None:
+    """Aoi et al. 2011: Delta_13 is 2.37 rad in the walk, 2.87 in the trot; left and right in antiphase."""
+    path = ROOT / "sweeps/waist_quadruped_footprints.yaml"
+    job = gs.load_job(path, ["run.duration=3.0", "run.after_cycles=40"])
+    table = gs.load(gs.run(job, tmp_path / "out").path)
+    phases = {"RF": "phase_1", "LF": "phase_2", "RH": "phase_3", "LH": "phase_4"}
+    found = gaits_in(table, signals=phases, level=1.5 * np.pi)
+    assert list(found["gait"]) == ["D-walk", "trot"]
+    # 0.03 rad between the phases when limb 3 lands and when limbs swing
+    shift = np.array([2.37, 2.87]) / (2.0 * np.pi) - 0.5
+    for name in ("delta_1", "delta_2"):
+        np.testing.assert_allclose(found[name], shift, atol=0.015)
+    np.testing.assert_allclose(found["period"], 0.4, atol=2e-3)
+    assert list(gait_of(pd.DataFrame({"row": [], "leg": [], "t": []}))["gait"]) == []

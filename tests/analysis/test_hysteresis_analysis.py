@@ -1,0 +1,216 @@
+"""Jumps, edges and loop areas of a map whose folds are known in closed form (tests/hysteresis_tables.py)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, settle_table, staircase_table
+
+from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.transitions.hysteresis import edges, edges_by_gait, jumps, largest_jumps, loop_area
+
+JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)
+
+
+def lag(steps: int, eps: float = 0.2, top: float = 0.8) -> float:
+    """How far beyond its fold a ramp leaves: u' = mu + sqrt(3) u^2 has its pole at Airy's first zero."""
+    return 2.338 * (2 * top / steps / eps) ** (2 / 3) / 3 ** (1 / 6)
+
+
+@pytest.mark.parametrize("centre", [2.6, 0.05])  # the second has a branch on either side of 0
+@pytest.mark.parametrize("hold", [400, 60, 20])  # the shorter ones do not settle near the folds
+def test_the_interval_of_a_staircase_holds_the_fold(centre: float, hold: int) -> None:
+    table = staircase_table(3, hold=hold, centre=centre)
+    found = jumps(table, "delta_13", "f")
+    assert found.groupby(["row", "pass"]).size().tolist() == [1] * 6
+    for jump in found.to_dict("records"):
+        rises = jump["direction"] == "rising"
+        assert rises == (jump["pass"] == 0)
+        fold = (FOLD if rises else -FOLD) - 0.01 * jump["row"]
+        assert jump["low"] <= fold <= jump["high"]
+        assert jump["high"] - jump["low"] < (0.101 if hold == 400 else 0.401)  # stairs are 0.1 apart
+        x = -1 / np.sqrt(3) if rises else 1 / np.sqrt(3)
+        # the branches, which bend most near the folds, go on by up to 0.11 rad within the interval
+        assert jump["size"] == pytest.approx(JUMP if rises else -JUMP, abs=0.12)
+        assert np.mod(jump["before"] - centre - SCALE * x + np.pi, 2 * np.pi) - np.pi == pytest.approx(
+            0, abs=0.1
+        )
+        assert 0 <= min(jump["before"], jump["after"]) <= max(jump["before"], jump["after"]) < 2 * np.pi
+
+
+@pytest.mark.parametrize("steps", [1000, 4000])
+@pytest.mark.parametrize("centre", [2.6, 0.05])
+def test_a_ramp_jumps_after_the_fold_by_its_lag(steps: int, centre: float) -> None:
+    found = jumps(ramp_table(steps=steps, centre=centre), "delta_13", "f")
+    assert found["direction"].tolist() == ["rising", "falling"]  # and none for the transient before it moves
+    for sign, jump in zip((1, -1), found.to_dict("records"), strict=True):
+        first, last = sorted([sign * jump["low"], sign * jump["high"]])
+        assert first > FOLD
+        # The pole of the fold's own dynamics comes a little before the end: another third of the lag is left
+        # for the way to the other branch.
+        assert first < FOLD + lag(steps) < last + 0.35 * lag(steps)
+        assert last < FOLD + 1.6 * lag(steps)
+        assert sign * jump["size"] == pytest.approx(0.8 * JUMP, rel=0.15)  # from a tenth to nine tenths of it
+
+
+def test_noise_makes_no_jumps_of_its_own() -> None:
+    found = jumps(ramp_table(2, steps=2000, noise=0.03), "delta_13", "f")
+    assert found.groupby("row").size().tolist() == [2, 2]
+
+
+@pytest.mark.parametrize("steps", [60, 1000])
+def test_a_steep_branch_is_no_jump(steps: int) -> None:
+    table = ramp_table(steps=steps)
+    table["delta_13_n"] = np.mod(1.3 + 1.5 * table["f"], 2 * np.pi)  # 2.4 rad on each way
+    assert not len(jumps(table, "delta_13", "f"))
+    stairs = staircase_table(stairs=5)
+    stairs["delta_13_n"] = np.mod(1.3 + 1.5 * stairs["f"], 2 * np.pi)  # 0.6 rad a stair
+    assert not len(jumps(stairs, "delta_13", "f"))
+    assert len(jumps(staircase_table(stairs=4), "delta_13", "f")) == 2
+
+
+def test_edges_are_medians_over_rows_with_their_range() -> None:
+    table = staircase_table(
+        4
+    )  # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
+    found = edges(table, "delta_13", "f")
+    assert found["direction"].tolist() == ["rising", "falling"]
+    assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
+    assert found[["lowest", "highest"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
+    assert found[["rows", "of"]].to_numpy().tolist() == [[4, 4], [4, 4]]
+    table.insert(1, "mass", np.where(table["row"] < 2, 1.0, 1.2))
+    apart = edges(table, "delta_13", "f", by=["mass"])
+    assert apart["mass"].tolist() == [1.0, 1.0, 1.2, 1.2]
+    assert apart["of"].tolist() == [2] * 4
+    assert jumps(table, "delta_13", "f")["mass"].tolist() == [1.0] * 4 + [1.2] * 4
+    assert len(edges(table, "delta_13", "f", least=0.9)) == 0  # no jump is that large
+
+
+def test_rows_that_go_to_and_fro_lose_no_branch() -> None:
+    """An irregular row has its largest jump anywhere; one that turns back once may go on to a third gait."""
+    table = staircase_table(3)
+    wandering = table["row"] == 0
+    wild = np.where(np.arange(wandering.sum()) % 3 == 0, 0.4, 5.9)
+    table.loc[wandering, "delta_13_n"] = wild
+    assert len(jumps(table[wandering], "delta_13", "f")) > 10
+    assert largest_jumps(table, "delta_13", "f")["row"].tolist() == [1, 1, 2, 2]
+    found = edges(table, "delta_13", "f")
+    assert found.drop(columns="of").equals(edges(table[~wandering], "delta_13", "f").drop(columns="of"))
+    assert found[["rows", "of"]].to_numpy().tolist() == [[2, 3], [2, 3]]
+    table.loc[(table["row"] == 1) & (table["stair"] == 16), "delta_13_n"] -= 0.3
+    assert 1 in largest_jumps(table, "delta_13", "f")["row"].tolist()
+
+
+def test_a_jump_right_after_the_turn_counts_to_the_way_back() -> None:
+    """Between the last stair up and the first one down something jumps: the interval joins the two."""
+    table = staircase_table()
+    table.loc[table["stair"] >= 17, "delta_13_n"] = 1.0
+    found = jumps(table, "delta_13", "f")
+    assert found.iloc[-1][["pass", "direction"]].tolist() == [1, "falling"]
+    assert found.iloc[-1][["low", "high"]].tolist() == pytest.approx([0.7, 0.8])
+
+
+@pytest.mark.parametrize("centre", [2.6, 0.05])
+def test_loop_area_against_the_closed_form(centre: float) -> None:
+    stairs = loop_area(staircase_table(stairs=161, hold=1500, centre=centre), "delta_13", "f")
+    # Stairs are 0.01 apart: each fold lies up to half of it, 0.5 % of the area, from the middle of its jump.
+    assert stairs["area"].item() == pytest.approx(SCALE * AREA, rel=0.012)
+    assert stairs["signed"].item() == pytest.approx(-SCALE * AREA, rel=0.012)  # the rising branch is below
+    assert stairs[["low", "high"]].to_numpy().ravel() == pytest.approx([-0.8, 0.8])
+    ramp = loop_area(ramp_table(steps=4000, centre=centre), "delta_13", "f")["area"].item()
+    assert ramp == pytest.approx(SCALE * (AREA + 2 * lag(4000) * np.sqrt(3)), rel=0.01)
+
+
+def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
+    table = ramp_table(2, steps=1000)
+    end = (table["row"] == 1) & (table["crossing"] > 500)
+    table = table[~(end & (table["crossing"] > 508))]
+    falling = table.loc[end, "crossing"].to_numpy() - 500
+    table.loc[end, "delta_13_n"] += 0.2 * falling  # what eight crossings before a fall may look like
+    table.loc[table["row"] == 1, "status"] = "fell"
+    found = jumps(table, "delta_13", "f")
+    assert found["row"].tolist() == [0, 0]
+    area = loop_area(table, "delta_13", "f").set_index("row")["area"]
+    assert area[0] > 0.4
+    assert np.isnan(area[1])
+    assert edges(table, "delta_13", "f")["of"].tolist() == [2, 2]
+
+
+def test_holds_without_a_crossing_are_passed_over() -> None:
+    table = staircase_table()
+    table.loc[table["stair"] == 3, "delta_13_n"] = np.nan
+    table.loc[table["stair"] == 11, "delta_13_n"] = np.nan  # f = 0.3, the last before the fold
+    found = jumps(table, "delta_13", "f")
+    assert found.iloc[0][["low", "high"]].tolist() == pytest.approx([0.2, 0.4])
+    nothing = table.assign(delta_13_n=np.nan)
+    nothing.attrs = table.attrs
+    for empty in (nothing, table[:0], ramp_table(steps=10)[:1]):
+        assert list(jumps(empty, "delta_13", "f").columns) == list(found.columns)
+        assert not len(jumps(empty, "delta_13", "f"))
+        assert not len(edges(empty, "delta_13", "f"))
+        assert not len(loop_area(empty, "delta_13", "f"))
+
+
+def test_what_is_no_angle_has_jumps_too() -> None:
+    table = staircase_table()
+    table["speed_n"] = np.where(table["delta_13_n"] > 2.6, 7.0, 1.0)
+    found = jumps(table, "speed", "f", least=1.0)
+    assert found["size"].tolist() == [6.0, -6.0]
+    assert loop_area(table, "speed", "f")["area"].item() == pytest.approx(6.0 * 0.7, abs=1e-9)
+
+
+def test_columns_that_are_not_there() -> None:
+    table = staircase_table()
+    with pytest.raises(
+        AnalysisError, match=r"delta_31 is not a column of this table; did you mean delta_13_n\?"
+    ):
+        jumps(table, "delta_31", "f")
+    with pytest.raises(AnalysisError, match="mass is not a column"):
+        edges(table, "delta_13", "f", by=["mass"])
+    with pytest.raises(AnalysisError, match="beta is not a column"):
+        loop_area(table, "delta_13", "beta")
+
+
+def test_where_each_gait_is_lost() -> None:
+    table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])  # 0.05 apart
+    found = edges_by_gait(table, "f", "delta_13").set_index("gait")
+    trot, walk = found.loc["trot"], found.loc["walk"]
+    assert trot[["direction", "kept", "lost"]].tolist() == [
+        "falling",
+        pytest.approx(-0.35),
+        pytest.approx(-0.4),
+    ]
+    assert walk[["direction", "kept", "lost"]].tolist() == ["rising", pytest.approx(0.35), pytest.approx(0.4)]
+    for edge, fold in ((trot, -FOLD), (walk, FOLD)):
+        assert edge["low"] < fold < edge["high"]
+
+
+def test_rows_that_reached_their_limit_decide_nothing() -> None:
+    table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])
+    beyond = (table["f"] > 0.38) & (table["f"] < 0.48) & (table["delta_13"] < 2.6)
+    table.loc[beyond, ["status", "gait"]] = ["cycle_limit", "walk"]  # held by the ghost, still called a walk
+    found = edges_by_gait(table, "f", "delta_13").set_index("gait")
+    assert found.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.5])
+    table.loc[beyond, ["status", "gait"]] = ["fell", "none"]  # a row that fell has lost its gait
+    found = edges_by_gait(table, "f", "delta_13").set_index("gait")
+    assert found.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
+
+
+def test_edges_by_gait_of_several_sets_of_rows() -> None:
+    table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0], others=(0.75, 0.80))
+    found = edges_by_gait(table, "f", "delta_13", by=["beta"])
+    for edge in found.to_dict("records"):
+        fold = (FOLD if edge["gait"] == "walk" else -FOLD) - 4 * (edge["beta"] - 0.75)
+        assert edge["low"] < fold < edge["high"]
+    assert len(found) == 4
+    assert not len(edges_by_gait(table[:0], "f", "delta_13"))
+    assert not len(edges_by_gait(table.assign(gait=pd.Categorical(["none"] * len(table))), "f", "delta_13"))
+    with pytest.raises(AnalysisError, match="start is not a column"):
+        edges_by_gait(table, "f", "start")
+
+
+def test_the_tables_are_what_they_say() -> None:
+    assert len(roots(0.38)) == 3
+    assert len(roots(0.39)) == 1
+    assert set(ramp_table(steps=10)["status"].unique()) <= set(STATUSES)

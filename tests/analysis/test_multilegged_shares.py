@@ -1,0 +1,91 @@
+"""Shares of the gaits over sets of parameters, and their figure, from tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitsweep import plot
+from gaitsweep.analysis.chain.chain_of_table import chain_of, chains_of
+from gaitsweep.analysis.chain.gait_shares import gait_shares
+from gaitsweep.analysis.gaits.records import AnalysisError
+
+
+def table(**more: list[float]) -> pd.DataFrame:
+    """Four starts for each of three end masses: below, inside and above the paper's conditions."""
+    gaits = [
+        ["none"] * 4,
+        ["direct", "source", "source", "retrograde"],
+        ["source", "source", "none", "source"],
+    ]
+    rows = [
+        (m_B, start, gait) for m_B, came in zip((0.4, 0.8, 1.1), gaits, strict=True)
+        for start, gait in enumerate(came)
+    ]  # fmt: skip
+    frame = pd.DataFrame(rows, columns=["m_B", "psi_1", "gait"])
+    frame = pd.DataFrame({"row": np.arange(12), "m_B": frame.m_B, **more, "psi_1": frame.psi_1 * 1.0})
+    ends = {f"psi_{i}_end": 0.0 for i in (1, 2, 3)}
+    return frame.assign(status="settled", **ends, gait=[gait for _, _, gait in rows])
+
+
+def test_shares_stand_beside_the_conditions() -> None:
+    shares = gait_shares(table())
+    assert shares["m_B"].tolist() == [0.4, 0.8, 1.1]
+    assert shares[["direct", "source", "retrograde", "elsewhere"]].to_numpy().tolist() == [
+        [0.0, 0.0, 0.0, 1.0], [0.25, 0.5, 0.25, 0.0], [0.0, 0.75, 0.0, 0.25],
+    ]  # fmt: skip
+    for name in ("conditions", "direct_hold", "retrograde_hold"):
+        assert shares[name].tolist() == [False, True, False]
+    assert shares["source_hold"].tolist() == [False, True, True]  # above m it is left, for N = 3
+    # Wilson's interval of 2 in 4 by hand, z = 1.96: 0.5 -+ 0.35
+    assert shares["source_low"][1] == pytest.approx(0.15, abs=1e-3)
+    assert shares["source_high"][1] == pytest.approx(0.85, abs=1e-3)
+    assert shares["direct_high"][0] == pytest.approx(1.96**2 / (4 + 1.96**2), abs=1e-3)
+
+
+def test_the_chain_of_a_table_follows_its_jobs_formulas() -> None:
+    some = table(kappa=[50.0] * 6 + [200.0] * 6)
+    some.attrs["job"] = {"params": {"a": 0.5, "m_1": "m_B - 0.1", "kappa_end": "1.1*kappa"}}
+    chains = chains_of(some, some[["m_B", "kappa"]])
+    assert np.asarray(chains.m_1) == pytest.approx(some["m_B"] - 0.1)
+    assert np.asarray(chains.m_end) == pytest.approx(some["m_B"])
+    assert np.asarray(chains.kappa_end) == pytest.approx(1.1 * some["kappa"])
+    assert np.asarray(chains.a_end) == pytest.approx(0.5)
+    first = chain_of(some)
+    assert (first.m_1, first.kappa_1, first.a_1) == pytest.approx((0.3, 50.0, 0.5))
+    some.attrs["job"] = {"params": {"m_1": "m_X"}}
+    with pytest.raises(AnalysisError, match="m_1 cannot be read"):
+        chain_of(some)
+
+
+def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
+    (axes,) = plot.draw("gait_shares", table(), x="m_B").axes
+    lines = {line.get_label(): np.asarray(line.get_data(), float) for line in axes.get_lines()}
+    assert lines["source"][1].tolist() == [0.0, 0.5, 0.75]
+    edges = [float(data[0][0]) for label, data in lines.items() if str(label).startswith("_")]
+    assert sorted(edges) == [0.5, 1.0]
+    some = table(kappa=[50.0, 200.0] * 6)
+    *maps, bar = plot.draw("gait_shares", some, x="m_B", y="kappa").axes
+    assert [each.get_title() for each in maps] == ["direct", "source", "retrograde", "none of these"]
+    assert bar.get_ylabel() == "share of starts"
+    across = [line for line in maps[0].get_lines() if np.ptp(np.asarray(line.get_ydata(), float)) == 0.0]
+    assert np.asarray(across[-1].get_ydata())[0] == pytest.approx(9.8 / 0.4)
+    with pytest.raises(plot.PlotError, match="m_b"):
+        plot.draw("gait_shares", some, x="m_b")
+
+
+def test_a_map_of_scattered_sets_shows_the_nearest_one() -> None:
+    sets = np.random.default_rng(2).uniform([0.3, 20.0], [1.2, 200.0], (60, 2))
+    gait = np.where(sets[:, 0] < 0.6, "direct", "source")
+    rows = pd.DataFrame({"m_B": sets[:, 0], "kappa": sets[:, 1], "psi_1": 0.0, "gait": gait})
+    rows = rows.assign(status="settled", **{f"psi_{i}_end": 0.0 for i in (1, 2, 3)})
+    direct, *_ = plot.draw("gait_shares", rows, x="m_B", y="kappa").axes
+    mesh = direct.collections[0]
+    corners = np.asarray(mesh.get_coordinates())
+    for (m_B, kappa), name in zip(sets, gait, strict=True):
+        column = min(np.searchsorted(corners[0, :, 0], m_B) - 1, 239)
+        row = min(np.searchsorted(corners[:, 0, 1], kappa) - 1, 239)
+        # a place is a 240th of the map; of 60 sets none has another so near
+        shown = np.asarray(mesh.get_array()).reshape(240, 240)[max(row, 0), max(column, 0)]
+        assert shown == (name == "direct")

@@ -1,0 +1,137 @@
+"""Newton's method for fixed points of maps, many starts at once."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gaitsweep.analysis.continuation.floquet import characteristic_polynomial, multipliers
+from gaitsweep.analysis.continuation.newton import Outcome, newton
+from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.poincare.maps import MOST_TOGETHER
+from gaitsweep.engine.poincare.return_map import return_map
+from gaitsweep.models.multilegged.model import Multilegged
+
+
+def fold(values, x):
+    return x + values["r"] - x**2
+
+
+def pulled(values, x):
+    """Two angles pulled towards 1 and 6 rad."""
+    return x + values["pull"] * jnp.sin(jnp.array([1.0, 6.0]) - x)
+
+
+FOLD = PlainMap(fold, ("x",), (("r", 0.25),))
+
+
+def test_stable_and_unstable_fixed_points() -> None:
+    """Of x -> x + r - x^2: sqrt(r) and -sqrt(r), multipliers 1 - 2 sqrt(r) and 1 + 2 sqrt(r)."""
+    starts = np.array([-3.0, -0.3, 0.2, 4.0])[:, None]
+    found = newton(FOLD, FOLD.points(starts), {})
+    assert found.converged.all()
+    np.testing.assert_allclose(found.points.at[:, 0], [-0.5, -0.5, 0.5, 0.5], atol=1e-9)
+    np.testing.assert_allclose(multipliers(found.images.jacobian)[:, 0], [2.0, 2.0, 0.0, 0.0], atol=1e-8)
+
+
+def test_outcomes() -> None:
+    """No fixed point at r < 0; a flat residual at x = 0, over which a cycle of the map leads; two that have
+    met; a start where the map is not defined; a start that is a fixed point."""
+    starts = FOLD.points(np.array([[0.7], [0.0], [0.0], [np.nan], [0.5]]))
+    found = newton(FOLD, starts, {"r": np.array([-0.2, 0.25, 0.0, 0.25, 0.25])})
+    expected = [
+        Outcome.not_converged, Outcome.converged, Outcome.singular, Outcome.left, Outcome.converged,
+    ]  # fmt: skip
+    assert found.outcome.tolist() == expected
+    assert all(Outcome(code).sentence for code in found.outcome)
+
+
+def test_thousands_of_starts_in_any_number() -> None:
+    """Rows do not depend on which others are searched for beside them."""
+    count = 20 * MOST_TOGETHER + 7
+    starts = np.concatenate([np.linspace(-2.0, -0.2, 640), np.linspace(0.2, 2.0, count - 640)])[:, None]
+    radius = np.linspace(0.01, 1.0, count)
+    found = newton(FOLD, FOLD.points(starts), {"r": radius})
+    assert found.converged.all()
+    np.testing.assert_allclose(np.abs(found.points.at[:, 0]), np.sqrt(radius), atol=1e-8)
+    some = newton(FOLD, FOLD.points(starts[700:703]), {"r": radius[700:703]})
+    np.testing.assert_array_equal(some.points.at, found.points.at[700:703])
+
+
+def test_angles_are_compared_around_the_circle() -> None:
+    mapping = PlainMap(pulled, ("a", "b"), (("pull", 0.5),), angles=("a", "b"))
+    found = newton(mapping, mapping.points([[0.8, 0.1], [2 * np.pi + 1.2, 5.5]]), {})
+    assert found.converged.all()
+    apart = mapping.apart(found.points.at, np.array([[1.0, 6.0]]))
+    np.testing.assert_allclose(apart, 0.0, atol=1e-8)
+
+
+def line(values, x):
+    """Conserves x + y where nothing leaks, and pulls y towards x^2."""
+    pull = 0.5 * (x[1] - x[0] ** 2)
+    return jnp.stack([x[0] + pull, x[1] - pull + values["leak"]])
+
+
+CONSERVING = PlainMap(
+    line, ("x", "y"), (("leak", 0.0),), invariants=(("total", lambda values, x: x[0] + x[1]),)
+)
+
+
+def test_what_is_conserved_is_held() -> None:
+    """Fixed points x + x^2 = E of a map that conserves E = x + y: singular by itself, one with E held."""
+    starts = CONSERVING.points([[0.9, 0.8], [0.3, 0.4]])
+    alone = newton(CONSERVING, starts, {})
+    assert alone.outcome.tolist() == [Outcome.singular] * 2
+    held = newton(CONSERVING, starts, {}, fix=["total"])
+    assert held.converged.all()
+    total = np.array([1.7, 0.7])
+    np.testing.assert_allclose(held.points.at[:, 0], -0.5 + np.sqrt(0.25 + total), atol=1e-9)
+    np.testing.assert_allclose(held.drift, 0.0, atol=1e-12)
+    # of two multipliers the neutral one is left out
+    gradients = held.images.kept_jacobian
+    x = held.points.at[:, 0]
+    np.testing.assert_allclose(multipliers(held.images.jacobian)[:, 0], 1.0, atol=1e-9)
+    np.testing.assert_allclose(
+        multipliers(held.images.jacobian, gradients)[:, 0], 1.0 - 0.5 * (1.0 + 2.0 * x), atol=1e-9
+    )
+    given = newton(CONSERVING, starts, {}, fix={"total": 0.75})
+    np.testing.assert_allclose(given.points.at[:, 0], 0.5, atol=1e-9)
+
+
+def test_what_is_nearly_conserved_drifts() -> None:
+    """Where a cycle adds .01 to E, there is no fixed point; with E held, the drift is that .01."""
+    held = newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {"leak": 0.01}, fix=["total"])
+    assert held.converged.all()
+    np.testing.assert_allclose(held.drift, 0.01, atol=1e-12)
+
+
+def test_an_unknown_condition_is_told() -> None:
+    with pytest.raises(ValueError, match="did you mean total"):
+        newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {}, fix=["totale"])
+
+
+def test_polynomial_of_multipliers() -> None:
+    np.testing.assert_allclose(characteristic_polynomial(np.array([0.5 + 1j, 0.5 - 1j])), [1, -1, 1.25])
+
+
+def test_gaits_of_the_chain_at_fixed_E() -> None:
+    """The three gaits as fixed points, from three cycles after a start near each.
+
+    On the model's page they are simulated: 1.1301 0.9842 1.4960, 3.959 5.300 5.291, 1.130 1.102 5.282, to
+    the digits given; Newton stays within .005 of them since E is held where it was after three cycles.
+    """
+    mapping = return_map(Multilegged(), numerics=Numerics(dt=32e-3, method="stabilised"))
+    starts = {"psi_1": [1.13, 3.97, 1.13], "psi_2": [0.98, 5.29, 1.10], "psi_3": [1.50, 5.29, 5.28]}
+    points, _ = mapping.settled({k: np.array(v) for k, v in starts.items()}, {}, 3)
+    found = newton(mapping, points, {}, fix=["E"])
+    assert found.converged.all()
+    simulated = [[1.1301, 0.9842, 1.4960], [3.959, 5.300, 5.291], [1.130, 1.102, 5.282]]
+    np.testing.assert_allclose(found.points.at[:, :3], simulated, atol=0.005)
+    # the page: what is left of neutral drift on the source branch is 1e-4 rad a cycle
+    assert np.all(np.abs(found.drift) < 1.2e-4)
+    assert np.all(np.abs(found.drift[:2]) < 1e-8)
+    # without it the first two lie on lines, on which E drifts by more than the tolerance or by less
+    alone = newton(mapping, found.points[np.arange(2)], {})
+    assert alone.outcome.tolist() == [Outcome.singular] * 2

@@ -1,0 +1,56 @@
+"""Which gaits a parameter set shows: counts and speeds of a small table by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.gaits.repertoire import repertoire
+
+ROWS = [
+    # com_x, gait, speed, status
+    (0.1, "D-walk", 0.4, "complete"),
+    (0.1, "trot", 1.0, "complete"),
+    (0.0, "trot", 0.9, "complete"),
+    (0.1, "R-canter", 1.8, "complete"),
+    (0.1, "L-canter", 2.0, "complete"),
+    (0.1, "RT-gallop", 2.5, "complete"),
+    (0.0, "unsteady", 1.2, "complete"),
+    (0.0, "trot", 1.4, "fell"),
+]
+
+
+def table() -> pd.DataFrame:
+    return pd.DataFrame(ROWS, columns=["com_x", "gait", "speed_end", "status"])
+
+
+def test_counts_add_up_to_the_rows() -> None:
+    found = repertoire(table(), ["com_x"]).set_index("com_x")
+    assert list(found.index) == [0.1, 0.0]
+    assert found.loc[0.1, ["rows", "gaits", "D-walk", "trot", "fell", "unsteady"]].tolist() == [
+        5,
+        5,
+        1,
+        1,
+        0,
+        0,
+    ]
+    # a row that fell has no gait
+    assert found.loc[0.0, ["rows", "gaits", "trot", "fell", "unsteady"]].tolist() == [3, 1, 1, 1, 1]
+
+
+def test_the_order_over_speed() -> None:
+    found = repertoire(table(), ["com_x"]).set_index("com_x")
+    assert found.loc[0.1, "speed_canter"] == pytest.approx(1.9)
+    assert bool(found.loc[0.1, "in_order"])
+    assert not found.loc[0.0, "in_order"]
+    assert np.isnan(found.loc[0.0, "speed_walk"])
+    swapped = table().replace({"speed_end": {0.4: 1.1}})
+    assert not repertoire(swapped, ["com_x"])["in_order"].any()
+
+
+def test_a_missing_column_is_named() -> None:
+    with pytest.raises(AnalysisError, match="torso"):
+        repertoire(table(), ["torso"])

@@ -1,0 +1,372 @@
+"""The command line: what it prints, its exit codes, and that every refusal is a sentence."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from gaitsweep.cli import main
+from gaitsweep.cli.progress import ProgressBar
+from gaitsweep.cli.show import duration, size
+from gaitsweep.errors import UserError
+from gaitsweep.job import Job
+from gaitsweep.table import ResultDirectory, TableError, WriteError
+
+JOB = """\
+name: toy
+model: multilegged
+vary:
+  psi_1: {linspace: [0, 2*pi, 5], at: centre}
+  psi_2: {values: [1.0, 2.0]}
+  psi_3: {values: [3.0]}
+run: {kind: settle, max_cycles: 10}
+"""
+PNG = b"\x89PNG\r\n\x1a\nonly the report reads it, and it does not look inside"
+Capture = pytest.CaptureFixture[str]
+
+
+class FakeRunner(types.ModuleType):
+    """Stands for `gaitsweep.runs.execute`: writes a table at once, and keeps what it was asked."""
+
+    RESULTS = Path("results")
+
+    class RunError(UserError):
+        pass
+
+    class FigureError(UserError):
+        exit_code = 1
+        drawn = (Path("results/toy/figures/basin.png"),)
+
+    def __init__(self) -> None:
+        super().__init__("gaitsweep.runs.execute")
+        self.calls: list[tuple[Job, Path | None]] = []
+        self.error: BaseException | None = None
+        self.error_after_blocks = 0
+
+    def carry_out(
+        self,
+        job: Job,
+        out: Path | None = None,
+        *,
+        progress: Callable[..., None] | None = None,
+        tell: Callable[[str], None] | None = None,
+        strict: bool = False,
+    ) -> Path:
+        self.calls.append((job, out))
+        path = out or self.RESULTS / job.name
+        if self.error is not None and not self.error_after_blocks:
+            raise self.error
+        with ResultDirectory.open(path, job.resolved(), job.hash(), 10, 4) as directory:
+            for number in directory.missing_blocks():
+                if self.error is not None and number == self.error_after_blocks:
+                    raise self.error
+                rows = np.arange(*directory.rows_of(number), dtype=np.int64)
+                status = np.where(rows == 3, "fell", "settled")
+                directory.write_part(number, pd.DataFrame({"row": rows, "status": status}))
+                if progress is not None:
+                    progress(directory.rows_done, 10, 2.5, directory.rows_done / 10, "")
+            directory.update_manifest(device="1 x cpu (cpu)", timings={"run_s": 1.25})
+        self.draw_figures(path)
+        return path
+
+    def draw_figures(self, path: Path) -> list[Path]:
+        figure = Path(path) / "figures" / "basin.png"
+        figure.parent.mkdir(exist_ok=True)
+        figure.write_bytes(PNG)
+        return [figure]
+
+    def estimate(self, job: Job) -> types.SimpleNamespace:
+        return types.SimpleNamespace(
+            rows=10,
+            simulated=10,
+            records=10,
+            blocks=3,
+            memory_bytes=35e6,
+            disk_bytes=2100,
+            seconds=185.0,
+            seconds_most=185.0,
+            lanes=256,
+            device="cpu",
+            engine="xla",
+        )
+
+
+@pytest.fixture
+def runner(monkeypatch: pytest.MonkeyPatch) -> FakeRunner:
+    fake = FakeRunner()
+    monkeypatch.setitem(sys.modules, "gaitsweep.runs.execute", fake)
+    needs = types.ModuleType("gaitsweep.runs.estimate")
+    needs.estimate = fake.estimate  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "gaitsweep.runs.estimate", needs)
+    return fake
+
+
+@pytest.fixture
+def job_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("job.yaml").write_text(JOB)
+    return Path("job.yaml")
+
+
+@pytest.fixture
+def finished(job_file: Path, runner: FakeRunner, capsys: Capture) -> Path:
+    assert main(["run", str(job_file)]) == 0
+    capsys.readouterr()
+    return Path("results/toy")
+
+
+def refused(capsys: Capture, code: int, arguments: list[str]) -> str:
+    """Run a command that must fail with `code`, and give its sentence."""
+    assert main(arguments) == code
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "Traceback" not in printed.err
+    assert "Usage:" not in printed.err
+    return printed.err
+
+
+def test_version_and_help(capsys: Capture) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("gaitsweep ")
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for command in ("run", "plot", "animate", "info", "models", "check", "report", "schema"):
+        assert f"\n  {command} " in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["nonsense"], "No such command 'nonsense'"),
+        (["run"], "Missing argument 'JOB.yaml'"),
+        (["run", "job.yaml", "--foo"], "No such option: --foo"),
+        (["run", "job.yaml", "--out"], "--out"),
+        (["run", "job.yaml", "more.yaml"], "unexpected extra argument"),
+        (["run", "missing.yaml"], "missing.yaml: does not exist"),
+        (["run", "job.yaml", "--set", "run.max_cycle=3"], "max_cycles"),
+        (["run", "job.yaml", "--engine", "warp"], "warp"),
+        (["check"], "Missing argument"),
+        (["check", "missing.yaml"], "does not exist"),
+        (["models", "multileg"], "did you mean multilegged?"),
+        (["info", "nowhere"], "does not exist"),
+        (["info", "job.yaml"], "is not a directory"),
+        (["report", "."], "has no manifest.json"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_code_2(
+    arguments: list[str],
+    sentence: str,
+    job_file: Path,
+    runner: FakeRunner,
+    capsys: Capture,
+) -> None:
+    text = refused(capsys, 2, arguments)
+    assert sentence in text
+    assert text.count("\n") == 1
+    assert not runner.calls
+    assert [path.name for path in Path().iterdir()] == ["job.yaml"]
+
+
+def test_run_says_what_came_out(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
+    assert main(["run", str(job_file)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""  # no bar where nobody looks
+    assert printed.out.splitlines() == [
+        "10 rows: 9 settled, 1 fell.",
+        "Table: results/toy/table (3 parts).",
+        "Figure: results/toy/figures/basin.png",
+    ]
+
+
+def test_run_hands_its_options_on(job_file: Path, runner: FakeRunner) -> None:
+    arguments = ["--out", "here", "--set", "run.max_cycles=7", "--set", "params.beta=0.7", "--engine", "xla"]
+    assert main(["run", str(job_file), *arguments]) == 0
+    job, out = runner.calls[0]
+    assert out == Path("here")
+    assert job.run.max_cycles == 7  # type: ignore[union-attr]
+    assert job.params["beta"] == 0.7
+    assert job.engine.name == "xla"
+
+
+def test_a_dry_run_runs_nothing(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
+    assert main(["run", str(job_file), "--dry-run"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "rows    10 in 3 blocks",
+        "engine  xla on cpu, 256 lanes",
+        "memory  about 35 MB",
+        "disk    about 2.1 kB",
+        "time    about 3.1 min",
+    ]
+    assert not runner.calls
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (TableError("The directory is another job's."), 2),
+        (WriteError("The disk is full."), 1),
+        (FakeRunner.RunError("There is no such device."), 2),
+    ],
+)
+def test_failures_while_running(
+    error: Exception, code: int, job_file: Path, runner: FakeRunner, capsys: Capture
+) -> None:
+    runner.error = error
+    text = refused(capsys, code, ["run", str(job_file)])
+    assert text == f"{error}\n"
+
+
+def test_a_signal_has_its_own_code(job_file: Path, runner: FakeRunner) -> None:
+    class Terminated(KeyboardInterrupt):
+        exit_code = 143
+
+    runner.error = Terminated()
+    assert main(["run", str(job_file)]) == 143
+
+
+def test_a_figure_that_fails_leaves_the_others(
+    finished: Path, runner: FakeRunner, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def refuse(path: Path) -> list[Path]:
+        raise runner.FigureError("figures[1] (shock): no.")
+
+    monkeypatch.setattr(runner, "draw_figures", refuse)
+    assert main(["plot", str(finished)]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == "results/toy/figures/basin.png\n"
+    assert printed.err == "figures[1] (shock): no.\n"
+
+
+def test_a_fault_of_ours_keeps_its_traceback(job_file: Path, runner: FakeRunner) -> None:
+    runner.error = ZeroDivisionError("a bug")
+    with pytest.raises(ZeroDivisionError):
+        main(["run", str(job_file)])
+
+
+def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:
+    runner.error = KeyboardInterrupt()
+    assert "Stopped before anything was written" in refused(capsys, 130, ["run", str(job_file)])
+    runner.error_after_blocks = 2
+    text = refused(capsys, 130, ["run", str(job_file)])
+    assert (
+        text == "Stopped: 8 of 10 rows are safe in results/toy, and the same command continues from them.\n"
+    )
+    runner.error = None
+    assert main(["run", str(job_file)]) == 0
+    assert "10 rows: 9 settled, 1 fell." in capsys.readouterr().out
+
+
+def test_the_bar_shows_rows_rate_and_note() -> None:
+    screen = io.StringIO()
+    with ProgressBar(Console(file=screen, force_terminal=True, width=100)) as bar:
+        bar(2000, 10000, 0.0, 0.2, "compiling")
+        bar(2500, 10000, 123.456, 0.26, "2.4 M attempts/s")
+    shown = screen.getvalue()
+    for piece in ("2000/10000 rows", "compiling", "2500/10000 rows", "26%", "123 rows/s", "2.4 M attempts/s"):
+        assert piece in shown
+
+
+def test_check_has_a_line_for_each_job(job_file: Path, capsys: Capture) -> None:
+    Path("bad.yaml").write_text(JOB.replace("multilegged", "multilegs"))
+    assert main(["check", "job.yaml", "bad.yaml", "job.yaml"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "job.yaml: good, 10 rows\n" * 2
+    assert printed.err.startswith("bad.yaml, line 2: model is multilegs")
+    assert printed.err.count("\n") == 1
+    assert main(["check", "job.yaml"]) == 0
+
+
+def test_models_lists_and_describes(capsys: Capture) -> None:
+    assert main(["models"]) == 0
+    assert "multilegged" in capsys.readouterr().out
+    assert main(["models", "multilegged"]) == 0
+    text = capsys.readouterr().out
+    lines = {line.split()[0]: line for line in text.splitlines() if line.strip()}
+    for piece in ("N/m", "100", "(0, inf)", "spring between neighbours", "Table 1"):
+        assert piece in lines["kappa"]
+    for piece in ("parameters", "start", "observables", "signals", "gaits:", "[0, 1]", "2*sqrt(kappa)"):
+        assert piece in text
+
+
+def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> None:
+    assert main(["info", str(finished)]) == 0
+    text = capsys.readouterr().out
+    for piece in (
+        "toy (model multilegged)",
+        "10 of 10, complete",
+        "fell",
+        "The model's own test of a fall came true.",
+        "1 x cpu (cpu)",
+        "run_s 1.25",
+        "figures/basin.png",
+    ):
+        assert piece in text
+    (finished / "table" / "part-00001.parquet").write_bytes(b"PAR1")
+    assert main(["info", str(finished)]) == 0
+    text = capsys.readouterr().out
+    assert "6 of 10, not complete" in text
+    assert "damaged" in text
+
+
+def test_plot_draws_from_the_table(finished: Path, capsys: Capture) -> None:
+    assert main(["plot", str(finished)]) == 0
+    assert capsys.readouterr().out == "results/toy/figures/basin.png\n"
+
+
+def test_a_report_needs_no_other_file(finished: Path, capsys: Capture) -> None:
+    job = (finished / "job.yaml").read_text()
+    (finished / "job.yaml").write_text(job.replace("name: toy", "name: <script>toy"))
+    assert main(["report", str(finished)]) == 0
+    assert capsys.readouterr().out == "results/toy/report.html\n"
+    text = (finished / "report.html").read_text()
+    assert base64.b64encode(PNG).decode() in text
+    assert "<script>" not in text
+    assert "http" not in text
+    for piece in ("&lt;script&gt;toy", "10 rows", "90.0 %", "job_hash", "max_cycles: 10"):
+        assert piece in text
+
+
+def test_the_schema_is_written(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    assert {"name", "model", "vary", "run"} <= set(schema["properties"])
+    assert main(["schema", "--out", str(tmp_path / "schema.json")]) == 0
+    assert json.loads((tmp_path / "schema.json").read_text()) == schema
+    assert main(["schema", "--out", str(tmp_path / "nowhere" / "schema.json")]) == 1
+    assert "no such file" in capsys.readouterr().err
+
+
+def test_sizes_and_durations_read_well() -> None:
+    assert [duration(seconds) for seconds in (0.5, 90, 119, 120, 3600, 7200, 200_000)] == [
+        "0.5 s",
+        "90 s",
+        "119 s",
+        "2 min",
+        "60 min",
+        "2 h",
+        "2.3 days",
+    ]
+    assert [size(number) for number in (12, 35e6, 4.2e12)] == ["12 bytes", "35 MB", "4.2 TB"]
+
+
+def test_the_process_itself_refuses_without_a_traceback(tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text("name: [")
+    command = [sys.executable, "-m", "gaitsweep", "run", str(tmp_path / "bad.yaml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    assert "bad.yaml" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]

@@ -1,0 +1,96 @@
+"""The engines on a CUDA device against the reference: `JAX_PLATFORMS=cuda pytest -m gpu`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from multilegged_crossings import reference, simulated, wrapped
+from sweeping import run_rows
+
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.models.waist_quadruped import WaistQuadruped
+
+pytestmark = pytest.mark.gpu
+
+
+def test_crossings_on_a_card_agree_with_solve_ivp() -> None:
+    """The same bound as on a CPU: 95 % of random starts within 1e-6 rad over ten crossings."""
+    _, table = reference("base")
+    exact = table[["psi_1", "psi_2", "psi_3"]].to_numpy().reshape(table["start"].nunique(), -1, 3)
+    _, psi, _ = simulated({}, exact[:, 0], exact.shape[1] - 1, devices=1)
+    worst = wrapped(psi - exact).max(axis=(1, 2))
+    assert np.mean(worst < 1e-6) >= 0.95
+
+
+@pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("stabilised", 32e-3)])
+def test_kernels_on_a_card_agree_with_solve_ivp(method: str, dt: float) -> None:
+    """One thread a trajectory, rows refilled and kept on the way: the bound of the XLA engine."""
+    pytest.importorskip("numba_cuda")
+    _, table = reference("base")
+    exact = table[["psi_1", "psi_2", "psi_3"]].to_numpy().reshape(table["start"].nunique(), -1, 3)
+    starts = {f"psi_{i + 1}": exact[:, 0, i] for i in range(3)}
+    numerics = Numerics(dt=dt, method=method)
+    recorder = Crossings(Multilegged(), crossings=exact.shape[1] - 1)
+    result = run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=64, engine="kernel")
+    psi = result.samples.reshape(len(exact), exact.shape[1], -1)[:, :, 2:5]
+    assert np.mean(wrapped(psi - exact).max(axis=(1, 2)) < 1e-6) >= 0.95
+
+
+def test_settling_on_a_card() -> None:
+    """Gaits and cycles of settling of kernels and XLA, over rows that outnumber the lanes."""
+    pytest.importorskip("numba_cuda")
+    random = np.random.default_rng(8)
+    starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 48) for i in (1, 2, 3)}
+    numerics = Numerics(dt=32e-3, method="stabilised")
+    recorder = Settle(Multilegged())
+    kernel, xla = (
+        run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=lanes, engine=engine)
+        for engine, lanes in (("kernel", 32), ("xla", 48))
+    )
+    np.testing.assert_array_equal(kernel.status, xla.status)
+    assert np.mean(kernel.labels["gait"] == xla.labels["gait"]) >= 0.95
+
+
+def test_a_rows_bits_do_not_depend_on_what_other_rows_share() -> None:
+    """What all rows share reaches the threads in another way than what differs; the numbers are the same."""
+    pytest.importorskip("numba_cuda")
+    starts = {f"psi_{i}": np.full(40, 0.7 * i) for i in (1, 2, 3)}
+    recorder = Crossings(Multilegged(), crossings=12)
+    alike, mixed = (
+        run_rows(
+            Multilegged(),
+            recorder,
+            starts,
+            params={"beta": np.where(np.arange(40) < 39, 0.8, other), "kappa": 100.0},
+            numerics=Numerics(dt=4e-3),
+            lanes=16,
+            engine="kernel",
+        )
+        for other in (0.8, 0.75)
+    )
+    width = alike.samples.shape[1]
+    same = [result.samples.reshape(40, -1, width)[:39] for result in (alike, mixed)]
+    np.testing.assert_array_equal(*same)
+    assert np.any(alike.last[39] != mixed.last[39])
+
+
+def test_the_quadruped_on_a_card_as_on_a_cpu() -> None:
+    """Fixed steps, products of small matrices, inverse trigonometry: the first landings to 1e-9.
+
+    The kernels of the CPU are Numba's, so JAX need not see one.
+    """
+    pytest.importorskip("numba_cuda")
+    model = WaistQuadruped()
+    starts, params = {"delta_13": np.array([2.2, 3.0])}, {"T_grow": 0.4, "T_hold": 0.7}
+    numerics = Numerics(dt=2e-4, method="semi_implicit")
+    recorder = Crossings(model, crossings=5)
+    on = {
+        platform: run_rows(
+            model, recorder, starts, params=params, numerics=numerics, engine="kernel", on=platform
+        )
+        for platform in ("gpu", "cpu")
+    }
+    np.testing.assert_allclose(on["gpu"].samples, on["cpu"].samples, atol=1e-9)

@@ -1,0 +1,67 @@
+"""What a model works out on the host for its rows reaches their lanes, whatever the blocks and devices."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax
+import numpy as np
+import pytest
+from sweeping import run_rows
+from toy_model import Params, Toy
+
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.sweep.engines import EngineError, choose
+
+LAUNCH = np.linspace(0.1, 4.0, 7)
+KICK = np.linspace(0.1, 0.9, 7)
+
+
+class Prepared(Toy):
+    """The toy, its kick and its preload worked out on the host as one array."""
+
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return ("kick", "preload")
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {**values, "both": np.stack([values["kick"], values["preload"]], axis=1)}
+
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        assert values["both"].shape == (2,)
+        kick, preload = values["both"]
+        return dataclasses.replace(super().params(values), kick=kick, preload=preload)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("block", "devices"), [(7, 1), (3, 1), (2, 2)])
+def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
+    def found(model: Toy, recorder: type, **how: int):
+        return run_rows(
+            model,
+            recorder(model, 12),
+            {"launch_1": LAUNCH},
+            params={"kick": KICK, "preload": 0.5 + 0.1 * LAUNCH},
+            numerics=Numerics(dt=1e-2),
+            lanes=2,
+            **how,
+        )
+
+    for recorder in (Settle, Crossings):
+        one, other = found(Toy(), recorder), found(Prepared(), recorder, block=block, devices=devices)
+        np.testing.assert_allclose(one.last, other.last, rtol=1e-12)
+        np.testing.assert_allclose(one.samples, other.samples, rtol=1e-12)
+        for name in one.labels:
+            np.testing.assert_allclose(one.labels[name], other.labels[name], rtol=1e-12)
+
+
+def test_such_a_model_is_left_to_xla() -> None:
+    model, device = Prepared(), jax.local_devices()[0]
+    engine, note = choose("auto", device, model, Settle(model), Numerics(), None)
+    assert engine == "xla"
+    assert note == "engine: xla, because toy works out numbers on the host, of kick, preload."
+    with pytest.raises(EngineError, match="on the host"):
+        choose("kernel", device, model, Settle(model), Numerics(), None)

@@ -1,0 +1,67 @@
+"""Where JAX is told to see no CPU (JAX_PLATFORMS=cuda), nothing asks it for one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from sweeping import devices_on, run_rows
+from toy_model import Toy, launches
+
+from gaitsweep.engine.kernel import lanes
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+
+
+class Hidden:
+    """JAX's functions that name devices, without a CPU backend as JAX_PLATFORMS=cuda leaves them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.real = jax.local_devices()
+        self.asked: list[str | None] = []
+        monkeypatch.setattr(jax, "devices", self.devices)
+        monkeypatch.setattr(jax, "local_devices", lambda *args, backend=None: self.devices(backend))
+        monkeypatch.setattr(type(jax.config), "jax_platforms", property(lambda _: "cuda"), raising=False)
+
+    def devices(self, backend: str | None = None) -> list[Any]:
+        self.asked.append(backend)
+        if backend == "cpu":
+            raise RuntimeError("Unknown backend cpu")
+        return self.real
+
+
+def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CPU's kernels run all the same, starts worked out on the device that there is."""
+    hidden = Hidden(monkeypatch)
+    assert lanes._opening_device() is hidden.real[0]
+    found = run_rows(
+        Toy(),
+        Crossings(Toy(), crossings=4),
+        {"launch_1": 1.3},
+        numerics=Numerics(),
+        engine="kernel",
+        on="cpu",
+    )
+    np.testing.assert_allclose(found.samples[:, 2], launches(1.3, 0.5, 0.5, 4), atol=1e-9)
+    assert "cpu" not in hidden.asked
+
+
+def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where a card comes first: the last bits of starts do not depend on it."""
+    asked: list[str | None] = []
+    real = jax.local_devices()
+
+    def local_devices(backend: str | None = None) -> list[Any]:
+        asked.append(backend)
+        return real if backend == "cpu" else ["card"]
+
+    monkeypatch.setattr(jax, "local_devices", local_devices)
+    for platforms in (None, "", "cuda,cpu"):
+        monkeypatch.setattr(
+            type(jax.config), "jax_platforms", property(lambda _, p=platforms: p), raising=False
+        )
+        assert lanes._opening_device() is real[0]
+    assert set(asked) == {"cpu"}
+    assert devices_on("cpu", "kernel")[0].platform == "cpu"

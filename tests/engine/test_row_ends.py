@@ -1,0 +1,320 @@
+"""How rows end: by their limits, on the wrap of an angle, and where their numbers leave all bounds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from plane_maps import Logistic, Params, Spiral, State
+from sweeping import run_rows
+from toy_model import Toy, bounce_times, launches
+
+from gaitsweep.contract import Quantity, Status
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.fixed_time import Hold
+from gaitsweep.engine.recorders.recorder import BUFFER
+from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.sweep.block import BlockResult
+
+ENGINES = ("xla", "kernel")
+ONE = Numerics(dt=1.0)  # a step is a crossing
+TURN = 2.0 * np.pi
+
+
+def names(found: BlockResult) -> list[str]:
+    return [Status(code).name for code in found.status]
+
+
+class Turning(Spiral):
+    """The angle `angle + ratio^n (x_0 - angle)`, seen after n more turns, or on the turn from 0 (`y_0` 1)."""
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return (Quantity("psi", "rad", "an angle", circular=True),)
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return self.observables
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        return State(params.angle + params.ratio * (state.x - params.angle) + TURN, state.y)
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        return State(jnp.asarray(start["x_0"]), jnp.asarray(start["y_0"]))
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return {"psi": jnp.where(state.y > 0.5, jnp.mod(state.x, TURN), state.x)}
+
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        return {"gait": jnp.zeros((), jnp.int32)}
+
+
+class Turned(Turning):
+    """The same, whose own numbers stay on a turn on either side of the wrap: psi, then psi - 2 pi."""
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        away = params.ratio * state.x
+        return State(away, 1.0 - state.y)
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return {"psi": state.x + TURN * state.y}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> None:
+    """Settles by |.9^n (.9^-10 - 1)| < 10 tolerances, as an angle away from the wrap does."""
+    found = run_rows(
+        Turned(),
+        Settle(Turned()),
+        {"x_0": [0.4, -0.4, 0.4], "y_0": [0.0, 1.0, 1.0]},
+        numerics=ONE,
+        engine=engine,
+    )
+    assert names(found) == ["settled"] * 3
+    n = int(np.ceil(np.log(0.01 / (0.4 * (0.9**-10 - 1.0))) / np.log(0.9)))
+    assert found.cycles.tolist() == [n] * 3
+    assert found.period.tolist() == [1] * 3
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_angle_that_goes_on_by_a_turn_each_cycle_settles(engine: str) -> None:
+    """With and without whole turns in the numbers that the model gives."""
+
+    class Going(Turning):
+        def step(self, params: Params, state: State, dt: jax.Array) -> State:
+            return State(state.x + TURN, state.y)
+
+    found = run_rows(
+        Going(),
+        Settle(Going()),
+        {"x_0": [1.0, 0.0, 6.2], "y_0": [0.0, 0.0, 1.0]},
+        numerics=ONE,
+        engine=engine,
+    )
+    assert names(found) == ["settled"] * 3
+    assert found.cycles.tolist() == [10] * 3
+
+
+def test_an_angle_that_turns_by_less_does_not_settle() -> None:
+    class Part(Turning):
+        def step(self, params: Params, state: State, dt: jax.Array) -> State:
+            return State(state.x + 0.3 * TURN + 0.01, state.y)
+
+    found = run_rows(Part(), Settle(Part(), 60), {"x_0": [1.0], "y_0": [1.0]}, numerics=ONE)
+    assert names(found) == ["cycle_limit"]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_time_of_settling_has_its_limit(engine: str) -> None:
+    """Rows end at `max_time`, to the bit, unless they settle before it."""
+    model, starts = Toy(), {"launch_1": [1.0, 1.0]}
+    params = {"restitution": [0.9, 0.2]}
+    for limit in (3.7, 11.0):
+        found = run_rows(
+            model, Settle(model, 150, 1e-6, max_time=limit), starts, params=params,
+            numerics=Numerics(dt=1e-2), engine=engine,
+        )  # fmt: skip
+        bounces = bounce_times(1.0, 2.0, 0.5, 0.9, 0.5, 60)
+        assert names(found)[0] == "time_limit"
+        assert found.t_end[0] == limit
+        assert found.cycles[0] == np.count_nonzero(bounces < limit)
+        np.testing.assert_allclose(found.last[0, 0], launches(1.0, 0.9, 0.5, 60)[found.cycles[0]], atol=1e-8)
+    assert names(found)[1] == "settled"
+    assert found.t_end[1] < 11.0
+    free = run_rows(
+        model, Settle(model, 400, 1e-6), starts, params=params, numerics=Numerics(dt=1e-2), engine=engine
+    )
+    assert names(free) == ["settled", "settled"]
+    assert free.t_end[0] > 11.0
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_number_of_cycles_has_its_limit(engine: str) -> None:
+    found = run_rows(
+        Logistic(),
+        Settle(Logistic(), 37),
+        {"x_0": [0.3, 0.3]},
+        params={"r": [3.9, 2.8]},
+        numerics=ONE,
+        engine=engine,
+    )
+    assert names(found) == ["cycle_limit", "settled"]
+    assert found.cycles[0] == 37
+    assert found.labels["gait"][0] >= 0  # it is labelled all the same
+
+
+class Escaping(Logistic):
+    """x_0 grows by `r` each step, and becomes NaN where it is beyond `angle`; observed is y, which stays."""
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        x = params.r * state.x
+        return State(jnp.where(x > params.angle, jnp.nan, x), state.y)
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return {"x": state.y, "y": state.y}
+
+
+RECORDERS = {
+    "crossings": lambda model: Crossings(model, crossings=400),
+    "hold": lambda model: Hold(model, 400.0),
+    "trace": lambda model: Trace(model, duration=400.0, every=1.0),
+}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("kind", RECORDERS)
+def test_numbers_that_leave_all_bounds_end_a_row(kind: str, engine: str) -> None:
+    """Beyond 1e9, of either sign, a row has diverged, whatever is observed; NaN is told as such."""
+    model = Escaping()
+    found = run_rows(
+        model, RECORDERS[kind](model), {"x_0": [1.0, -1.0, 1.0, 1.0], "y_0": np.linspace(0.1, 0.4, 4)},
+        params={"r": [1.5, 1.5, 1.5, 1.0], "angle": [1e300, 1e300, 1e3, 1e300]}, numerics=ONE, engine=engine,
+    )  # fmt: skip
+    assert names(found) == ["diverged", "diverged", "not_a_number", "complete"]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_divergence_is_told_from_far_to_near_the_bound(engine: str) -> None:
+    """A state held at .9e9 runs to its end, one at 1.1e9 has diverged, of either sign."""
+    model = Escaping()
+    x_0 = np.array([0.9e9, -0.9e9, 1.1e9, -1.1e9])
+    found = run_rows(
+        model, Hold(model, 100.0), {"x_0": x_0, "y_0": 0.5}, params={"r": 1.0, "angle": 1e300}, numerics=ONE,
+        engine=engine,
+    )  # fmt: skip
+    assert names(found) == ["complete", "complete", "diverged", "diverged"]
+    assert np.all(found.labels["gait"][2:] == -1)
+    assert np.all(found.labels["gait"][:2] >= 0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_row_that_falls_keeps_what_it_had_before(engine: str) -> None:
+    """The last crossing of a row that fell is one from before the fall, and no gait is read from it."""
+    model = Toy()
+    params: dict[str, Any] = {"restitution": 0.5, "kick": [3.0, 0.5], "ceiling": [0.62, 1e3]}
+    found = run_rows(
+        model, Crossings(model, duration=20.0), {"launch_1": [1.0, 1.0]}, params=params,
+        numerics=Numerics(dt=1e-2), engine=engine,
+    )  # fmt: skip
+    assert names(found) == ["fell", "complete"]
+    # launched at 1 m/s it reaches .21 m, at 3.5 m/s (after its first bounce) 1.3 m
+    speeds = launches(1.0, 0.5, 3.0, 6)
+    mine = found.samples[found.owner == 0]
+    np.testing.assert_allclose(mine[:, 2], speeds[: len(mine)], atol=1e-8)
+    assert found.last[0, 0] == mine[-1, 2]
+    assert found.cycles[0] == len(mine) - 1 == 1
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("count", "after"), [(1, 0), (BUFFER, 3), (3 * BUFFER + 5, 0)])
+def test_every_crossing_is_kept_once(count: int, after: int, engine: str) -> None:
+    """Around the size of the buffer: `count` crossings after the first `after`, which is kept too."""
+    model = Logistic()
+    found = run_rows(
+        model, Crossings(model, crossings=count, after_cycles=after), {"x_0": [0.3, 0.2]}, params={"r": 3.9},
+        numerics=ONE, engine=engine, lanes=2,
+    )  # fmt: skip
+    assert names(found) == ["complete"] * 2
+    for row, x in enumerate((0.3, 0.2)):
+        orbit = [x]
+        for _ in range(after + count):
+            orbit.append(3.9 * orbit[-1] * (1.0 - orbit[-1]))
+        mine = found.samples[found.owner == row]
+        np.testing.assert_array_equal(mine[:, 0], np.arange(after, after + count + 1))
+        np.testing.assert_allclose(mine[:, 1], np.arange(after, after + count + 1), atol=1e-12)
+        np.testing.assert_allclose(mine[:12, 2], orbit[after : after + 12][: len(mine)], atol=1e-9)
+        assert found.cycles[row] == after + count
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_crossings_that_do_not_come_end_at_their_limit(engine: str) -> None:
+    """`time_limit` at four nominal periods for each crossing asked for, those let pass and ten to spare."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Still(Logistic):
+        def events(self, params: Params, before: State, after: State) -> jax.Array:
+            return jnp.zeros((1,), bool)
+
+    model = Still()
+    for recorder, limit in (
+        (Crossings(model, crossings=5, after_cycles=2), 4.0 * 17),
+        (Settle(model, 5), 4.0 * 15),
+        (Trace(model, duration=3.0, every=1.0, after_cycles=2), 4.0 * 12),
+    ):
+        found = run_rows(model, recorder, {"x_0": [0.3]}, numerics=ONE, engine=engine)
+        assert (names(found), found.t_end[0]) == (["time_limit"], limit)
+        assert found.cycles[0] == 0
+    held = run_rows(model, Hold(model, 7.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
+    assert (names(held), held.t_end[0], held.cycles[0]) == (["complete"], 7.0, 0)
+    ramp = run_rows(model, Crossings(model, duration=9.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
+    assert (names(ramp), ramp.t_end[0]) == (["complete"], 9.0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("every", "after"), [(0.1, 0), (0.3, 2)])
+def test_a_trace_has_all_of_its_samples(every: float, after: int, engine: str) -> None:
+    """From its begin to its end, both included, more than the buffer holds, at the heights in closed form."""
+    model, duration = Toy(), 9.0
+    found = run_rows(
+        model, Trace(model, duration, every, after_cycles=after), {"launch_1": [1.3]},
+        numerics=Numerics(dt=5e-3), engine=engine,
+    )  # fmt: skip
+    count = int(duration / every + 1e-9) + 1
+    t, height = found.samples[:, 0], found.samples[:, 1]
+    np.testing.assert_allclose(t, every * np.arange(count), rtol=0.0, atol=1e-9)
+    assert names(found) == ["complete"]
+    bounces = np.r_[0.0, bounce_times(1.3, 2.0, 0.5, 0.5, 0.5, 40)]
+    speeds = launches(1.3, 0.5, 0.5, 40)
+    at = t + bounces[after]
+    flight = np.searchsorted(bounces, at + 1e-9, side="right") - 1
+    since = at - bounces[flight]
+    exact = -0.5 + 0.5 * np.cos(2.0 * since) + speeds[flight] / 2.0 * np.sin(2.0 * since)
+    np.testing.assert_allclose(height, exact, atol=1e-7)
+    assert found.t_end[0] == pytest.approx(bounces[after] + every * (count - 1), abs=1e-9)
+    assert found.cycles[0] == np.count_nonzero(bounces[1:] < found.t_end[0] + 1e-9)
+
+
+class Watched(Toy):
+    """Observes the speed itself, which changes between bounces."""
+
+    def observe(self, params: Any, state: Any) -> dict[str, jax.Array]:
+        return {"launch_1": state.speed[0]}
+
+
+@pytest.mark.parametrize("kind", ["settle", "hold", "crossings"])
+def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
+    """Not of the moment at which the row's time is over, in flight."""
+    model, end = Watched(), 3.7
+    recorder = {
+        "settle": Settle(model, 150, 1e-9, max_time=end),
+        "hold": Hold(model, end),
+        "crossings": Crossings(model, duration=end),
+    }[kind]
+    found = run_rows(model, recorder, {"launch_1": [1.3]}, numerics=Numerics(dt=1e-2), engine="kernel")
+    speeds = launches(1.3, 0.5, 0.5, 20)
+    assert found.t_end[0] == end
+    assert found.cycles[0] == np.count_nonzero(bounce_times(1.3, 2.0, 0.5, 0.5, 0.5, 20) < end) > 1
+    np.testing.assert_allclose(found.last[0, 0], speeds[found.cycles[0]], atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", RECORDERS)
+def test_what_left_all_bounds_is_not_told_as_the_last_crossing(kind: str) -> None:
+    """x grows by half each crossing: the last one told is below 1e9, or before the NaN beyond 1e3."""
+
+    class Growing(Escaping):
+        def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+            return {"x": state.x, "y": state.y}
+
+    model = Growing()
+    starts, params = {"x_0": [1.0, 1.0], "y_0": 0.5}, {"r": 1.5, "angle": [1e300, 1e3]}
+    found = run_rows(model, RECORDERS[kind](model), starts, params=params, numerics=ONE, engine="kernel")
+    assert names(found) == ["diverged", "not_a_number"]
+    n = [int(np.log(bound) / np.log(1.5)) for bound in (1e9, 1e3)]
+    np.testing.assert_allclose(found.last[:, 0], [1.5 ** n[0], 1.5 ** n[1]], rtol=1e-12)

@@ -1,0 +1,303 @@
+"""What counts as settled: observables by their own size, orbits by their period; and what does not."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from plane_maps import Logistic, Spiral
+from simplest_walker import ANGLE, RATE, SimplestWalker
+from sweeping import run_rows
+
+import gaitsweep as gs
+from gaitsweep.analysis.attractors.attractors import attractors
+from gaitsweep.contract import Quantity, Status
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.job import JobError
+
+ONE = Numerics(dt=1.0)  # a step is a crossing
+ENGINES = ("xla", "kernel")
+
+
+def logistic(r: Any, *, start: Any = 0.3, cycles: int = 150, engine: str = "kernel") -> BlockResult:
+    r = np.atleast_1d(np.asarray(r, float))
+    starts = {"x_0": np.broadcast_to(start, r.shape)}
+    model = Logistic()
+    return run_rows(
+        model, Settle(model, cycles), starts, params={"r": r}, numerics=ONE, lanes=256, engine=engine
+    )
+
+
+def true_periods(r: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The period (0: none up to 64) of each orbit of the logistic map after 200 000 steps, by NumPy."""
+    for _ in range(200_000):
+        x = r * x * (1.0 - x)
+    period, y = np.zeros(r.size, int), x
+    for k in range(1, 65):
+        y = r * y * (1.0 - y)
+        period = np.where((period == 0) & (np.abs(y - x) < 1e-7), k, period)
+    return period
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> None:
+    """The cascade at 3, 3.4495, 3.5441, 3.5644 and the window of period 3 at 3.8284 (May 1976)."""
+    r = [2.8, 3.2, 3.5, 3.55, 3.83, 3.845, 3.74, 3.566, 3.9]
+    found = logistic(r, engine=engine)
+    assert found.period.tolist() == [1, 2, 4, 8, 3, 6, 5, 0, 0]
+    names = [Status(code).name for code in found.status]
+    assert names == ["settled"] * 7 + ["cycle_limit"] * 2
+    x = found.last[:, 0]
+    for row, p in enumerate(found.period):
+        y = x[row]
+        for _ in range(p):
+            y = r[row] * y * (1.0 - y)
+        # ten tolerances of its size at a fixed point; an orbit's motion over the 150 cycles is less than that
+        assert p == 0 or abs(y - x[row]) < 1e-2 * (1.0 if p == 1 else p / 150)
+
+
+def test_no_period_is_found_that_is_not_there() -> None:
+    """3 000 orbits, chaotic ones and slow ones near bifurcations among them, against 200 000 steps of NumPy.
+
+    The fixed points are left out: a row that stays within 1e-2 of an unstable one for 10 cycles settles.
+    """
+    random = np.random.default_rng(12)
+    r, start = random.uniform(2.9, 4.0, 3000), random.uniform(0.05, 0.95, 3000)
+    true = true_periods(r, start)
+    for cycles in (150, 600):
+        found = logistic(r, start=start, cycles=cycles).period
+        np.testing.assert_array_equal(found[found > 1], true[found > 1])
+        there = (true > 1) & (true <= 8)
+        assert np.mean(found[there] == true[there]) > (0.9 if cycles == 150 else 0.97)
+
+
+@pytest.mark.parametrize("cycles", [150, 1000])
+def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
+    """Turns near k/p of a circle, shorter by 1e-5 to .3 a step: every p-th point nearly comes back."""
+    random = np.random.default_rng(3)
+    n = 4000
+    p, k = random.integers(1, 9, n), random.integers(0, 8, n)
+    angle = 2.0 * np.pi * k / p + random.normal(size=n) * 10.0 ** random.uniform(-6, -1, n)
+    ratio = 1.0 - 10.0 ** random.uniform(-5, -0.5, n)
+    model = Spiral()
+    found = run_rows(
+        model,
+        Settle(model, cycles),
+        {"x_0": random.uniform(0.0, 2.0, n)},
+        params={"ratio": ratio, "angle": angle},
+        numerics=ONE,
+        lanes=256,
+        engine="kernel",
+    )
+    assert set(found.period.tolist()) == {0, 1}
+
+
+def test_observables_settle_by_their_own_size() -> None:
+    """500 N, 1 N and 1e-3 N of the same row settle at the same crossing; the tolerance is a share of each."""
+    starts, ends = {"x_0": [1.5, 2.0, 0.9]}, []
+    for size in (1e-3, 1.0, 500.0):
+        model = Spiral(size)
+        given = {"ratio": 0.9, "angle": 0.3}
+        ends.append(run_rows(model, Settle(model), starts, params=given, numerics=ONE))
+    for end in ends:
+        assert end.status.tolist() == [Status.settled] * 3
+        np.testing.assert_array_equal(end.cycles, ends[1].cycles)
+    # |x_n - x_(n - j)| < 1e-2 |x| on the exact orbit, from (1.5, 0) about (1, 1)
+    n = np.arange(200)
+    at = (0.5 - 1.0j) * 0.9**n * np.exp(0.3j * n)
+    points = np.stack([1.0 + at.real, 1.0 + at.imag], axis=1)
+    for last in range(10, 200):
+        near = np.abs(points[last] - points[last - 10 : last])
+        if np.all(near < 1e-2 * np.abs(points[last - 10 : last + 1]).max(axis=0)):
+            break
+    assert ends[1].cycles[0] == last
+
+
+class Declining(Spiral):
+    """Its x tends to 0 and has a scale."""
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return Quantity("x", "m/s", "x", scale=2.0), Quantity("y", "1", "y")
+
+    def observe(self, params, state):
+        return {"x": state.x - 1.0, "y": state.y}
+
+
+class Scaleless(Declining):
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return Quantity("x", "m/s", "x"), Quantity("y", "1", "y")
+
+
+def test_a_scale_of_the_models_own_counts_for_what_tends_to_0() -> None:
+    starts, given = {"x_0": 2.0, "y_0": 1.0}, {"ratio": 0.9, "angle": 0.0}
+    found = run_rows(Declining(), Settle(Declining()), starts, params=given, numerics=ONE)
+    # .9^n (.9^-10 - 1) < 10 * 1e-3 * 2
+    assert found.cycles.tolist() == [int(np.ceil(np.log(0.02 / (0.9**-10 - 1.0)) / np.log(0.9)))]
+    # with none it has to fall below 1e-9 of its unit: the row says so by its name
+    found = run_rows(Scaleless(), Settle(Scaleless(), 150), starts, params=given, numerics=ONE)
+    assert (Status(found.status[0]).name, found.slowest[0]) == ("cycle_limit", 0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_slowest_observable_is_named(engine: str) -> None:
+    model = Logistic()
+    recorder = Settle(model, 60, (10.0, 1e-3))
+    found = run_rows(
+        model, recorder, {"x_0": [0.3, 0.3]}, params={"r": [3.9, 2.8]}, numerics=ONE, engine=engine
+    )
+    assert [Status(code).name for code in found.status] == ["cycle_limit", "settled"]
+    assert found.slowest.tolist() == [1, -1]
+
+
+def job(**fields: Any) -> dict[str, Any]:
+    return {
+        "name": "orbits",
+        "model": "plane_maps:Logistic",
+        "vary": {"r": {"values": [2.8, 3.2, 3.5, 3.9]}},
+        "run": {"kind": "settle", "max_cycles": 100, "tolerance": {"x": 1e-3}},
+        "numerics": {"dt": 1.0},
+        **fields,
+    }
+
+
+def test_the_table_of_orbits(tmp_path: Path) -> None:
+    table = gs.run(gs.Job.model_validate(job()), tmp_path / "out").table
+    assert table["attractor_period"].dtype == np.int8
+    assert table["attractor_period"].tolist() == [1, 2, 4, 0]
+    assert table["slowest"].astype(object).where(table["slowest"].notna(), None).tolist() == [None] * 3 + [
+        "x"
+    ]
+    assert list(table["slowest"].cat.categories) == ["x", "y"]
+    assert table["stalled_by"].isna().all()
+    # the gait is that of the last crossing's values
+    assert table["gait"].tolist() == ["high" if x > 0.6 else "low" for x in table["x_end"]]
+    found = attractors(table)
+    assert found.column.astype(object).where(found.column.notna(), None).tolist() == [
+        "A1",
+        "period 2",
+        "period 4",
+        None,
+    ]
+    assert found.summary["kind"].tolist() == ["point", "orbit", "orbit"]
+    assert found.summary["rows"].tolist() == [1, 1, 1]
+    alone = attractors(table.iloc[1:2])
+    assert alone.summary["attractor"].tolist() == ["period 2"]
+
+
+def test_a_tolerance_of_what_is_not_observed_is_refused() -> None:
+    with pytest.raises(JobError, match=r"run\.tolerance\.xx is not an observable of map; did you mean x\?"):
+        gs.Job.model_validate(job(run={"kind": "settle", "tolerance": {"xx": 1e-3}}))
+    with pytest.raises(JobError, match=r"run\.tolerance has x, which is -1, but must be above 0"):
+        gs.Job.model_validate(job(run={"kind": "settle", "tolerance": {"x": -1}}))
+    with pytest.raises(JobError, match=r"run\.tolerance is an empty mapping"):
+        gs.Job.model_validate(job(run={"kind": "settle", "tolerance": {}}))
+
+
+def test_names_that_a_tolerance_leaves_out_keep_the_default(tmp_path: Path) -> None:
+    """.9^n (.9^-10 - 1) y < 10 tolerance: each observable waits for its own."""
+
+    def cycles(tolerance: Any) -> int:
+        given = job(
+            model="plane_maps:Spiral",
+            vary={"x_0": {"values": [1.0]}},
+            start={"y_0": 2.0},
+            run={"kind": "settle", "tolerance": tolerance},
+        )
+        return int(gs.run(gs.Job.model_validate(given), tmp_path / str(tolerance)).table["cycles"][0])
+
+    assert cycles({"x": 1e-9}) == cycles(1e-3) == cycles({"y": 1e-3})
+    assert cycles({"y": 1e-4}) == cycles(1e-4) == cycles(1e-3) + round(np.log(0.1) / np.log(0.9))
+
+
+def test_a_row_of_period_1_ends_where_it_did(tmp_path: Path) -> None:
+    """The rule for angles, written again in NumPy: |x_n - x_(n-j)| < 10 tolerance for j = 1 to 10."""
+
+    class Angles(Spiral):
+        @property
+        def observables(self):
+            return tuple(dataclasses.replace(q, circular=True, unit="rad") for q in super().observables)
+
+    random = np.random.default_rng(5)
+    n, model = 64, Angles()
+    ratio, angle, x = random.uniform(0.5, 0.93, n), random.uniform(-3, 3, n), random.uniform(0.3, 1.7, n)
+    found = run_rows(
+        model, Settle(model), {"x_0": x, "y_0": 1.0}, params={"ratio": ratio, "angle": angle}, numerics=ONE
+    )
+    assert np.all(found.period == 1)
+    step = np.arange(151)
+    at = (x - 1.0)[:, None] * ratio[:, None] ** step * np.exp(1j * angle[:, None] * step)
+    points = np.stack([at.real, at.imag], axis=-1)
+    for row in range(n):
+        ends = [k for k in range(10, 151) if np.abs(points[row, k] - points[row, k - 10 : k]).max() < 1e-2]
+        assert found.cycles[row] == ends[0]
+
+
+def test_periods_are_looked_for_in_float32_too() -> None:
+    assert float(jnp.finfo(jnp.float32).eps) > 1e-8  # what the state can be told by
+    model = Logistic()
+
+    class Single(Logistic):
+        @property
+        def precisions(self) -> tuple[str, ...]:
+            return ("float64", "float32")
+
+    model = Single()
+    numerics = Numerics(dt=1.0, precision="float32")
+    found = run_rows(
+        model, Settle(model), {"x_0": np.full(3, 0.3)}, params={"r": [3.2, 3.5, 3.9]}, numerics=numerics
+    )
+    assert found.period.tolist() == [2, 4, 0]
+
+
+@pytest.mark.slow
+def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
+    """Garcia et al. 1998: one step up to a slope of .0151 rad, two from there, then four, chaos before .019.
+
+    Each slope starts from where the one before settled: the basin of the gait is small.
+    """
+    model, numerics = SimplestWalker(), Numerics(method="rk4", dt=5e-3)
+    names = [quantity.name for quantity in model.starts]
+    kept = 1.0 - np.cos(2.0 * ANGLE)
+    at = np.array([ANGLE, RATE, 2.0 * ANGLE, kept * RATE])
+    found = {}
+    for slope in (
+        0.009,
+        0.0105,
+        0.012,
+        0.013,
+        0.014,
+        0.0145,
+        0.015,
+        0.0155,
+        0.016,
+        0.017,
+        0.0175,
+        0.018,
+        0.0185,
+    ):
+        starts = {name: [value] for name, value in zip(names, at, strict=True)}
+        end = run_rows(
+            model,
+            Settle(model, 600),
+            starts,
+            params={"gamma": [slope]},
+            numerics=numerics,
+            engine="kernel",
+        )
+        found[slope] = int(end.period[0])
+        if slope == 0.009:
+            # the paper's fixed point, printed to 15 digits
+            np.testing.assert_allclose(end.last[0, :2], [ANGLE, RATE], rtol=0, atol=1e-9)
+        if found[slope]:
+            at = end.last[0]
+    assert all(found[slope] == 1 for slope in found if slope <= 0.015)
+    assert all(found[slope] == 2 for slope in found if 0.0155 <= slope <= 0.0175)
+    assert (found[0.018], found[0.0185]) == (4, 0)

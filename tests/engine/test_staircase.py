@@ -1,0 +1,247 @@
+"""Staircases: a parameter held on stairs, against piecewise trajectories by SciPy."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from firing_neuron import Neuron
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from sweeping import run_rows
+from toy_model import Toy
+
+from gaitsweep.contract import Quantity, Status, SteppedModel
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.staircase import Staircase
+from gaitsweep.engine.recorders.stairs import Stairs
+from gaitsweep.engine.sweep.block import BlockResult
+
+NUMERICS = Numerics(dt=1e-2)
+
+
+def climb(stairs: Stairs, parameter: str, starts: dict[str, Any], **options: Any) -> BlockResult:
+    """Rows of the toy on a staircase of one of its parameters."""
+
+    def drive(values: Any, t: jax.Array) -> Any:
+        return Toy().params({**values, parameter: stairs.at(t)})
+
+    options = {"numerics": NUMERICS, **options}
+    return run_rows(Toy(), Staircase(Toy(), stairs), starts, drive=drive, **options)
+
+
+# The path
+
+
+def test_each_pass_has_equal_stairs_and_holds_its_turning_value_once() -> None:
+    stairs = Stairs((2.0, 3.2, 2.7, 2.7001), step=0.4, hold=3.0, first_hold=5.0)
+    assert stairs.lengths == [3, 2, 1]
+    value = stairs.value(jnp.arange(7.0))
+    np.testing.assert_allclose(value, [2.0, 2.4, 2.8, 3.2, 2.95, 2.7, 2.7001], rtol=1e-15)
+    assert [float(value[i]) for i in (0, 3, 5, 6)] == [2.0, 3.2, 2.7, 2.7001], "the path's own to the bit"
+    np.testing.assert_array_equal(stairs.passes(np.arange(7)), [0, 0, 0, 0, 1, 1, 2])
+    np.testing.assert_array_equal(stairs.end(np.arange(3)), [5.0, 8.0, 11.0])
+    assert stairs.duration == 23.0
+    assert len(Stairs((2.0, 3.2), 0.05, 1.0).value(jnp.arange(25.0))) == Stairs((2.0, 3.2), 0.05, 1.0).count
+
+
+@settings(max_examples=60)
+@given(
+    values=st.lists(st.floats(-9, 9), min_size=2, max_size=4, unique=True),
+    step=st.floats(0.02, 9),
+    hold=st.floats(1e-2, 1e3),
+    first=st.floats(0.01, 100),
+    dtype=st.sampled_from([np.float64, np.float32]),
+)
+def test_a_stair_lasts_from_the_end_of_the_one_before(values, step, hold, first, dtype) -> None:
+    """At the very time of a change the value is the new one, whatever rounding does; in between it stays."""
+    stairs = Stairs(tuple(values), step, hold, first * hold)
+    # always as many, since JAX compiles anew for other shapes
+    some = np.round(np.linspace(0, stairs.count - 1, 64)).astype(dtype)
+    after = np.minimum(some + 1, stairs.count - 1)
+    np.testing.assert_array_equal(stairs.stair(stairs.end(some)), after)
+    np.testing.assert_array_equal(stairs.stair(jnp.asarray(stairs.middle(some).astype(dtype))), some)
+    apart = np.abs(stairs.value(jnp.asarray(after)) - stairs.value(jnp.asarray(some)))
+    assert apart.max() <= step * (1 + 1e-9) + 64 * np.finfo(dtype).eps
+
+
+# Along trajectories
+
+
+def piecewise(launch: float, stairs: Stairs) -> np.ndarray:
+    """Crossings and the last launch speed at the end of each stair of the toy's stiffness, by SciPy."""
+
+    def landing(t: float, y: np.ndarray) -> float:
+        return y[0]
+
+    landing.terminal, landing.direction = True, -1  # type: ignore[attr-defined]
+    y, t, crossings, last, rows = np.array([0.0, launch]), 0.0, 0, launch, []
+    for number in range(stairs.count):
+        stiffness, end = float(stairs.value(jnp.asarray(float(number)))), float(stairs.end(np.array(number)))
+        while t < end:
+
+            def flow(t: float, y: np.ndarray, stiffness: float = stiffness) -> list[float]:
+                return [y[1], -stiffness * (y[0] + 0.5)]
+
+            part = solve_ivp(flow, (t, end), y, "DOP853", events=landing, rtol=1e-12, atol=1e-13)
+            t, y = float(part.t[-1]), part.y[:, -1]
+            if part.status == 1:
+                last, crossings = 0.5 * abs(y[1]) + 0.5, crossings + 1
+                y = np.array([0.0, last])
+        rows.append([crossings, last])
+    return np.array(rows)
+
+
+def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
+    """The stiffness changes in mid-flight: the energy then depends on when it did, and on what it was."""
+    stairs = Stairs((4.0, 9.0, 3.0), step=1.7, hold=3.3, first_hold=4.1)
+    kernel, xla = (
+        climb(stairs, "stiffness", {"launch_1": [0.5, 2.0]}, engine=name) for name in ("kernel", "xla")
+    )
+    for result in (kernel, xla):
+        assert np.all(result.status == Status.complete)
+        np.testing.assert_allclose(result.t_end, stairs.duration, rtol=1e-14)
+    np.testing.assert_array_equal(kernel.owner, xla.owner)
+    np.testing.assert_allclose(kernel.samples, xla.samples, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(kernel.labels["gait"], xla.labels["gait"])
+    for row, launch in enumerate((0.5, 2.0)):
+        number, crossing, t, _, _, last = xla.samples[xla.owner == row].T
+        np.testing.assert_array_equal(number, np.arange(stairs.count))
+        np.testing.assert_allclose(t, stairs.end(number), rtol=1e-14)
+        expected = piecewise(launch, stairs)
+        np.testing.assert_array_equal(crossing, expected[:, 0])
+        # rk4 of 0.01 s is right to 1e-9 here; a step held at a wrong value would be wrong by 1e-3
+        np.testing.assert_allclose(last, expected[:, 1], rtol=0, atol=1e-8)
+
+
+def test_more_stairs_than_a_buffer_holds() -> None:
+    """Each look finds another stair's end: the row waits until the host has read its buffer."""
+    stairs = Stairs((1.0, 3.0), step=0.01, hold=0.05)
+    result = climb(stairs, "kick", {"launch_1": [1.0, 0.7]}, lanes=2)
+    assert np.all(result.status == Status.complete)
+    for row in (0, 1):
+        np.testing.assert_array_equal(result.samples[result.owner == row, 0], np.arange(201))
+
+
+@pytest.mark.parametrize("crossings", [(9, 10), (10, 9)])
+def test_settled_takes_ten_crossings_of_its_own(crossings: tuple[int, int]) -> None:
+    """Without restitution each launch is the kick, whatever the preload: only the crossings' number tells."""
+    kick, preload = 0.5, (0.5, 1.0)
+    flight = np.arctan(kick / (2.0 * np.array(preload)))
+    # the change comes at the apex, from where the mass falls with the new preload
+    apex = np.hypot(preload[0], kick / 2.0) - preload[0]
+    fall = 0.5 * np.arccos(preload[1] / (apex + preload[1]))
+    first, hold = (crossings[0] + 0.5) * flight[0], fall + (crossings[1] - 0.5) * flight[1]
+    stairs = Stairs(preload, step=0.5, hold=float(hold), first_hold=float(first))
+    result = climb(stairs, "preload", {"launch_1": kick}, params={"restitution": 0.0, "kick": kick})
+    assert np.diff(result.samples[:, 1], prepend=0.0).tolist() == list(crossings)
+    assert result.samples[:, 3].tolist() == [n >= 10 for n in crossings]
+
+
+def test_an_observable_that_still_moves_is_not_settled() -> None:
+    stairs = Stairs((0.5, 1.0, 0.5), step=0.25, hold=25.0)
+    slow = climb(stairs, "kick", {"launch_1": 0.5}, params={"restitution": 0.9})
+    assert slow.samples[1:, 3].tolist() == [0.0] * 4
+    assert climb(stairs, "kick", {"launch_1": 0.5}).samples[:, 3].tolist() == [1.0] * 5
+
+
+def test_what_a_new_value_fires_is_fired_at_the_change() -> None:
+    """The threshold falls below the potential: the neuron fires there and then."""
+    model, first = Neuron(), 21.85
+    period = np.arctan([2.0, 0.5]) - np.arctan(-1.0)
+    crossed, begun = np.divmod(first - np.arctan(2.0), period[0])
+    crossed += 1  # the first firing, from the start
+    assert 0.5 < np.tan(begun + np.arctan(-1.0)) < 2.0, "the potential at the change"
+    for hold, more in ((7.99 * period[1], 8), (8.01 * period[1], 9)):
+        stairs = Stairs((2.0, 0.5), step=2.0, hold=float(hold), first_hold=first)
+
+        def drive(values: Any, t: jax.Array, stairs: Stairs = stairs) -> Any:
+            return model.params({**values, "threshold": stairs.at(t)})
+
+        recorder = Staircase(model, stairs)
+        result = run_rows(model, recorder, {"v_0": 0.0}, numerics=NUMERICS, drive=drive, engine="kernel")
+        assert result.samples[:, 1].tolist() == [crossed, crossed + more]
+
+
+@functools.partial(jax.tree_util.register_dataclass, data_fields=["angle", "turned"], meta_fields=[])
+@dataclasses.dataclass(frozen=True)
+class Wheel:
+    """An angle in turns, and all that was turned up to the last crossing."""
+
+    angle: jax.Array
+    turned: jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Turning(SteppedModel):
+    """A wheel with a step of its own; each whole turn is a crossing, read at the step's end."""
+
+    name: ClassVar[str] = "turning"
+    source: ClassVar[str] = "this file"
+    gaits: ClassVar[tuple[str, ...]] = ("turning",)
+    parameters = (Quantity("rate", "1/s", "turns a second", 1.0),)  # pyright: ignore
+    starts = (Quantity("angle", "1", "angle in turns", 0.0),)  # pyright: ignore
+    observables = (Quantity("turned", "1", "turned up to the crossing"),)  # pyright: ignore
+    signals = ()  # pyright: ignore
+
+    def params(self, values):
+        return {"rate": jnp.asarray(values["rate"])}
+
+    def init(self, params, start):
+        return Wheel(jnp.asarray(start["angle"]), jnp.zeros_like(params["rate"]))
+
+    def step(self, params, state, dt):
+        return dataclasses.replace(state, angle=state.angle + params["rate"] * dt)
+
+    def events(self, params, before, after):
+        return jnp.stack([jnp.floor(after.angle) > jnp.floor(before.angle)])
+
+    def jump(self, params, state, fired):
+        return dataclasses.replace(state, turned=state.angle)
+
+    def section(self, params, before, fired):
+        return fired[0]
+
+    def observe(self, params, state):
+        return {"turned": state.turned}
+
+    def signal(self, params, state):
+        return {}
+
+    def label(self, params, observations):
+        return {"gait": jnp.zeros((), jnp.int32)}
+
+    def failed(self, params, state):
+        return state.angle < -1.0
+
+    def period(self, params):
+        return jnp.ones_like(params["rate"])
+
+
+@pytest.mark.parametrize("hold", [3.0, 2.6137, 0.004])
+def test_a_simulator_of_fixed_steps_changes_at_the_nearest_step_end(hold: float) -> None:
+    stairs, dt, model = Stairs((1.0, 2.0, 1.0), step=0.3, hold=hold), 0.01, Turning()
+
+    def drive(values: Any, t: jax.Array) -> Any:
+        return model.params({**values, "rate": stairs.at(t)})
+
+    options: dict[str, Any] = {"numerics": Numerics(dt=dt), "drive": drive}
+    results = [
+        run_rows(model, Staircase(model, stairs), {"angle": 0.0}, engine=name, **options)
+        for name in ("kernel", "xla")
+    ]
+    angle, turned, steps, expected = 0.0, 0.0, 0, []
+    for number in range(stairs.count):
+        rate = float(stairs.value(jnp.asarray(float(number))))
+        while (steps + 0.5) * dt < (number + 1) * hold - 1e-9:
+            before, angle, steps = angle, angle + rate * dt, steps + 1
+            turned = angle if np.floor(angle) > np.floor(before) else turned
+        expected.append([number, np.floor(angle), steps * dt, turned])
+    for result in results:
+        np.testing.assert_allclose(result.samples[:, [0, 1, 2, 5]], expected, rtol=0, atol=1e-9)

@@ -1,0 +1,57 @@
+"""A row's numbers depend on the row alone: not on blocks, refilling, neighbours or the number of devices."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sweeping import run_rows, same
+from toy_model import Toy
+
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.models.multilegged.model import Multilegged
+
+LAUNCH = np.linspace(0.1, 4.0, 23)
+NUMERICS = Numerics(dt=1e-2)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
+
+
+@settings(max_examples=8)
+@given(block=st.integers(1, 30), devices=st.integers(1, 2))
+def test_blocks_refilling_and_devices(whole, block: int, devices: int) -> None:
+    """Four lanes for 23 rows: every lane is filled again and again, in another order with each block size."""
+    assert len(jax.local_devices()) == 2, "tests/conftest.py gives two CPU devices"
+    other = run_rows(
+        Toy(),
+        Settle(Toy()),
+        {"launch_1": LAUNCH},
+        numerics=NUMERICS,
+        lanes=4,
+        block=block,
+        devices=devices,
+    )
+    same(whole, other)
+
+
+def test_order_of_rows(whole) -> None:
+    order = np.random.default_rng(0).permutation(LAUNCH.size)
+    other = run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH[order]}, numerics=NUMERICS, lanes=4)
+    np.testing.assert_array_equal(whole.t_end[order], other.t_end)
+    np.testing.assert_array_equal(whole.last[order], other.last)
+
+
+def test_multilegged_rows_over_blocks_and_devices() -> None:
+    random = np.random.default_rng(5)
+    starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 11) for i in (1, 2, 3)}
+    model = Multilegged()
+    one = run_rows(model, Crossings(model, crossings=2), starts, lanes=4)
+    two = run_rows(model, Crossings(model, crossings=2), starts, lanes=4, block=3, devices=2)
+    same(one, two)

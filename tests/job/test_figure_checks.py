@@ -1,0 +1,117 @@
+"""A figure that cannot be drawn of a job's table is refused before rows run; one that is not, is drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from job_tables import table_of
+from matplotlib import pyplot as plt
+
+from gaitsweep.analysis.gaits.loading_rule import MEASURES as ALL_MEASURES
+from gaitsweep.errors import UserError
+from gaitsweep.job import Job, JobError
+from gaitsweep.job.figure_checks import MEASURES
+from gaitsweep.plot import draw
+from gaitsweep.plot.columns import PlotError
+
+GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
+MASSES = {"m_B": {"values": [0.85, 0.9]}}
+BOTH = {**GRID, **MASSES}
+SEEDS = {"seed": [1, 2]}
+PSI = {"x": "psi_1", "y": "psi_2"}
+REFINED = {"kind": "settle", "refine": "boundary"}
+SETTLE: dict[str, Any] = {"kind": "settle"}
+MAP = {"kind": "return_map", "crossings": 20}
+TRACE = {"kind": "trace", "duration": 1, "every": 0.05}
+BRANCH = {"kind": "continuation", "parameter": "beta", "path": [0.7, 0.8]}
+FEET = "planar_quadruped"
+
+
+def job(
+    figure: dict[str, Any], run: dict[str, Any] = SETTLE, vary: Any = GRID, model: str = "multilegged"
+) -> Job:
+    start = {name: 1.0 for name in ("psi_1", "psi_2", "psi_3") if name not in vary}
+    return Job(name="x", model=model, vary=vary, run=run, figures=[figure],
+               start=start if model == "multilegged" else {})  # fmt: skip
+
+
+# (figure, run, vary, model, words of the refusal): what ended in a traceback, or a refusal, after all rows
+REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
+    ({"kind": "shock", "x": "psi_1", "y": "m_B"}, SETTLE, BOTH, "", "psi_1 in rad and m_B in kg"),
+    ({"kind": "shock", **PSI}, SETTLE, BOTH, "", "leaves m_B out, which varies"),
+    ({"kind": "shock", "x": "psi_1", "y": "gait"}, SETTLE, GRID, "", "y is gait, which has no numbers"),
+    ({"kind": "basin", **PSI}, SETTLE, BOTH, "", "leaves m_B out, which varies"),
+    ({"kind": "basin", "x": "psi_1", "y": "status"}, SETTLE, GRID, "", "y is status, which has no numbers"),
+    ({"kind": "basin", "x": "psi_1", "y": "psi_1"}, SETTLE, GRID, "", "y is psi_1, as x is"),
+    ({"kind": "basin", **PSI, "title": "$\\foo$"}, SETTLE, GRID, "", "title is .*cannot set"),
+    ({"kind": "gait_map", "x": "psi_1", "y": "psi_1"}, SETTLE, GRID, "", "y is psi_1, as x is"),
+    ({"kind": "gait_map", "x": "gait", "y": "psi_1"}, SETTLE, GRID, "", "x is gait, which has no numbers"),
+    ({"kind": "basin_measures"}, SETTLE, BOTH, "", "needs one unit for the distance"),
+    ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, MASSES, "", "axes is missing: besides panels"),
+    ({"kind": "basin_measures", "axes": ["gait"]}, SETTLE, GRID, "", r"axes\[0\] is gait, which has no"),
+    ({"kind": "basin_measures", "hue": "attractor"}, REFINED, GRID, "", "hue is attractor"),
+    ({"kind": "branches", "x": "crossing", "y": "psi_1"}, MAP, MASSES, "", "crossing, which does not vary"),
+    ({"kind": "cycles", "x": "status", "y": ["psi_1"]}, MAP, MASSES, "", "x is status, which has no numbers"),
+    ({"kind": "drift_law", "of": "kappa"}, SETTLE, GRID, "", "kappa_1 and kappa_end have to vary"),
+    ({"kind": "gait_shares", "x": "psi_1"}, SETTLE, BOTH, "", "no parameter that varies.*: m_B"),
+    ({"kind": "stable_ranges", "y": "gait"}, BRANCH, MASSES, "", "y is gait, which has no numbers"),
+    ({"kind": "speed_gaits", "speed": "psi_1"}, SETTLE, GRID, "", "when each of four legs begins to swing"),
+    ({"kind": "gait_series"}, TRACE, MASSES, "", "needs the signal pitch"),
+    ({"kind": "gait_series", "row": 3}, TRACE, SEEDS, FEET, "row is 3, but the job has rows 0 to 1"),
+    ({"kind": "gait_series", "window": [2, 1]}, TRACE, SEEDS, FEET, "its begin comes before its end"),
+    ({"kind": "nine_gaits"}, TRACE, MASSES, "", "needs the signal u_f_LF"),
+    ({"kind": "loading_rule", "measures": ["load_lat"]}, TRACE, SEEDS, FEET, "did you mean load_late"),
+    ({"kind": "loading_rule", "only": "seed"}, TRACE, SEEDS, FEET, "value is missing, but only"),
+    ({"kind": "footprints"}, TRACE, {"launch_1": [1]}, "toy_model:Toy", "needs the signals contact_1"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("figure", "run", "vary", "model", "words"), REFUSED)
+def test_refused_before_rows_run(
+    figure: dict[str, Any], run: dict[str, Any], vary: Any, model: str, words: str
+) -> None:
+    with pytest.raises(JobError, match=words) as error:
+        job(figure, run, vary, model or "multilegged")
+    assert "figures[0]" in str(error.value)
+    assert len(error.value.complaints) == 1
+
+
+DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
+    ({"kind": "shock", **PSI, "panels": "m_B"}, SETTLE, BOTH),
+    ({"kind": "basin", **PSI, "panels": "m_B"}, SETTLE, BOTH),
+    (
+        {"kind": "basin", "x": "psi_1", "y": "m_B", "title": "$m_B$ costs \\$5"},
+        SETTLE,
+        {"psi_1": [1, 2], **MASSES},
+    ),
+    ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, BOTH),
+    ({"kind": "gait_map", "x": "psi_1", "y": "m_B"}, SETTLE, BOTH),
+    ({"kind": "gait_shares", "x": "m_B"}, SETTLE, BOTH),
+    ({"kind": "branches", "x": "m_B", "y": "psi_1"}, MAP, MASSES),
+    ({"kind": "cycles", "y": ["psi_1"]}, MAP, MASSES),
+    ({"kind": "footprints"}, TRACE, MASSES),
+]
+
+
+@pytest.mark.parametrize(("figure", "run", "vary"), DRAWN)
+def test_what_passes_is_drawn(figure: dict[str, Any], run: dict[str, Any], vary: Any) -> None:
+    checked = job(figure, run, vary)
+    spec = checked.resolved()["figures"][0]
+    given = {k: v for k, v in spec.items() if v is not None and k not in ("kind", "name")}
+    draw(spec["kind"], table_of(checked), **given)
+    plt.close("all")
+
+
+def test_what_check_refuses_plot_refuses_too() -> None:
+    """The rules are the figures' own: of a table that is there they are sentences as well."""
+    table = table_of(job({"kind": "basin", **PSI, "panels": "m_B"}, vary=BOTH))
+    with pytest.raises(PlotError, match="Several rows have the same psi_1 and psi_2"):
+        draw("basin", table, x="psi_1", y="psi_2")
+    with pytest.raises(UserError, match="A distance needs one unit"):
+        draw("shock", table, x="psi_1", y="m_B")
+    plt.close("all")
+
+
+def test_the_measures_are_those_of_the_analysis() -> None:
+    assert tuple(ALL_MEASURES) == MEASURES

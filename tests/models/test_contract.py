@@ -1,0 +1,139 @@
+"""What every registered model has to give, checked for each of them (and for the tests' own)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from firing_neuron import Neuron
+from sweeping import scalars
+from toy_model import Toy
+
+from gaitsweep import models
+from gaitsweep.contract import HybridModel, Model, Status, SteppedModel, Steps, Verdict
+from gaitsweep.engine.sweep.labels import LABELLED
+from gaitsweep.runs.frames import STATUSES
+
+ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
+
+
+@pytest.fixture(params=ALL, ids=lambda kind: kind.name)
+def model(request: pytest.FixtureRequest) -> Model:
+    return request.param()
+
+
+def begun(model: Model):
+    params = scalars(model)
+    random = np.random.default_rng(1)
+    start = {}
+    for quantity in model.starts:
+        value = quantity.default if quantity.default is not None else random.uniform(0.1, 6.0)
+        start[quantity.name] = jnp.asarray(float(value))
+    return params, model.init(params, start)
+
+
+def test_each_status_is_a_number_with_a_sentence() -> None:
+    assert [Status(number).name for number in (0, 1, 3, 9)] == ["running", "settled", "fell", "inferred"]
+    names = "running settled cycle_limit fell diverged not_a_number event_stall time_limit complete inferred"
+    kept = [*names.split(), "step_limit", "no_fixed_point"]
+    assert [Status(number).name for number in range(12)] == kept, "tables keep these numbers' names"
+    assert [int(status) for status in Status] == list(range(len(Status)))
+    assert len({status.sentence for status in Status}) == len(Status)
+    assert all(status.sentence.endswith(".") for status in Status)
+
+
+def test_each_status_has_one_verdict() -> None:
+    assert Status.of(Verdict.failed) == {"fell", "diverged", "not_a_number", "event_stall"}
+    assert Status.of(Verdict.sound) == {"settled", "complete", "inferred"}
+    assert Status.of(*Verdict) == {status.name for status in Status}
+    assert not {status.verdict for status in LABELLED} & {Verdict.failed}
+    assert set(STATUSES) == Status.of(*Verdict) - {"running"}
+
+
+def test_a_stepped_model_is_its_own_steps() -> None:
+    assert Steps.__abstractmethods__ == {"step", "events", "jump", "section"}
+    own = Model.__abstractmethods__ - {"recommended"}  # its step is its own
+    assert SteppedModel.__abstractmethods__ == own | Steps.__abstractmethods__
+
+
+def test_names_are_distinct_and_described(model: Model) -> None:
+    assert isinstance(model, HybridModel) != isinstance(model, SteppedModel)
+    settable = [q.name for q in (*model.parameters, *model.starts)]
+    assert len(set(settable)) == len(settable)
+    for quantity in (*model.parameters, *model.starts, *model.observables, *model.signals, *model.traits):
+        assert quantity.name.isidentifier(), quantity
+        assert quantity.unit, quantity
+        assert quantity.meaning, quantity
+    assert len(set(model.gaits)) == len(model.gaits) > 0
+    assert model.source
+
+
+def test_models_are_values(model: Model) -> None:
+    """Frozen, hashable, and equal where their structure is: compiled programs are kept by model."""
+    assert hash(model) == hash(type(model)())
+    assert model == type(model)()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        model.anything = 1  # type: ignore[attr-defined]
+
+
+def test_functions_give_what_they_promise(model: Model) -> None:
+    params, state = begun(model)
+    observed = model.observe(params, state)
+    assert set(observed) == {q.name for q in model.observables}
+    signals = model.signal(params, state)
+    assert set(signals) == {q.name for q in model.signals}
+    for value in (*observed.values(), *signals.values(), model.period(params)):
+        assert value.shape == ()
+        assert value.dtype == jnp.float64
+    labels = model.label(params, observed)
+    assert set(labels) == {"gait", *(q.name for q in model.traits)}
+    assert 0 <= int(labels["gait"]) < len(model.gaits)
+    assert not bool(model.failed(params, state))
+    assert float(model.period(params)) > 0.0
+
+
+def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
+    """`flow` gives rates of the state's fields; `jump` keeps shapes, types and, without events, values."""
+    params, state = begun(model)
+    if isinstance(model, HybridModel):
+        rates = model.flow(params, state)
+        for name, rate in rates.items():
+            field = getattr(state, name)
+            assert (field.shape, field.dtype) == (rate.shape, rate.dtype), name
+        guards = model.guards(params, state)
+        assert bool(jnp.all(jnp.isfinite(guards)))
+    else:
+        assert isinstance(model, SteppedModel)
+        after = model.step(params, state, jnp.asarray(1e-3))
+        for old, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
+            assert (old.shape, old.dtype) == (new.shape, new.dtype)
+        guards = model.events(params, state, after)
+        assert guards.dtype == bool
+    assert guards.ndim == 1
+    still = model.jump(params, state, jnp.zeros(guards.shape, bool))
+    jumped = model.jump(params, state, jnp.ones(guards.shape, bool))
+    for before, after, quiet in zip(*(jax.tree.leaves(each) for each in (state, jumped, still)), strict=True):
+        assert (before.shape, before.dtype) == (after.shape, after.dtype)
+        np.testing.assert_array_equal(before, quiet)
+    assert not bool(model.section(params, state, jnp.zeros(guards.shape, bool)))
+
+
+def test_functions_are_pure_and_batchable(model: Model) -> None:
+    """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
+    params, state = begun(model)
+
+    def moved(params, state):
+        if isinstance(model, HybridModel):
+            return model.flow(params, state)
+        assert isinstance(model, SteppedModel)
+        return model.step(params, state, jnp.asarray(1e-3))
+
+    alone = moved(params, state)
+    batched = jax.jit(jax.vmap(moved, in_axes=(None, 0)))(
+        params, jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), state)
+    )
+    for one, of_two in zip(jax.tree.leaves(alone), jax.tree.leaves(batched), strict=True):
+        np.testing.assert_allclose(of_two[1], one, rtol=1e-12, atol=1e-12)

@@ -1,0 +1,131 @@
+"""A user's own model: its module and those beside it decide the hash, and are loaded anew when edited."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitsweep import models
+from gaitsweep.job import Job, load_job
+from gaitsweep.models.own_modules import modules_beside
+from gaitsweep.runs import provenance
+from gaitsweep.runs.execute import prepare
+
+MODEL = """\
+import dataclasses
+import toy_model
+import {package}.springs as springs
+
+
+@dataclasses.dataclass(frozen=True)
+class Own(toy_model.Toy):
+    def period(self, params):
+        return springs.factor() * super().period(params)
+"""
+JOB = "name: a\nmodel: {package}_model:Own\nvary: {{launch_1: [1, 2]}}\nrun: {{kind: settle}}\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[tuple[Path, str]]:
+    """A folder with a model that imports from a package beside it, under names that no other test uses."""
+    package = f"own_{request.node.name.partition('[')[0]}"
+    (tmp_path / package).mkdir()
+    write(tmp_path / package / "__init__.py", "")
+    write(
+        tmp_path / package / "springs.py",
+        "from . import numbers_of\n\n\ndef factor():\n    return numbers_of.TWO\n",
+    )
+    write(tmp_path / package / "numbers_of.py", "TWO = 2.0\n")
+    write(tmp_path / package / "unused.py", "THREE = 3.0\n")
+    write(tmp_path / f"{package}_model.py", MODEL.format(package=package))
+    write(tmp_path / "job.yaml", JOB.format(package=package))
+    yield tmp_path, package
+    for name in [name for name in sys.modules if name.startswith(package)]:
+        del sys.modules[name]
+
+
+def write(file: Path, text: str) -> None:
+    """Write a file, later than anything that was written before it."""
+    file.write_text(text)
+    write.clock += 10**9  # type: ignore[attr-defined]
+    os.utime(file, ns=(write.clock, write.clock))  # type: ignore[attr-defined]
+
+
+write.clock = 10**18  # type: ignore[attr-defined]
+
+
+def found(folder: Path) -> tuple[Job, str]:
+    job = load_job(folder / "job.yaml")
+    return job, prepare(job).job_hash
+
+
+def period(job: Job) -> float:
+    model = job.plan.model
+    values = {name: np.float64(column[0]) for name, column in job.plan.values(0, 1)[0].items()}
+    return float(model.period(model.params(values)))
+
+
+def test_modules_beside_are_those_that_are_imported(folder: tuple[Path, str]) -> None:
+    path, package = folder
+    load_job(path / "job.yaml")
+    beside = modules_beside(sys.modules[f"{package}_model"])
+    own = [name for name in beside if name.startswith(package)]
+    assert own == [package, f"{package}.numbers_of", f"{package}.springs", f"{package}_model"]
+    assert not [name for name in beside if name.startswith(("jax", "numpy", "gaitsweep"))]
+
+
+def test_an_edit_beside_the_model_is_another_job(folder: tuple[Path, str]) -> None:
+    path, package = folder
+    job, before = found(path)
+    seconds = period(job)
+    assert found(path)[1] == before
+    write(path / package / "numbers_of.py", "TWO = 4.0\n")
+    edited, after = found(path)
+    assert after != before
+    assert period(edited) == pytest.approx(2.0 * seconds, rel=1e-12)  # the new number is the one that runs
+    write(path / package / "numbers_of.py", "TWO = 2.0\n")
+    again, back = found(path)
+    assert back == before
+    assert period(again) == pytest.approx(seconds, rel=1e-12)
+
+
+def test_what_is_not_imported_does_not_count(folder: tuple[Path, str]) -> None:
+    path, package = folder
+    _, before = found(path)
+    write(path / package / "unused.py", "THREE = 4.0\n")
+    assert found(path)[1] == before
+
+
+def test_an_import_that_comes_with_an_edit_is_followed(folder: tuple[Path, str]) -> None:
+    path, package = folder
+    job, before = found(path)
+    seconds = period(job)
+    text = "from .unused import THREE\n\n\ndef factor():\n    return THREE\n"
+    write(path / package / "springs.py", text)
+    edited, after = found(path)
+    assert after != before
+    assert period(edited) == pytest.approx(1.5 * seconds, rel=1e-12)
+    write(path / package / "unused.py", "THREE = 6.0\n")
+    assert period(found(path)[0]) == pytest.approx(3.0 * seconds, rel=1e-12)
+
+
+def test_a_broken_edit_is_a_sentence(folder: tuple[Path, str]) -> None:
+    path, package = folder
+    before = found(path)[1]
+    write(path / package / "numbers_of.py", "TWO = \n")
+    with pytest.raises(models.ModelError, match="does not import: SyntaxError"):
+        models.find(f"{package}_model:Own", [path])
+    write(path / package / "numbers_of.py", "TWO = 2.0\n")
+    assert found(path)[1] == before
+
+
+def test_provenance_has_what_decides_the_numbers() -> None:
+    versions = provenance.versions()
+    for package in ("jax", "numpy", "scipy", "numba", "llvmlite", "mujoco", "mujoco-mjx"):
+        assert versions[package][0].isdigit()
+    assert "numba-cuda" in versions

@@ -1,0 +1,264 @@
+"""The planar quadruped: its body and its steps against MuJoCo C, its starts, and what it reads of a walk."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pandas as pd
+import pytest
+from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, followed
+from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
+from sweeping import complete, run_rows
+
+from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
+from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_in
+from gaitsweep.contract import Status
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.job import Job, JobError
+from gaitsweep.models.planar_quadruped import PlanarQuadruped
+from gaitsweep.models.planar_quadruped.bodies import edited, page_values
+from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, mjcf
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.models.planar_quadruped.start import perturbation
+
+DT = 1e-3
+SPEED = ("s", "Tr", "theta_st", "Kp_hip_st", "Kp_knee_st", "l_sw", "Kp_knee_sw")
+# A gallop and a walk from two starts.
+STARTS = {"seed": np.array([3.0, 8.0]), "pair": np.array([1.0, 0.0])}
+SIGMA = np.array([1.0, 0.2])
+
+
+def params_of(model: PlanarQuadruped, **values: float) -> Any:
+    columns = model.on_host(complete(model, values, 1))
+    return model.params({name: jnp.asarray(column[0]) for name, column in columns.items()})
+
+
+def started(model: PlanarQuadruped, params: Any, seed: float, pair: float, scatter: float = 0.1) -> Any:
+    return model.init(params, {"seed": jnp.asarray(seed), "pair": pair, "scatter": jnp.asarray(scatter)})
+
+
+def in_mujoco(kind: type[InMujoco], sigma: float, start: Any) -> InMujoco:
+    """The reference at a start of the model's."""
+    reference = kind(mujoco.MjModel.from_xml_string(mjcf()), sigma, np.array(start.u))
+    reference.data.qpos[:] = np.array(start.q)
+    reference.f_e, reference.f_f = np.array(start.f).tolist()
+    return reference
+
+
+@pytest.fixture(scope="module")
+def traces() -> list[pd.DataFrame]:
+    """All steps of three seconds of two rows, by the kernel."""
+    model = PlanarQuadruped()
+    recorder = Trace(model, duration=3.0, every=DT)
+    block = run_rows(
+        model, recorder, STARTS, params={"sigma": SIGMA}, numerics=Numerics(dt=DT), engine="kernel"
+    )
+    names = ["t", *(quantity.name for quantity in model.signals)]
+    return [pd.DataFrame(block.samples[block.owner == row], columns=names) for row in (0, 1)]
+
+
+@pytest.fixture(scope="module")
+def crossings() -> pd.DataFrame:
+    """All crossings in the same three seconds."""
+    model = PlanarQuadruped()
+    recorder = Crossings(model, duration=3.0)
+    block = run_rows(
+        model, recorder, STARTS, params={"sigma": SIGMA}, numerics=Numerics(dt=DT), engine="kernel"
+    )
+    names = ["crossing", "t", *(f"{quantity.name}_n" for quantity in model.observables)]
+    return pd.DataFrame(block.samples, columns=names).assign(row=block.owner)
+
+
+def test_sigma_sets_the_speed_parameters_and_each_can_be_set_alone() -> None:
+    model = PlanarQuadruped()
+    found = complete(model, {"sigma": np.array([0.0, 0.25, 0.5, 0.8, 1.0])}, 5)
+    for name, column in zip(SPEED, COLUMNS.T, strict=True):
+        wanted = np.interp([0.0, 0.25, 0.5, 0.8, 1.0], [0.0, 0.5, 1.0], column)
+        np.testing.assert_allclose(found[name], wanted, rtol=1e-12, err_msg=name)
+    alone = complete(model, {"sigma": 0.25, "Tr": 0.03}, 1)
+    assert alone["Tr"][0] == 0.03
+    assert alone["s"][0] == pytest.approx(0.5 * (1.18 + 1.71))
+
+
+def test_a_start_is_the_pages_with_a_small_perturbation_of_its_own() -> None:
+    model = PlanarQuadruped()
+    params = params_of(model)
+    plain, mirrored = (started(model, params, 0.0, pair, 0.0) for pair in (0.0, 1.0))
+    np.testing.assert_allclose(plain.u, [[1.0, -0.5, -0.5, 1.0], [-0.5, 1.0, 1.0, -0.5]])
+    np.testing.assert_allclose(plain.f, [[0.1, 0.0, 0.0, 0.1], [0.0, 0.1, 0.1, 0.0]])
+    np.testing.assert_allclose(plain.q[HIP], [0.2, -0.2, -0.2, 0.2])
+    np.testing.assert_allclose(plain.q[KNEE], 0.13)
+    swap = [LEGS.index(leg) for leg in ("RF", "RH", "LF", "LH")]
+    np.testing.assert_array_equal(mirrored.u, plain.u[:, jnp.array(swap)])
+    data = mujoco.MjData(mujoco.MjModel.from_xml_string(mjcf()))
+    data.qpos[:] = np.array(plain.q)
+    mujoco.mj_kinematics(data.model, data)
+    soles = [data.geom(f"foot_{leg}").xpos[2] - 0.025 for leg in LEGS]
+    np.testing.assert_allclose(soles, 0.005, atol=1e-12)
+
+    numbers = np.stack([perturbation(jnp.asarray(float(seed))) for seed in range(200)]).reshape(200, 8)
+    assert np.abs(numbers).max() < 1.0
+    assert np.abs(numbers.mean(axis=0)).max() < 0.05, "evenly on both sides; at random 0.04 is one deviation"
+    assert np.unique(numbers.round(9), axis=0).shape == (200, 8)
+    assert np.abs(np.corrcoef(numbers.T) - np.eye(8)).max() < 0.2
+    moved = started(model, params, 5.0, 0.0)
+    np.testing.assert_allclose(moved.u - plain.u, 0.1 * perturbation(jnp.asarray(5.0)))
+
+
+def test_the_tree_is_the_mjcfs_body_for_any_masses_and_lengths() -> None:
+    model = PlanarQuadruped()
+    random = np.random.default_rng(7)
+    for scale in (0.0, 0.3):
+        values = {name: v * (1.0 + scale * random.uniform(-1, 1)) for name, v in page_values().items()}
+        spec = mujoco.MjSpec.from_string(mjcf())
+        edited(spec, values)
+        compiled = spec.compile()
+        if scale == 0.0:
+            as_written = mujoco.MjModel.from_xml_string(mjcf())
+            for field in ("body_mass", "body_ipos", "body_inertia", "body_pos", "geom_size", "geom_pos"):
+                written = getattr(as_written, field)
+                np.testing.assert_allclose(getattr(compiled, field), written, atol=1e-12, err_msg=field)
+        geometry = params_of(model, **values).mechanics.geometry(0.0)
+        # the tree's first two links are the massless slides of the torso
+        np.testing.assert_allclose(geometry.mass[2:], compiled.body_mass[1:], rtol=1e-12)
+        np.testing.assert_allclose(geometry.com[2:], compiled.body_ipos[1:], atol=1e-12)
+        np.testing.assert_allclose(geometry.inertia[2:, 1, 1], compiled.body_inertia[1:, 1], rtol=1e-10)
+        across = [0, 2]
+        np.testing.assert_allclose(
+            np.array(geometry.position)[2:, across], compiled.body_pos[1:, across], atol=1e-12
+        )
+        np.testing.assert_allclose(geometry.damping, compiled.dof_damping)
+        mass = np.array(geometry.mass).sum()
+        assert mass == pytest.approx(7.0 if scale == 0.0 else compiled.body_mass.sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_the_tree_follows_mujoco_c_under_the_same_forces(traces: list[pd.DataFrame], row: int) -> None:
+    """Network, motors, body and feet in the kernel, against dense linear algebra on MuJoCo's matrices."""
+    model = PlanarQuadruped()
+    params = params_of(model, sigma=float(SIGMA[row]))
+    start = started(model, params, float(STARTS["seed"][row]), float(STARTS["pair"][row]))
+    wanted = followed(in_mujoco(OnCompliantFeet, float(SIGMA[row]), start), 1.0)
+    trace = traces[row].iloc[1:1001]
+    q = trace[[f"q_{i}" for i in range(11)]].to_numpy()
+    # rounding alone, which each touchdown multiplies; another order of the updates shows at 1e-3
+    np.testing.assert_allclose(q, wanted["q"], atol=1e-9)
+    np.testing.assert_allclose(trace[[f"u_f_{leg}" for leg in LEGS]], wanted["u"][:, 1], atol=1e-8)
+    np.testing.assert_allclose(trace[[f"F_{leg}" for leg in LEGS]], wanted["load"], atol=1e-5)
+    assert wanted["load"].max() > 50.0
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_crossings_tell_what_a_trace_shows(
+    traces: list[pd.DataFrame], crossings: pd.DataFrame, row: int
+) -> None:
+    trace = traces[row].assign(row=row)
+    seen = onsets_in(trace, {leg: f"u_f_{leg}" for leg in LEGS})
+    told = onsets_of_crossings(crossings.loc[crossings["row"] == row])
+    for leg in LEGS:
+        at = seen.loc[seen["leg"] == leg, "t"].to_numpy()
+        known = told.loc[told["leg"] == leg, "t"].to_numpy()
+        at = at[at <= known[-1] + 1e-6]
+        np.testing.assert_allclose(known, at[-known.size :], atol=1e-9, err_msg=leg)
+    last = crossings.loc[crossings["row"] == row].iloc[-1]
+    window = (0.5, last["t"])
+    by_trace, by_crossings = (gait_of(each, window=window).iloc[0] for each in (seen, told))
+    assert by_crossings["gait"] == by_trace["gait"]
+    assert by_crossings["delta_1"] == pytest.approx(by_trace["delta_1"], abs=1e-9)
+
+    end = last["t"] - last["since_LF_n"]
+    begin = end - last["period_n"]
+    times = {leg: seen.loc[seen["leg"] == leg, "t"].to_numpy() for leg in LEGS}
+    assert np.abs(times["LF"] - begin).min() < 1e-9
+    before = {leg: at[at <= end + 1e-9] for leg, at in times.items()}
+    for name, hind, fore in (("delta_1_n", "LH", "RF"), ("delta_2_n", "RH", "LF")):
+        shift = (before[hind][-1] - before[fore][-1]) / last["period_n"]
+        assert last[name] == pytest.approx((shift + 0.5) % 1.0 - 0.5, abs=1e-9)
+    _check_means(trace, before, last, (begin, end))
+
+
+def _check_means(
+    trace: pd.DataFrame, before: dict[str, np.ndarray], last: pd.Series, cycle: tuple[float, float]
+) -> None:
+    """Means of loads and pitch over the last cycle, from the samples; onsets lie between those."""
+    t = trace["t"].to_numpy()
+    samples = {name: trace[name].to_numpy() for name in ("pitch", *(f"F_{leg}" for leg in LEGS))}
+    inside = (t > cycle[0]) & (t <= cycle[1])
+    aloft = np.all([samples[f"F_{leg}"][inside] == 0.0 for leg in LEGS], axis=0).mean()
+    slack = 3.0 * DT / last["period_n"]  # steps at the ends of what is averaged
+    assert last["flight_n"] == pytest.approx(aloft, abs=slack)
+    assert last["pitch_mean_n"] == pytest.approx(samples["pitch"][inside].mean(), abs=1e-3)
+    assert last["pitch_range_n"] == pytest.approx(np.ptp(samples["pitch"][inside]), abs=1e-3)
+    x = np.interp(cycle, t, trace["x"])
+    assert last["speed_n"] == pytest.approx((x[1] - x[0]) / last["period_n"], rel=1e-2)
+    for leg in LEGS:
+        onset, previous, first = before[leg][-1], before[leg][-2], before[leg][-3]
+        late = (t > previous + 0.85 * (previous - first)) & (t <= onset)
+        stands = (t > previous) & (t <= onset) & (trace[f"u_f_{leg}"].to_numpy() <= 0.0)
+        for name, part in (("late", late), ("stance", stands)):
+            load, pitch = samples[f"F_{leg}"][part], samples["pitch"][part]
+            # a step more or less at an end
+            error = 2.0 * np.ptp(load) / load.size + 1e-9
+            assert last[f"{name}_load_{leg}_n"] == pytest.approx(load.mean(), abs=error), (leg, name)
+            assert last[f"{name}_pitch_{leg}_n"] == pytest.approx(pitch.mean(), abs=5e-3), (leg, name)
+
+
+def test_what_counts_as_fallen() -> None:
+    model = PlanarQuadruped()
+    params = params_of(model)
+    start = started(model, params, 0.0, 0.0)
+    standing = 0.175 + 0.13
+    for place, value, fell in ((1, 0.46 * standing, False), (1, 0.44 * standing, True), (2, -1.01, True)):
+        state = jax.tree.map(lambda leaf: leaf, start)
+        object.__setattr__(state, "q", start.q.at[place].set(value))
+        assert bool(model.failed(params, state)) == fell
+    # without the hip's feedback it falls, and the row says so
+    block = run_rows(
+        model,
+        Crossings(model, duration=3.0),
+        {"seed": np.arange(2.0)},
+        params={"k1": -3.0},
+        numerics=Numerics(dt=DT),
+        engine="kernel",
+    )
+    assert list(block.status) == [Status.fell, Status.fell]
+
+
+def test_labels() -> None:
+    model = PlanarQuadruped()
+    params = params_of(model)
+    seen = {"delta_1_mean": 0.1, "delta_2_mean": -0.1, "length": 0.96, "variation": 0.04, "antiphase": 0.5}
+
+    def label(**changed: float) -> str:
+        values = {name: jnp.asarray(value) for name, value in {**seen, **changed}.items()}
+        return model.gaits[int(model.label(params, values)["gait"])]
+
+    assert label() == "RT-gallop"
+    assert label(delta_1_mean=0.06, delta_2_mean=0.0) == "trot"
+    assert label(delta_1_mean=0.2, delta_2_mean=0.08) == "L-walk"
+    assert label(length=0.94) == label(variation=0.06) == label(antiphase=0.1) == "unsteady"
+
+
+def test_bodies_in_jobs(tmp_path: Path) -> None:
+    def job(**changed: Any) -> Job:
+        given = {"name": "p", "model": "planar_quadruped", "run": {"kind": "settle"}, "numerics": {"dt": DT}}
+        return Job(**(given | changed))
+
+    assert job().plan.model == PlanarQuadruped("tree")
+    assert job(structure={"body": "mjx"}).plan.model == PlanarQuadruped("mjx")
+    with pytest.raises(JobError, match=r'structure\.body is "mjy"; did you mean mjx\? Allowed: tree, mjx'):
+        job(structure={"body": "mjy"})
+    with pytest.raises(ValueError, match=r"body is 'tre'; did you mean tree\? Allowed: tree, mjx"):
+        PlanarQuadruped("tre")
+    assert PlanarQuadruped("tree").host_parameters == ()
+    assert "com_x" in PlanarQuadruped("mjx").host_parameters

@@ -1,0 +1,122 @@
+"""Gaits of the planar quadruped over speed, by its tree in the kernel; the order is the paper's."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pandas as pd
+import pytest
+from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
+from reference.planar_quadruped_mujoco import onsets
+from sweeping import complete, run_rows
+
+from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
+from gaitsweep.analysis.gaits.swing_onsets import gait_of
+from gaitsweep.contract import Status
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.models.planar_quadruped import PlanarQuadruped
+from gaitsweep.models.planar_quadruped.mechanics import mjcf
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+
+DURATION, READ = 24.0, 15.0  # s; what is read comes after READ
+WALKS, CANTERS = {"D-walk", "L-walk"}, {"uR-canter", "uL-canter", "R-canter", "L-canter"}
+GALLOPS = {"RT-gallop", "LT-gallop"}
+
+
+def gaits(sigma: Any, seeds: Any, **params: float) -> pd.DataFrame:
+    """The gait of each sigma and seed, with the mean speed and share of flight in what is read."""
+    model = PlanarQuadruped()
+    grid, seed = (each.ravel() for each in np.meshgrid(sigma, seeds, indexing="ij"))
+    block = run_rows(
+        model,
+        Crossings(model, duration=DURATION),
+        {"seed": seed.astype(float), "pair": (seed % 2).astype(float)},
+        params={"sigma": grid, **params},
+        numerics=Numerics(dt=1e-3),
+        lanes=32,
+        engine="kernel",
+    )
+    names = ["crossing", "t", *(f"{quantity.name}_n" for quantity in model.observables)]
+    table = pd.DataFrame(block.samples, columns=names).assign(row=block.owner)
+    failed = np.flatnonzero(block.status != Status.complete)
+    window = (READ, DURATION)
+    found = gait_of(onsets_of_crossings(table), window=window, rows=range(grid.size), failed=failed)
+    late = table.loc[table["t"] > READ].groupby("row")[["speed_n", "flight_n"]].mean()
+    return found.set_index("row").assign(
+        sigma=grid, seed=seed, speed=late["speed_n"], flight=late["flight_n"], fell=block.status
+    )
+
+
+@pytest.fixture(scope="module")
+def fed_back() -> pd.DataFrame:
+    return gaits([0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 0.95, 1.0], [20, 21])
+
+
+def test_walk_trot_canter_gallop_in_the_papers_order_of_speed(fed_back: pd.DataFrame) -> None:
+    named = {sigma: set(part["gait"]) for sigma, part in fed_back.groupby("sigma")}
+    for sigma in (0.0, 0.2, 0.4):
+        assert named[sigma] <= WALKS, sigma
+    assert named[0.5] == named[0.6] == {"trot"}
+    assert named[0.8] <= CANTERS
+    assert named[0.95] <= GALLOPS
+    assert named[1.0] <= GALLOPS
+
+
+def test_speeds_periods_and_flight_are_the_pages(fed_back: pd.DataFrame) -> None:
+    mean = fed_back.groupby("sigma")[["speed", "period", "flight"]].mean()
+    # the page's speeds, with MuJoCo's contacts; the compliant foot is within 3 % of them
+    for sigma, speed in {0.0: 0.25, 0.4: 0.75, 0.5: 0.95, 0.6: 1.25, 0.8: 1.80, 1.0: 2.5}.items():
+        assert mean["speed"][sigma] == pytest.approx(speed, rel=0.03), sigma
+    assert mean["period"][0.0] == pytest.approx(0.83, rel=0.03)
+    assert mean["period"][0.4] == pytest.approx(0.43, rel=0.03)
+    # no foot on the ground: never in walks, for a tenth of the cycle and more in gallops
+    assert (mean["flight"][[0.0, 0.2, 0.4]] == 0.0).all()
+    assert (mean["flight"][[0.95, 1.0]] > 0.1).all()
+
+
+def test_without_load_feedback_it_trots_at_every_speed() -> None:
+    found = gaits([0.0, 0.25, 0.5, 0.75, 1.0], [20, 21], k2=0.0)
+    assert (found["gait"] == "trot").all()
+    speed = found.groupby("sigma")["speed"].mean()
+    assert speed.is_monotonic_increasing
+    assert speed[0.0] == pytest.approx(0.29, abs=0.02)
+    assert speed[1.0] == pytest.approx(2.55, abs=0.05)
+
+
+def test_without_the_hips_feedback_it_falls() -> None:
+    """Whatever the speed, without it and with its sign turned (Fukuoka 2015, Methods)."""
+    for k1 in (0.0, -3.0):
+        assert (gaits([0.0, 0.5, 1.0], [20, 21], k1=k1, k2=0.0)["fell"] == Status.fell).all()
+
+
+def test_either_lead_comes_of_either_start() -> None:
+    """At one speed the gallop leads with right or left, by the first pair and the perturbation."""
+    both = gaits([1.0], range(20, 26))
+    assert set(both["gait"]) == GALLOPS
+
+
+@pytest.mark.slow
+def test_the_compliant_foot_gives_mujocos_gaits_and_speeds() -> None:
+    sigma = [0.2, 0.5, 0.8, 1.0]
+    by_tree = gaits(sigma, [1]).set_index("sigma")
+    model = PlanarQuadruped()
+    params = model.params({name: jnp.asarray(v[0]) for name, v in complete(model, {}, 1).items()})
+    begin = {"seed": 1.0, "pair": 1.0, "scatter": 0.1}
+    start = model.init(params, {name: jnp.asarray(v) for name, v in begin.items()})
+    for place in sigma:
+        walker = InMujoco(mujoco.MjModel.from_xml_string(mjcf()), place, np.array(start.u), pair=1)
+        onsets(walker, READ)
+        x = walker.data.qpos[0]
+        found = [(LEGS[leg], t) for leg, t in onsets(walker, DURATION - READ)]
+        named = gait_of(pd.DataFrame(found, columns=["leg", "t"]).assign(row=0)).iloc[0]["gait"]
+        group = next(each for each in (WALKS, {"trot"}, CANTERS, GALLOPS) if named in each)
+        assert by_tree["gait"][place] in group, place
+        speed = (walker.data.qpos[0] - x) / (DURATION - READ)
+        assert by_tree["speed"][place] == pytest.approx(speed, rel=0.02), place

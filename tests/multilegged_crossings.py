@@ -1,0 +1,44 @@
+"""Crossings of the multi-legged model, and those of the reference."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from sweeping import run_rows
+
+from gaitsweep.contract import Status
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.models.multilegged.model import Multilegged
+
+FILE = Path(__file__).parent / "reference" / "multilegged_crossings.csv"
+
+
+def wrapped(difference):
+    return np.abs((np.asarray(difference) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def reference(name: str) -> tuple[dict, pd.DataFrame]:
+    """One set of reference starts: its parameters and its crossings."""
+    header = re.search(rf"^# set {name}: \d+ starts, (.*)$", FILE.read_text(), re.MULTILINE)
+    assert header is not None
+    table = pd.read_csv(FILE, comment="#")
+    return json.loads(header[1]), table[table["set"] == name]
+
+
+def simulated(params: dict, psi: np.ndarray, crossings: int, devices: int = 2):
+    """Crossings of the model from psi (rows, N): t, psi, landed, (rows, crossings + 1, ...)."""
+    params = {k: float(v) for k, v in params.items()}
+    model = Multilegged(int(params.pop("N", 3)))
+    starts = {f"psi_{i + 1}": psi[:, i] for i in range(model.N)}
+    # a ground that cannot pull is not linear, and the recommended method takes it for its tangent
+    numerics = Numerics(method="rk4") if params.get("clamp") else Numerics()
+    options = {"params": params, "lanes": 32, "devices": devices, "numerics": numerics}
+    result = run_rows(model, Crossings(model, crossings=crossings), starts, **options)
+    assert np.all(result.status == Status.complete)
+    samples = result.samples.reshape(len(psi), crossings + 1, -1)
+    return samples[:, :, 1], samples[:, :, 2:-1], samples[:, :, -1]

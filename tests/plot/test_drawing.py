@@ -1,0 +1,72 @@
+"""How models are drawn: where limbs and feet are, from which side they are seen, what a picture follows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
+
+from gaitsweep import models
+from gaitsweep.job import Job
+from gaitsweep.models.waist_quadruped.mechanics import Mechanics
+from gaitsweep.plot.movie.animation import Clip
+from gaitsweep.plot.movie.side_view import heading, turned
+from gaitsweep.runs.motion import read_motion
+from gaitsweep.skeleton import Skeleton
+
+
+@pytest.mark.parametrize("name", models.names())
+def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None:
+    model = models.find(name)()
+    start = {q.name: 1.0 for q in model.starts if q.default is None}
+    parameters, _ = Job(name="one", model=name, start=start, run={"kind": "settle"}).plan.values(0, 1)
+    moments = 3
+    signals = {q.name: np.linspace(0.9, 1.0, moments) for q in model.signals}
+    drawn = model.skeleton({key: float(value[0]) for key, value in parameters.items()}, signals)
+    if drawn is None:
+        return
+    assert isinstance(drawn, Skeleton)
+    assert len({limb.name for limb in drawn.limbs}) == len(drawn.limbs) > 0
+    assert all(f"contact_{i + 1}" in signals for i in range(len(drawn.limbs)))
+    for points in (*(limb.points for limb in drawn.limbs), *drawn.bodies, *drawn.springs):
+        assert points.shape[0] == moments
+        assert points.shape[2] == 3
+        assert np.isfinite(points).all()
+
+
+def test_feet_are_drawn_where_the_dynamics_has_them() -> None:
+    """Two kinematics of one body: MuJoCo's of the scaled MJCF and the tree's, alike but for rounding."""
+    lengths = {"body_length": 0.12, "body_width": 0.08, "link_length": 0.09}
+    ones = {name: jnp.asarray(1.0) for name in Mechanics.__dataclass_fields__}
+    body = Mechanics(**ones | {name: jnp.asarray(value) for name, value in lengths.items()})
+    signals = quadruped_signals(0.01 * np.arange(81))
+    drawn = quadruped_skeleton(**lengths)
+    for k in (0, 33, 80):
+        q = jnp.asarray([signals[f"q_{i}"][k] for i in range(16)])
+        feet, _ = body.feet(q, jnp.zeros(15))
+        np.testing.assert_allclose([limb.points[k, -1] for limb in drawn.limbs], feet, atol=1e-12)
+    assert drawn.bodies[0][0, :, 0].max() == pytest.approx(0.06)
+    assert np.ptp(drawn.bodies[1][0, :, 1]) == pytest.approx(0.08, abs=1e-4)  # rolled by the waist: a cosine
+
+
+def test_a_body_that_walks_elsewhere_is_seen_from_its_side() -> None:
+    ahead, aside = quadruped_skeleton(), quadruped_skeleton(yaw=2.0)
+    assert heading(aside) == pytest.approx(2.0, abs=1e-6)
+    seen = turned(aside, heading(aside))
+    for one, other in zip(ahead.limbs, seen.limbs, strict=True):
+        np.testing.assert_allclose(one.points, other.points, atol=1e-6)
+
+
+def test_the_picture_follows_the_body_but_not_its_sway(tmp_path: Path) -> None:
+    motion = read_motion(quadruped_table(tmp_path / "trot"), 0)
+    assert motion.period == pytest.approx(CYCLE)
+    times = np.linspace(0.0, 0.8, 161)
+    drawn = motion.model.skeleton(motion.values, motion.at(times))
+    clip = Clip(times, drawn, motion.t, motion.contact(4), motion.period, motion.title)
+    # at constant speed its mean over a cycle is where it is, at both ends too
+    np.testing.assert_allclose(clip.camera[:, 0], SPEED * times - 0.05, atol=1e-9)
+    assert clip.down.shape == (161, 4)
+    assert clip.down[3].tolist() == [False, True, True, False]

@@ -1,0 +1,153 @@
+"""Figures of the nine gaits from small synthetic tables: what they show, and of what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from gait_traces import crossings_of, ends, trace_of, traces
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from plot_tables import rendered
+
+from gaitsweep import plot
+from gaitsweep.plot import PlotError
+from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, ORDER
+
+DELTA = np.linspace(-0.25, 0.25, 21)
+
+
+def texts(figure: Figure) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def _ends() -> pd.DataFrame:
+    table = ends(DELTA, -40.0 * DELTA, 0.02 * DELTA, axes={"sigma": np.arange(21.0)})
+    table.attrs["quantities"] = {
+        "speed": {"unit": "m/s", "meaning": "speed", "symbol": "v", "circular": False}
+    }
+    return table
+
+
+def test_all_gaits_have_looks_and_sides_differ() -> None:
+    assert set(ORDER) == set(MARKERS)
+    for left, right in (("L-canter", "R-canter"), ("LT-gallop", "RT-gallop"), ("L-walk", "D-walk")):
+        assert MARKERS[left] != MARKERS[right]
+
+
+def test_gaits_over_speed() -> None:
+    table = _ends()
+    figure = plot.draw("speed_gaits", table)
+    rendered(figure)
+    axes = figure.axes[0]
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["D-walk", "L-walk", "trot"]
+    drawn = {
+        to_hex(line.get_color()): len(line.get_xdata()) for line in axes.lines if line.get_marker() in "v^o"
+    }
+    assert drawn[COLOURS["D-walk"].lower()] == (DELTA < -0.07).sum()
+    assert drawn[COLOURS["trot"].lower()] == (np.abs(DELTA) <= 0.07).sum()
+    assert "m/s" in axes.get_xlabel()
+    figure = plot.draw("speed_gaits", pd.concat([table, table.assign(row=table["row"] + 21, k2=0.1)]), y="k2")
+    rendered(figure)
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["0.08", "0.1"]
+    assert texts(figure) == ["D-walk", "L-walk", "trot"]
+    panels = plot.draw("speed_gaits", table, panels="k2")
+    rendered(panels)
+    assert len(panels.axes) == 1
+    with pytest.raises(PlotError, match="did you mean sigma"):
+        plot.draw("speed_gaits", table, y="sigm")
+
+
+def test_points_of_one_speed_do_not_hide_each_other() -> None:
+    table = ends(np.full(6, 0.2), np.zeros(6), np.zeros(6))
+    axes = plot.draw("speed_gaits", table).axes[0]
+    heights = np.concatenate([line.get_ydata() for line in axes.lines])
+    assert len(set(heights)) == 6
+    assert np.ptp(heights) < 1.0
+
+
+def test_the_rule() -> None:
+    figure = plot.draw("loading_rule", _ends())
+    rendered(figure)
+    titles = [axes.get_title() for axes in figure.axes if axes.get_visible()]
+    assert titles[0] == "r = \u22121.00, sign right 100 %"
+    assert titles[2] == "r = 1.00, sign right 0 %"
+    assert "(N)" in figure.axes[0].get_xlabel()
+    assert "(rad)" in figure.axes[2].get_xlabel()
+    one = plot.draw("loading_rule", _ends(), measures=["tilt_stance"], only="k2", value=0.08, title="Loads,")
+    rendered(one)
+    assert len(one.axes) == 1
+    with pytest.raises(PlotError, match="load_together is no measure"):
+        plot.draw("loading_rule", _ends(), measures=["load_together"])
+    trots = ends(0.0 * DELTA, DELTA, DELTA)
+    assert "no pair shifted" in plot.draw("loading_rule", trots).axes[0].get_title()
+
+
+def test_nine_cells() -> None:
+    figure = plot.draw("nine_gaits", traces())
+    rendered(figure)
+    assert len(figure.axes) == 9
+    words = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert "no row has it" not in words
+    assert "1.00 m/s, $\\sigma$ = 0.4" in words
+    few = plot.draw("nine_gaits", traces(["trot", "RT-gallop"]))
+    rendered(few)
+    assert sum(text.get_text() == "no row has it" for axes in few.axes for text in axes.texts) == 7
+    with pytest.raises(PlotError, match="u_f_LF"):
+        plot.draw("nine_gaits", pd.DataFrame({"row": [0], "t": [0.0]}))
+
+
+def test_the_example_is_the_one_farthest_from_other_gaits() -> None:
+    near = trace_of("R-canter", 0.09, row=0, speed=1.0)
+    clear = trace_of("R-canter", 0.2, row=1, speed=2.0)
+    figure = plot.draw("nine_gaits", pd.concat([near, clear]))
+    words = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert "2.00 m/s" in words
+
+
+def test_series() -> None:
+    table = traces(["trot", "L-walk"])
+    figure = plot.draw("gait_series", table, loads=True, window=[0.0, 1.5])
+    rendered(figure)
+    assert len(figure.axes) == 2 * 4
+    assert figure.axes[0].get_title(loc="left") == "trot, 1.00 m/s, $\\sigma$ = 0"
+    assert figure.axes[3].get_xlim() == pytest.approx((0.0, 1.5))
+    strips = plot.draw("gait_series", table, row=1, strip=2.0, title="one row")
+    rendered(strips)
+    assert len(strips.axes) == 3 * 4
+    words = {text.get_text() for axes in strips.axes for text in axes.texts}
+    assert {"L-walk", "1.00 m/s"} <= words
+    rendered(plot.draw("gait_series", table.iloc[:0]))
+    rendered(plot.draw("gait_series", table.iloc[:3]))
+    with pytest.raises(PlotError, match="F_LF"):
+        plot.draw("gait_series", table.drop(columns="F_LF"), loads=True)
+
+
+def test_a_ramp() -> None:
+    parts = []
+    for row, k2 in ((0, 0.0), (1, 0.08)):
+        gait = "trot" if k2 == 0.0 else "LT-gallop"
+        part = crossings_of(gait, row=row, n=40)
+        way = np.concatenate([np.linspace(1.0, 2.0, 20), np.linspace(2.0, 1.0, 20)])
+        part = part.assign(speed_n=way, v_d=way)
+        part["pass"] = np.repeat([0, 1], 20)
+        part.insert(1, "k2", k2)
+        parts.append(part)
+    table = pd.concat(parts, ignore_index=True)
+    table.attrs |= {
+        "job": {"run": {"parameter": "v_d"}},
+        "quantities": {"v_d": {"unit": "m/s", "symbol": "v_d"}},
+    }
+    figure = plot.draw("gait_ramp", table, panels="k2")
+    rendered(figure)
+    assert figure.axes[-1].get_xlabel() == "$v_d$ (m/s)"
+    assert texts(figure) == ["trot", "gallop"]
+    colours = [{to_hex(patch.get_facecolor()) for patch in axes.patches} for axes in figure.axes]
+    assert colours == [{COLOURS["trot"].lower()}, {COLOURS["LT-gallop"].lower()}]
+    bars = figure.axes[0].patches
+    spans = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in bars])
+    assert spans.min() >= 1.0
+    assert spans.max() <= 2.0
+    with pytest.raises(PlotError, match="moves no parameter"):
+        plot.draw("gait_ramp", crossings_of("trot"))

@@ -1,0 +1,241 @@
+"""Figures say of their tables what is missing in them, and draw no line where a table has no record."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hysteresis_tables import map_table, ramp_table, staircase_table
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
+
+from gaitsweep import plot
+from gaitsweep.plot import KINDS
+from gaitsweep.plot.provenance_marks import remarks
+
+
+def corner(figure: Figure) -> list[str]:
+    rendered(figure)
+    return [text.get_text() for text in figure.texts if text.get_color() == "#B00020"]
+
+
+def figures() -> list[tuple[str, pd.DataFrame, dict[str, Any]]]:
+    return [
+        ("basin", settle_table(), {"x": "psi_1", "y": "psi_2", "panels": "psi_3", "title": "Basins"}),
+        ("solution_set", settle_table(), {"axes": AXES}),
+        ("cycles", crossing_table(), {"y": ["psi_1"]}),
+        ("footprints", trace_table(), {"title": "Footprints"}),
+        ("hysteresis", staircase_table(hold=5), {"y": "delta_13"}),
+        ("return_map", map_table(starts=5, crossings=5), {"y": "delta_13"}),
+        ("branches", map_table(starts=5, crossings=5), {"y": "delta_13", "x": "f"}),
+        ("shock", settle_table()[:16], {"x": "psi_1", "y": "psi_2"}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "table", "spec"), figures(), ids=lambda each: each if isinstance(each, str) else ""
+)
+def test_a_table_that_is_not_complete_is_marked(kind: str, table: pd.DataFrame, spec: dict) -> None:
+    assert corner(plot.draw(kind, table, **spec)) == []
+    table = table.copy()
+    table.attrs |= {"complete": False, "rows_missing": 188, "manifest": {"rows": 1000}}
+    figure = plot.draw(kind, table, **spec)
+    assert corner(figure) == ["incomplete: 812 of 1000 rows"]
+    assert corner(getattr(plot, kind)(table, **spec)) == ["incomplete: 812 of 1000 rows"]
+    title = figure._suptitle  # type: ignore[attr-defined]
+    if title is not None:
+        (mark,) = [text for text in figure.texts if text.get_color() == "#B00020"]
+        assert title.get_window_extent().y1 <= mark.get_window_extent().y0 + 1.0
+        highest = max(axes.get_tightbbox().y1 for axes in figure.axes)  # type: ignore[union-attr]
+        assert highest <= title.get_window_extent().y0 + 1.0
+
+
+def test_every_kind_is_marked() -> None:
+    assert all(hasattr(figure_of, "__wrapped__") for figure_of in KINDS.values())
+    assert all(getattr(plot, kind) is figure_of for kind, figure_of in KINDS.items())
+
+
+def test_remarks() -> None:
+    table = crossing_table()
+    assert remarks(table) == []
+    for verdict, told in (("passed", []), ("off", []), ("warned", ["self-check: warned"])):
+        table.attrs = {
+            "complete": True,
+            "rows_missing": 0,
+            "manifest": {"rows": 3, "self_check": {"verdict": verdict}},
+        }
+        assert remarks(table) == told
+    table.attrs |= {"complete": False, "rows_missing": 1}
+    assert remarks(table) == ["incomplete: 2 of 3 rows", "self-check: warned"]
+    table.attrs = {"complete": False, "manifest": {"rows": 7}}
+    assert remarks(table) == ["incomplete: 3 of 7 rows"]
+    table.attrs = {"complete": False}
+    assert remarks(table) == ["incomplete"]
+
+
+def test_the_second_table_of_a_figure_is_marked_too() -> None:
+    ramp, stairs = ramp_table(steps=60), staircase_table(hold=5)
+    stairs.attrs |= {"complete": False, "rows_missing": 1, "manifest": {"rows": 2}}
+    figure = plot.hysteresis(ramp, y="delta_13", with_table=stairs)
+    assert corner(figure) == []
+    assert figure.axes[1].get_title() == "held at each value\nincomplete: 1 of 2 rows"
+
+
+def joined(axes: Axes) -> list[tuple[float, float, float, float]]:
+    """Every straight piece of the lines of an axis: x, y of its two ends."""
+    pieces = []
+    for line in axes.lines:
+        if line.get_linestyle() != "None":
+            at = np.stack([np.asarray(each, float) for each in line.get_data()], axis=1)
+            pieces += [(*a, *b) for a, b in itertools.pairwise(at) if np.isfinite([a, b]).all()]
+    return pieces
+
+
+def test_cycles_are_not_joined_over_crossings_that_are_not_there() -> None:
+    table = crossing_table()
+    holed = table[table["crossing"] != 3]
+    for each in (holed, table.assign(psi_1_n=table["psi_1_n"].where(table["crossing"] != 3))):
+        pieces = joined(plot.cycles(each, y=["psi_1"]).axes[0])
+        assert pieces
+        assert not [piece for piece in pieces if piece[0] < 3 < piece[2]]
+
+
+def test_a_ramp_is_not_joined_over_crossings_that_are_not_there() -> None:
+    table = ramp_table(steps=200)
+    lost = table["crossing"].between(100, 120)
+    longest = [0.0, 0.0]
+    for number, each in enumerate((table, table.assign(delta_13_n=table["delta_13_n"].where(~lost)))):
+        each.attrs = table.attrs
+        pieces = joined(plot.hysteresis(each, y="delta_13").axes[0])
+        longest[number] = max(abs(x1 - x0) for x0, _, x1, _ in pieces)
+    assert longest[1] == pytest.approx(longest[0])
+
+
+def test_holds_on_two_branches_are_not_joined() -> None:
+    pieces = joined(plot.hysteresis(staircase_table(), y="delta_13").axes[0])
+    assert len(pieces) == 2 * (17 - 1) - 2
+    assert max(abs(y1 - y0) for _, y0, _, y1 in pieces) < 0.1  # the jump is by 0.5 rad
+
+
+def test_hysteresis_names_only_the_ways_that_are_there() -> None:
+    table = ramp_table(steps=60)
+    up = table[table["pass"] == 0]
+    figure = plot.hysteresis(up, y="delta_13")
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["$f$ rises"]
+
+
+def test_branches_are_not_joined_over_a_value_without_a_point() -> None:
+    table = map_table([-0.1, 0.0, 0.1], starts=60, crossings=60)
+    holed = table.assign(delta_13_n=table["delta_13_n"].where(table["f"] != 0.0))
+    holed.attrs = table.attrs
+    assert len(joined(plot.branches(table, y="delta_13", x="f").axes[0])) >= 6
+    flat = [
+        piece for piece in joined(plot.branches(holed, y="delta_13", x="f").axes[0]) if piece[0] != piece[2]
+    ]
+    assert flat == []
+
+
+def test_an_angle_s_axis_goes_as_far_as_the_data() -> None:
+    near = crossing_table()
+    near["psi_1_n"] = 1.0 + 0.01 * near["crossing"]
+    low, high = plot.cycles(near, y=["psi_1"]).axes[0].get_ylim()
+    assert 0.9 < low < high < 1.2
+    assert plot.cycles(crossing_table(), y=["psi_1"]).axes[0].get_ylim() == (0.0, pytest.approx(2 * np.pi))
+
+
+def test_cells_that_were_not_simulated_are_counted_in_the_legend() -> None:
+    table = settle_table()
+    status = table["status"].astype(str)
+    status[::4] = "inferred"
+    figure = plot.basin(table.assign(status=status), x="psi_1", y="psi_2", panels="psi_3")
+    assert "25 % of cells inferred" in figure.legends[0].get_title().get_text()
+    assert (
+        "inferred"
+        not in plot.basin(table, x="psi_1", y="psi_2", panels="psi_3").legends[0].get_title().get_text()
+    )
+
+
+def test_footprints_name_only_the_guides_that_are_drawn() -> None:
+    words = [text.get_text() for text in plot.footprints(trace_table()).legends[0].get_texts()]
+    assert words == ["swings pass backwards, as in a retrograde wave"]
+
+
+def branch(row: int, mass: float, low: float, high: float, gait: str = "trot") -> pd.DataFrame:
+    """A stable branch of eleven points over f, as a continuation leaves it."""
+    f = np.linspace(low, high, 11)
+    records = {"row": row, "mass": mass, "point": np.arange(11), "f": f, "delta_13": 2.0 + 0.1 * f}
+    return pd.DataFrame(records | {"stable": True, "special": "", "end": [""] * 10 + ["range"], "gait": gait})
+
+
+def followed(*branches: pd.DataFrame) -> pd.DataFrame:
+    table = pd.concat(branches, ignore_index=True)
+    table.attrs["job"] = {"run": {"parameter": "f"}}
+    return table
+
+
+def test_a_branch_is_not_joined_over_points_that_are_not_there() -> None:
+    table = followed(branch(0, 1.0, 0.0, 1.0))
+    lost = table["point"].between(4, 5)
+    for each in (table.loc[~lost], table.assign(delta_13=table["delta_13"].where(~lost))):
+        each.attrs = table.attrs
+        pieces = joined(plot.continuation(each, y="delta_13").axes[0])
+        assert len(pieces) == 3 + 4
+        assert max(x1 - x0 for x0, _, x1, _ in pieces) == pytest.approx(0.1)
+
+
+def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None:
+    """The trot is stable at masses of 1, 2, 4 and 5, the walk alone at 3: two areas, not one."""
+    rows = [
+        branch(k, mass, 0.0, 1.0, "walk" if mass == 3.0 else "trot")
+        for k, mass in enumerate([1.0, 2.0, 3.0, 4.0, 5.0])
+    ]
+    areas = plot.stable_ranges(followed(*rows), y="mass").axes[0].collections
+    heights = [sorted({round(float(y), 9) for y in path.vertices[:, 1]}) for path in areas[0].get_paths()]
+    assert heights == [[1.0, 2.0], [4.0, 5.0]]
+
+
+def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
+    from gaitsweep.plot.gaits.speed_gaits import _bands
+
+    part = pd.DataFrame(
+        {"gait": ["trot"] * 3, "speed": [0.1, 0.5, 0.9], "status": ["settled", "cycle_limit", "complete"]}
+    )
+    axes = Figure().subplots()
+    _bands(axes, part, "gait", ["trot"], "speed", 0.8)
+    faces = {tuple(np.asarray(line.get_xdata()).tolist()): line.get_markerfacecolor() for line in axes.lines}
+    assert faces[(0.5,)] == "white"
+    assert faces[(0.1, 0.9)] != "white"
+
+
+def test_cells_that_are_not_there_stay_white_at_their_own_size() -> None:
+    """Two of five columns are missing in one panel, and one row in all: their neighbours do not grow."""
+    table = settle_table(5)
+    first = table["psi_3"] == table["psi_3"].min()
+    columns, rows = np.unique(table["psi_1"]), np.unique(table["psi_2"])
+    kept = table[~((first & table["psi_1"].isin(columns[1:3])) | (table["psi_2"] == rows[2]))]
+    figure = plot.basin(kept, x="psi_1", y="psi_2", panels="psi_3")
+    rendered(figure)
+    for number, axes in enumerate(figure.axes):
+        mesh = axes.collections[0]
+        np.testing.assert_allclose(np.diff(mesh.get_coordinates()[0, :, 0]), 2 * np.pi / 5)
+        np.testing.assert_allclose(np.diff(mesh.get_coordinates()[:, 0, 1]), 2 * np.pi / 5)
+        drawn = mesh.get_facecolor().reshape(5, 5, 4)[:, :, 3] > 0
+        there = np.ones((5, 5), bool)
+        there[2] = False
+        if number == 0:
+            there[:, 1:3] = False
+        np.testing.assert_array_equal(drawn, there)
+
+
+def test_a_gait_map_does_not_stretch_its_cells_either() -> None:
+    table = settle_table(5)
+    rows = np.unique(table["psi_2"])
+    figure = plot.gait_map(table[table["psi_2"] != rows[2]], x="psi_1", y="psi_2")
+    rendered(figure)
+    mesh = figure.axes[0].collections[0]
+    np.testing.assert_allclose(np.diff(mesh.get_coordinates()[:, 0, 1]), 2 * np.pi / 5)
+    assert not mesh.get_facecolor().reshape(5, 5, 4)[2, :, 3].any()

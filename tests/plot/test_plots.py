@@ -1,0 +1,214 @@
+"""Figures from small synthetic tables: what they show and what they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_hex, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
+
+from gaitsweep import plot
+from gaitsweep.models.multilegged.theory.chain import Chain
+from gaitsweep.plot import PlotError
+from gaitsweep.plot.chain.solution_set import chain_of
+from gaitsweep.plot.columns import axis_label, written
+from gaitsweep.plot.style import COLOURS
+
+
+def texts(figure: Figure) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_basin_names_axes_panels_and_shares() -> None:
+    figure = plot.draw("basin", settle_table(), x="psi_1", y="psi_2", panels="psi_3", title="Slices")
+    rendered(figure)
+    assert [axes.get_title() for axes in figure.axes] == [
+        r"$\psi_{3}$ = $0.4\,\pi$",
+        r"$\psi_{3}$ = $\pi$",
+        r"$\psi_{3}$ = $1.6\,\pi$",
+    ]
+    assert figure.axes[0].get_xlabel() == r"$\psi_{1}$ (rad)"
+    assert figure.axes[0].get_ylabel() == r"$\psi_{2}$ (rad)"
+    assert [tick.get_text() for tick in figure.axes[0].get_xticklabels()] == ["0", "π/2", "π", "3π/2", "2π"]
+    assert texts(figure) == ["direct  25 / 25 / 25 %", "source  25 / 25 / 25 %", "retrograde  50 / 50 / 50 %"]
+    assert [to_hex(patch.get_facecolor()) for patch in figure.legends[0].get_patches()] == [
+        COLOURS[gait].lower() for gait in ("direct", "source", "retrograde")
+    ]
+    assert figure.get_suptitle() == "Slices"
+    cells = figure.axes[0].collections[0].get_facecolor().reshape(4, 4, 4)
+    assert (cells[:, 0] == to_rgba(COLOURS["direct"])).all()
+    assert (cells[:, 1:3] == to_rgba(COLOURS["retrograde"])).all()
+
+
+def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_called() -> None:
+    """A model's own gaits have no colour of their own, and come in another order in each panel."""
+    table = settle_table()
+    names = {"direct": "hop", "source": "skip", "retrograde": "jump"}
+    table["gait"] = table["gait"].cat.rename_categories(names)
+    table = table[(table["psi_3"] > 2.0) | (table["psi_1"] > TURN / 2)]  # the first panel begins with a jump
+    figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
+    rendered(figure)
+    key = {text.split()[0]: patch.get_facecolor() for text, patch in _key(figure)}
+    first, second = (axes.collections[0].get_facecolor().reshape(4, -1, 4) for axes in figure.axes[:2])
+    assert tuple(first[0, 2]) == tuple(second[0, 2]) == key["jump"]
+    assert tuple(second[0, 0]) == key["hop"]
+    assert tuple(first[0, 3]) == tuple(second[0, 3]) == key["skip"]
+    assert not first[0, :2, 3].any(), "cells that are not there are white"
+
+
+def _key(figure: Figure) -> list[tuple[str, Patch]]:
+    return list(zip(texts(figure), figure.legends[0].get_patches(), strict=True))
+
+
+def test_basin_hatches_rows_that_failed_and_leaves_missing_cells_white() -> None:
+    table = settle_table()
+    table.loc[table["row"] == 0, "status"] = "fell"
+    table.loc[table["row"] == 2, "status"] = "cycle_limit"
+    table = table[table["row"] < 15]  # the first panel, its last cell missing
+    figure = plot.basin(table, x="psi_1", y="psi_2")
+    rendered(figure)
+    assert {"not settled  7 %", "failed  7 %"} < set(texts(figure))
+    assert len([patch for patch in figure.axes[0].patches if patch.get_hatch()]) == 2
+    cells = figure.axes[0].collections[0].get_facecolor().reshape(4, 4, 4)
+    assert cells[3, 3, 3] == 0.0
+    assert tuple(cells[0, 0]) == to_rgba(COLOURS["failed"])
+
+
+def test_basin_with_a_numeric_hue_has_a_colour_scale() -> None:
+    figure = plot.basin(settle_table(), x="psi_1", y="psi_2", panels="psi_3", hue="cycles")
+    rendered(figure)
+    assert figure.axes[-1].get_ylabel() == "cycles"
+    assert not texts(figure)
+
+
+def test_basin_of_starts_on_no_grid_is_drawn_as_points() -> None:
+    random = np.random.default_rng(0)
+    table = settle_table(6)
+    table["psi_1"], table["psi_2"] = random.uniform(0, TURN, (2, len(table)))
+    figure = plot.basin(table, x="psi_1", y="psi_2")
+    rendered(figure)
+    assert len(figure.axes[0].collections) == 3
+
+
+def test_basin_refuses_a_cell_of_several_rows() -> None:
+    with pytest.raises(PlotError, match="Name it as `panels`"):
+        plot.basin(settle_table(), x="psi_1", y="psi_2")
+
+
+def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
+    table = settle_table()
+    table.loc[0, "status"] = "cycle_limit"
+    figure = plot.draw("solution_set", table, axes=AXES, points=POINTS)
+    rendered(figure)
+    space, low, high = figure.axes
+    assert [space.get_xlabel(), space.get_ylabel(), space.get_zlabel()] == [
+        rf"$\psi_{{{i}}}$ (rad)" for i in (1, 2, 3)
+    ]
+    assert (low.get_xlabel(), high.get_ylabel()) == (r"$\psi_{1}$ (rad)", r"$\psi_{3}$ (rad)")
+    assert {text.get_text() for text in low.texts} == {"a", "b", "c"}
+    assert texts(figure) == [
+        "direct (11)",
+        "source (12)",
+        "retrograde (24)",
+        "not settled: 1, not shown",
+        "analytic solutions",
+    ]
+    reached = np.concatenate([np.array(line.get_xydata()) for line in low.lines])
+    assert len(low.lines) == len(high.lines) == len(space.lines)
+    assert np.linalg.norm(reached - [3.97, 5.29], axis=1).min() < 2.2  # pieces are lines: their ends
+    direct = [part for part in low.collections if len(part.get_offsets()) == 11]
+    assert to_hex(direct[0].get_facecolor()[0]) == COLOURS["direct"].lower()
+
+
+def test_solution_set_takes_the_theory_from_the_jobs_parameters() -> None:
+    table = settle_table()
+    even = {"kappa_1": 100.0, "kappa_end": 100.0, "a_1": 0.4, "a_end": 0.4}
+    assert chain_of(table) == Chain(**even)
+    table.attrs["job"] = {
+        "params": {"beta": 0.7, "m_B": 0.8, "m_1": "m_B", "m_end": "m_B", "sigma": "2*sqrt(kappa)"}
+    }
+    assert chain_of(table) == Chain(beta=0.7, m_1=0.8, m_end=0.8, **even)
+    table.attrs["job"] = {"params": {"m_B": 0.7}}
+    assert chain_of(table) == Chain(m_1=0.7, m_end=0.7, **even)
+
+
+def test_solution_set_says_why_it_has_no_lines() -> None:
+    table = settle_table()
+    table["beta"] = np.linspace(0.7, 0.8, len(table))
+    figure = plot.solution_set(table, axes=AXES)
+    rendered(figure)
+    assert figure.legends[0].get_title().get_text() == "No analytic solutions are drawn: beta varies."
+    assert not plot.solution_set(settle_table(), axes=AXES, theory=False).axes[1].lines
+    with pytest.raises(PlotError, match="three axes"):
+        plot.solution_set(table, axes=AXES, points={"a": [1.0, 2.0]})
+    with pytest.raises(PlotError, match="three observables"):
+        plot.solution_set(table, axes=AXES[:2])
+
+
+def test_cycles_break_lines_where_an_angle_wraps() -> None:
+    figure = plot.draw("cycles", crossing_table(), y=["psi_1"])
+    rendered(figure)
+    axes = figure.axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("cycle", r"$\psi_{1}$ (rad)")
+    longest = max(axes.lines, key=lambda line: len(line.get_xdata()))
+    assert np.isnan(longest.get_ydata()).sum() == 1  # of the start at 5.9
+    steps = np.abs(np.diff(np.asarray(longest.get_ydata(), float)))
+    assert np.nanmax(steps) < np.pi
+    assert texts(figure) == ["(0.50)", "(3.00)", "(5.90)"]
+    assert len({line.get_color() for line in axes.lines}) == 3
+
+
+def test_cycles_mark_where_a_row_failed() -> None:
+    table = crossing_table()
+    table.loc[table["row"] == 1, "status"] = "fell"
+    table = table[~((table["row"] == 1) & (table["crossing"] > 2))]
+    table.loc[table["row"] == 2, "psi_1_n"] = np.nan
+    figure = plot.cycles(table, y=["psi_1"])
+    rendered(figure)
+    crosses = [line for line in figure.axes[0].lines if line.get_marker() == "x"]
+    assert [line.get_xdata().tolist() for line in crosses] == [[2.0]]
+
+
+def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
+    figure = plot.draw("footprints", trace_table(), titles=["first"])
+    rendered(figure)
+    first, second = (axes for axes in figure.axes if axes.get_yticklabels())
+    assert [tick.get_text() for tick in first.get_yticklabels()] == ["Leg 1", "Leg 2", "Leg 3", "Leg 4"]
+    assert first.yaxis_inverted()
+    assert (first.get_title("left"), second.get_title("left")) == ("first", "row 1")
+    assert second.get_xlabel() == "time (s)"
+    assert [above.get_xlabel() for above in first.child_axes] == ["cycles of 15.00 s"]
+    bars = first.collections[0].get_paths()[0].get_extents()
+    assert (bars.x0, bars.x1) == pytest.approx((0.0, 12.0), abs=0.06)
+    assert to_hex(first.collections[0].get_facecolor()[0]) == "#000000"
+    assert {line.get_color() for line in first.lines} == {
+        COLOURS["retrograde"]
+    }  # each leg after the one before it
+    assert not plot.footprints(trace_table(), guides=False).axes[0].lines
+
+
+def test_footprints_of_many_legs_and_of_rows_without_samples() -> None:
+    table = trace_table(10, 1)
+    lost = pd.DataFrame({"row": [1], "t": [np.nan], "status": ["fell"]})
+    figure = plot.footprints(
+        pd.concat([table, lost], ignore_index=True), titles=["ten", "lost", "not there yet"]
+    )
+    rendered(figure)
+    assert figure.axes[1].get_title("left") == "lost"
+    assert [text.get_text() for text in figure.axes[1].texts] == ["nothing was recorded"]
+
+
+def test_names_on_axes() -> None:
+    table = settle_table()
+    assert axis_label(table, "psi_1_end") == r"$\psi_{1}$ (rad)"
+    assert axis_label(table, "kappa") == r"$\kappa$"
+    assert axis_label(table, "m_B") == "$m_{B}$"
+    assert axis_label(table, "t_end") == "time at the end (s)"
+    table.attrs["quantities"] = {"kappa": {"unit": "N/m", "symbol": r"\kappa"}, "heading": {"circular": True}}
+    assert axis_label(table, "kappa") == r"$\kappa$ (N/m)"
+    assert axis_label(table, "heading") == "heading (rad)"
+    assert written(table, "beta", 0.8) == r"$\beta$ = 0.8"
+    assert written(table, "psi_2", 0.0) == r"$\psi_{2}$ = $0$"

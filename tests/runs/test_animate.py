@@ -1,0 +1,216 @@
+"""The command `animate`: movies and strips of poses from tables of traces."""
+
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+from trace_directories import (
+    CYCLE,
+    quadruped_job,
+    quadruped_signals,
+    quadruped_skeleton,
+    quadruped_table,
+    written,
+)
+
+from gaitsweep.cli import main
+from gaitsweep.job import Job
+from gaitsweep.plot.movie import mujoco_movie
+from gaitsweep.plot.movie.side_view import limb_colours
+from gaitsweep.runs import movie
+from gaitsweep.table import Snapshot
+
+LINES = "--renderer", "matplotlib"
+SMALL = "--size", "320x180"
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def quadruped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return quadruped_table(tmp_path_factory.mktemp("quadruped"))
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One row of a chain of four legs whose swings pass from leg to leg."""
+    t = 0.1 * np.arange(400)
+    signals = {}
+    for i in range(1, 5):
+        lift = np.maximum(np.sin(0.4 * t - i), 0.0)
+        signals |= {f"phase_{i}": np.mod(0.4 * t - i, 2 * np.pi), f"x_{i}": 1.0 - 0.1 * lift}
+        signals |= {f"l_{i}": 1.0 - 0.4 * lift, f"contact_{i}": (lift == 0.0).astype(float)}
+    run = {"kind": "trace", "duration": 39.9, "every": 0.1}
+    job = Job(name="wave", model="multilegged", start={f"psi_{i}": 1.0 for i in (1, 2, 3)}, run=run)
+    frame = pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})
+    return written(tmp_path_factory.mktemp("chain"), job, [frame])
+
+
+def refused(capsys: Capture, arguments: list[str], code: int = 2) -> str:
+    assert main(["animate", *arguments]) == code
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert printed.err.endswith(".\n")
+    return printed.err
+
+
+def test_a_movie_has_a_picture_for_each_moment(quadruped: Path, tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "trot.gif"
+    options = ["--start", "0.1", "--seconds", "0.2", "--speed", "0.5", "--fps", "10", *SMALL, *LINES]
+    assert main(["animate", str(quadruped), "--out", str(out), *options]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == f"{out}\n"
+    assert printed.err == ""  # no bar where nobody looks
+    with Image.open(out) as gif:
+        assert gif.n_frames == 5  # type: ignore[attr-defined] (0.2 s at half speed are 0.4 s, both ends shown)
+        assert gif.size == (320, 180)
+        assert gif.info["duration"] == 100
+        gif.seek(4)
+        picture = np.array(gif.convert("RGB")).reshape(-1, 3)
+    shown = {tuple(pixel) for pixel in picture.tolist()}
+    for colour in ("white", *limb_colours(quadruped_skeleton().limbs)):
+        assert tuple(round(255 * part) for part in to_rgb(colour)) in shown
+    assert [path.name for path in tmp_path.iterdir()] == ["trot.gif"]
+
+
+def test_movies_stand_with_the_figures_and_follow_the_cycle(chain: Path, capsys: Capture) -> None:
+    assert main(["animate", str(chain), "--seconds", "2", "--fps", "5", *SMALL]) == 0  # auto, without an MJCF
+    printed = capsys.readouterr()
+    assert printed.out == f"{chain / 'figures' / 'animation_row0.gif'}\n"
+    assert printed.err == ""
+    with Image.open(chain / "figures" / "animation_row0.gif") as gif:
+        assert gif.n_frames == 2  # type: ignore[attr-defined] (ten times faster than life)
+    assert movie.usual_speed(CYCLE) == 0.25
+    assert movie.usual_speed(1.6) == 1.0
+
+
+def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: Path, capsys: Capture) -> None:
+    for directory in (quadruped, chain):
+        assert main(["animate", str(directory), "--still", "0.1", "--size", "801x301", *LINES]) == 0
+        file = directory / "figures" / "poses_row0.png"
+        assert capsys.readouterr().out == f"{file}\n"
+        assert Image.open(file).size == (801, 301)
+        assert file in Snapshot.of(directory).figures
+    options = ["--still", "0.7", *SMALL, *LINES, "--out", str(quadruped / "late.png")]
+    assert main(["animate", str(quadruped), *options]) == 0
+    assert "The trace ends at 0.8 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--row", "2"], "There is no row 2: "),
+        (["--row", "-1"], "has rows 0 to 1"),
+        (["--row", "1"], "recorded no motion: it ended as fell"),
+        (["--size", "960"], "such as 960x540"),
+        (["--size", "96x54"], "160 to 4096 pixels"),
+        (["--renderer", "mujaco"], "did you mean mujoco?"),
+        (["--start", "0.8"], "goes from 0 to 0.8 s"),
+        (["--still", "nan"], "goes from 0 to 0.8 s"),
+        (["--speed", "0"], "--speed is 0"),
+        (["--seconds", "-1"], "--seconds is -1"),
+        (["--fps", "nan"], "--fps is nan"),
+        (["--speed", "1e-6"], "a movie has 2 to"),
+        (["--speed", "100"], "makes 1 picture,"),
+        (["--fps", "60"], "a GIF shows 50"),
+        (["--out", "walk.avi"], "end it with .gif or .mp4"),
+        (["--out", "walk.mp4"], "pip install 'gaitsweep[video]'"),
+        (["--still", "0", "--out", "walk.gif"], "end it with .png"),
+        (["--still", "0", "--speed", "1"], "--speed says nothing"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_sentence(
+    options: list[str], sentence: str, quadruped: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)  # as where it is not installed
+    assert sentence in refused(capsys, [str(quadruped), *LINES, *options])
+
+
+def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, capsys: Capture) -> None:
+    assert "does not exist" in refused(capsys, [str(tmp_path / "nowhere")])
+    settle = written(
+        tmp_path / "settle",
+        quadruped_job(run={"kind": "settle"}),
+        [pd.DataFrame({"row": [0], "status": ["fell"]})],
+    )
+    assert "holds settle rows" in refused(capsys, [str(settle)])
+    t = 0.01 * np.arange(5)
+    frame = pd.DataFrame({"row": 0, "t": t, **quadruped_signals(t), "status": "complete"})
+    poor = written(tmp_path / "poor", quadruped_job(vary={}), [frame.drop(columns=["q_5"])])
+    assert "lacks the signals q_5:" in refused(capsys, [str(poor)])
+    heights = {f"height_{i}": 0.1 + t for i in (1, 2)}
+    run = {"kind": "trace", "duration": 0.04, "every": 0.01}
+    toy = Job(name="hops", model="toy_model:Toy", run=run)
+    signals = {q.name: heights.get(q.name, 0.0 * t) for q in toy.plan.model.signals}
+    undrawn = written(
+        tmp_path / "toy", toy, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
+    )
+    assert "does not say how it is drawn" in refused(capsys, [str(undrawn)])
+
+
+def test_nothing_is_written_where_it_cannot(chain: Path, tmp_path: Path, capsys: Capture) -> None:
+    out = str(tmp_path / "nowhere" / "wave.gif")
+    assert "no such file" in refused(capsys, [str(chain), "--out", out, "--seconds", "4"], code=1)
+    assert "gives no MJCF" in refused(capsys, [str(chain), "--renderer", "mujoco"])
+
+
+def test_a_movie_that_is_stopped_leaves_the_old_one(chain: Path, tmp_path: Path) -> None:
+    out = tmp_path / "wave.gif"
+    out.write_bytes(b"the old one")
+
+    def stop(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        movie.write_movie(chain, out, seconds=20.0, size=(320, 180), progress=stop)
+    assert out.read_bytes() == b"the old one"
+    assert [path.name for path in tmp_path.iterdir()] == ["wave.gif"]
+
+
+def test_an_mp4_goes_through_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In its place stands a program that writes how many bytes it was given to its last argument."""
+    program = tmp_path / "ffmpeg"
+    program.write_text('#!/bin/sh\nfor target; do :; done\nwc -c > "$target"\n')
+    program.chmod(0o755)
+    fake = types.ModuleType("imageio_ffmpeg")
+    fake.get_ffmpeg_exe = lambda: str(program)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", fake)
+    out = movie.write_movie(chain, tmp_path / "wave.mp4", seconds=8.0, fps=5.0, size=(320, 180))
+    assert int(out.read_text()) == 5 * 320 * 180 * 3
+    program.write_text("#!/bin/sh\ncat > /dev/null\necho 'no such codec.' >&2\nexit 3\n")
+    with pytest.raises(movie.PlotError, match=r"could not write the movie: no such codec\.$"):
+        movie.write_movie(chain, out, seconds=8.0, fps=5.0, size=(320, 180))
+    assert int(out.read_text()) == 5 * 320 * 180 * 3
+
+
+def test_mujoco_renders_where_there_is_opengl(quadruped: Path, tmp_path: Path) -> None:
+    out = tmp_path / "trot.gif"
+    options = {"seconds": 0.05, "fps": 10.0, "size": (320, 240)}
+    try:
+        movie.write_movie(quadruped, out, renderer="mujoco", **options)
+    except movie.PlotError as error:
+        pytest.skip(str(error))
+    with Image.open(out) as gif:
+        assert gif.n_frames == 3  # type: ignore[attr-defined] (a quarter of the speed)
+        scene = np.array(gif.convert("RGB"))[30:90]
+    assert len(np.unique(scene.reshape(-1, 3), axis=0)) > 30  # shaded, as lines are not
+
+
+def test_without_opengl_lines_are_drawn(
+    quadruped: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mujoco_movie, "BACKENDS", ("nonsense",))  # MuJoCo's import fails with it
+    options = [str(quadruped), "--out", str(tmp_path / "trot.png"), *SMALL, "--still", "0"]
+    assert main(["animate", *options]) == 0
+    told = capsys.readouterr().err
+    assert told.startswith("MuJoCo cannot render here (nonsense: ")
+    assert told.endswith(": drawn by Matplotlib.\n")
+    assert (tmp_path / "trot.png").exists()
+    assert "use --renderer matplotlib" in refused(capsys, [*options, "--renderer", "mujoco"])

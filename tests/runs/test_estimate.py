@@ -1,0 +1,49 @@
+"""What a dry run says of rows, records and disk, against what a small run of each kind writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from gaitsweep.job import Job
+from gaitsweep.runs.estimate import estimate
+from gaitsweep.runs.execute import carry_out
+
+GRID = {"launch_1": {"linspace": [1, 2, 5]}, "preload": {"linspace": [0.5, 0.9, 4]}}
+FINE = {"launch_1": {"linspace": [1, 2, 33]}, "preload": {"linspace": [0.5, 0.9, 33]}}
+MOVED = {"parameter": "stiffness", "path": [4, 9, 4]}
+TRACE = {"kind": "trace", "duration": 3, "every": 0.02}
+BOX = {"sample": {"n": 1000, "of": {"launch_1": [1, 2], "preload": [0.5, 0.9]}}}
+BRANCH = {"kind": "continuation", "parameter": "stiffness", "path": [4, 9], "settle": 20}
+KINDS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "settle": ({"kind": "settle"}, FINE),
+    "settle a sample": ({"kind": "settle"}, BOX),
+    "refine": ({"kind": "settle", "refine": "boundary", "over": ["launch_1", "preload"]}, FINE),
+    "hold": ({"kind": "hold", "duration": 3}, GRID),
+    "trace": (TRACE, GRID),
+    "trace that moves": ({**TRACE, **MOVED, "rate": 4}, GRID),
+    "ramp": ({"kind": "ramp", **MOVED, "rate": 0.5}, GRID),
+    "return map": ({"kind": "return_map", "crossings": 50, "after_cycles": 3}, GRID),
+    "staircase": ({"kind": "staircase", **MOVED, "step": 0.5, "hold": 2}, GRID),
+    "continuation": (BRANCH, {"preload": [0.5, 0.9]}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) -> None:
+    run, vary = KINDS[name]
+    job = Job(name="x", model="toy_model:Toy", run=run, vary=vary, verify=0)
+    needs = estimate(job)
+    folder = carry_out(job, tmp_path / "out") / "table"
+    parts = sorted(folder.glob("part-*.parquet"))
+    records = sum(pq.read_metadata(part).num_rows for part in parts)
+    written = sum(part.stat().st_size for part in parts)
+    assert needs.rows == job.plan.n_rows
+    assert needs.blocks == len(parts)
+    assert 1 / 3 < needs.records / records < 3
+    assert 1 / 3 < needs.disk_bytes / written < 3
+    assert 0.0 < needs.seconds <= 1.01 * needs.seconds_most
+    assert needs.simulated < needs.rows if name == "refine" else needs.simulated == needs.rows

@@ -1,0 +1,217 @@
+"""Refined runs as a user makes them: against full grids, stopped, resumed, over devices, refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from landscape_model import is_near
+
+import gaitsweep as gs
+from gaitsweep.job import JobError
+from gaitsweep.runs import refined as refinement
+from gaitsweep.runs.estimate import estimate
+from gaitsweep.runs.report import write_report
+from gaitsweep.table import ResultDirectory
+
+TURN = 2 * np.pi
+REFINED = {"kind": "settle", "max_cycles": 60, "refine": "boundary"}
+
+
+def job(run: dict | None = None, **changes) -> gs.Job:
+    """Two panels of 32 x 25 starts; the middle axis is the panels'."""
+    vary = {
+        "theta_2": {"linspace": [0, TURN, 32], "at": "centre"},
+        "shift": [0.3, 2.0],
+        "theta_1": {"linspace": [0, TURN, 25], "at": "centre"},
+    }
+    given = {
+        "name": "landscape",
+        "model": "landscape_model:Landscape",
+        "vary": vary,
+        "run": REFINED if run is None else run,
+        "numerics": {"dt": 0.05},
+        "engine": {"block": 200, "lanes": 32, "name": "xla"},
+        "figures": [{"kind": "basin", "x": "theta_1", "y": "theta_2", "panels": "shift"}],
+    }
+    return gs.Job(**{**given, **changes})
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    return gs.run(job({"kind": "settle", "max_cycles": 60}), tmp_path_factory.mktemp("full") / "out").table
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return gs.run(job(), tmp_path_factory.mktemp("refined") / "out").path
+
+
+def test_the_picture_is_that_of_the_full_grid(full: pd.DataFrame, whole: Path) -> None:
+    """Every label is the full grid's and the closed form's; simulated rows are equal to the last bit."""
+    table = gs.load(whole)
+    assert list(table.columns) == list(full.columns)
+    assert table.dtypes.equals(full.dtypes)
+    near = is_near(full["theta_1"].to_numpy(), full["theta_2"].to_numpy(), full["shift"].to_numpy())
+    np.testing.assert_array_equal(full["gait"] == "near", near)
+    pd.testing.assert_series_equal(table["gait"], full["gait"])
+    simulated = (table["status"] == "settled").to_numpy()
+    assert 0.1 < simulated.mean() < 0.45
+    pd.testing.assert_frame_equal(table[simulated], full[simulated], check_exact=True)
+    others = table[~simulated]
+    assert set(others["status"]) == {"inferred"}
+    assert others[["theta_1_end", "theta_2_end", "t_end", "away"]].isna().all(axis=None)
+    assert not others[["cycles", "side"]].any(axis=None)
+
+
+def test_counts_add_up_and_figures_and_report_are_made(whole: Path) -> None:
+    result = gs.Result(whole)
+    counts = result.manifest["counts"]
+    assert sum(counts.values()) == 1600
+    assert set(counts) == {"settled", "inferred"}
+    assert result.manifest["refinement"] == {
+        "rounds": result.manifest["refinement"]["rounds"],
+        "simulated": counts["settled"],
+    }
+    assert result.manifest["complete"]
+    assert [figure.name for figure in result.figures] == ["basin.png"]
+    assert "inferred" in write_report(whole).read_text()
+    before = {path: path.stat().st_mtime_ns for path in whole.rglob("*.parquet")}
+    gs.run(job(), whole)
+    assert before == {path: path.stat().st_mtime_ns for path in whole.rglob("*.parquet")}
+
+
+def test_stopped_after_any_part_it_goes_on_to_the_same_table(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped at the first part that is written, the second, ...: nothing that stood is run again."""
+    write = ResultDirectory.write_part
+    written: list[Path] = []
+
+    def stop(self: ResultDirectory, number: int, frame: pd.DataFrame) -> None:
+        write(self, number, frame)
+        written.append(self.path)
+        raise KeyboardInterrupt
+
+    out = tmp_path / "stopped"
+    monkeypatch.setattr(ResultDirectory, "write_part", stop)
+    while True:
+        try:
+            gs.run(job(), out)
+            break
+        except KeyboardInterrupt:
+            assert len(written) < 100
+    monkeypatch.undo()
+    rounds = list((whole / refinement.FOLDER).rglob("*.parquet"))
+    parts = list((whole / "table").iterdir())
+    assert len(written) == len(rounds) + len(parts)  # each part was written once
+    pd.testing.assert_frame_equal(gs.load(out), gs.load(whole), check_exact=True)
+    assert gs.Result(out).manifest["counts"] == gs.Result(whole).manifest["counts"]
+
+
+def test_parts_that_are_lost_or_damaged_are_made_again(whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / "damaged"
+    shutil.copytree(whole, out)
+    expected = gs.load(whole)
+    (out / "table" / "part-00001.parquet").write_bytes(b"nothing")
+    (out / refinement.FOLDER / "round-01" / "table" / "part-00000.parquet").unlink()
+    with pytest.warns(UserWarning, match="damaged"):
+        gs.run(job(), out)
+    pd.testing.assert_frame_equal(gs.load(out), expected, check_exact=True)
+    shutil.rmtree(out / refinement.FOLDER)
+    (out / "table" / "part-00005.parquet").unlink()
+    gs.run(job(), out)
+    pd.testing.assert_frame_equal(gs.load(out), expected, check_exact=True)
+
+
+@pytest.mark.parametrize("engine", [{"devices": 1}, {"block": 70}])
+def test_neither_devices_nor_blocks_count(whole: Path, tmp_path: Path, engine: dict) -> None:
+    other = job(engine={**job().engine.model_dump(), **engine})
+    table = gs.run(other, tmp_path / "out").table
+    columns = [name for name in table if name != "away"]  # labels are read in blocks, to their last bits
+    pd.testing.assert_frame_equal(table[columns], gs.load(whole)[columns], check_exact=True)
+    np.testing.assert_allclose(table["away"], gs.load(whole)["away"], atol=1e-12)
+
+
+def test_rows_that_fall_lend_nothing(tmp_path: Path) -> None:
+    """All that falls is simulated, and so is the edge of where it does."""
+    fallen = job(params={"cliff": 0.5}, vary={**job().vary, "shift": [0.3]})
+    table = gs.run(fallen, tmp_path / "out").table
+    falls = np.cos(table["theta_2"]) > 0.5
+    np.testing.assert_array_equal(table["status"] == "fell", falls)
+    assert (table["status"] == "inferred").mean() > 0.2
+    near = is_near(table["theta_1"].to_numpy(), table["theta_2"].to_numpy(), 0.3)
+    np.testing.assert_array_equal((table["gait"] == "near")[~falls], near[~falls])
+
+
+def test_refinement_over_a_parameter(tmp_path: Path) -> None:
+    """`over` names the axes: a parameter's is refined, and the starts' are panels."""
+    vary = {"bend": {"linspace": [0.0, 2.0, 30]}, "theta_1": [0.5, 1.0], "theta_2": {"linspace": [1, 2, 2]}}
+    table = gs.run(
+        job({**REFINED, "over": ["bend"], "coarse": 4}, vary=vary, figures=[]), tmp_path / "o"
+    ).table
+    near = is_near(table["theta_1"].to_numpy(), table["theta_2"].to_numpy(), 0.0, table["bend"].to_numpy())
+    np.testing.assert_array_equal(table["gait"] == "near", near)
+    assert (table["status"] == "inferred").sum() > 30
+
+
+def test_the_estimate_counts_a_share_of_the_rows() -> None:
+    needs = estimate(job())
+    everything = estimate(job({"kind": "settle", "max_cycles": 60}))
+    assert needs.rows == everything.rows == 1600
+    assert 0.1 < needs.simulated / needs.rows < 0.4
+    assert everything.simulated == 1600
+    assert needs.seconds_most > 2 * needs.seconds
+
+
+def test_progress_rises_to_the_end(tmp_path: Path) -> None:
+    told: list[tuple[int, float]] = []
+
+    def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        assert total == 1600
+        assert 0 <= done <= total
+        told.append((done, fraction))
+
+    gs.run(job(figures=[]), tmp_path / "out", progress=progress)
+    shares = [fraction for _, fraction in told]
+    assert shares == sorted(shares)
+    assert shares[-1] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("run", "vary", "said"),
+    [
+        ({"refine": "edges"}, None, "boundary"),
+        ({"refine": "boundary", "coarse": 12}, None, "did you mean 8 or 16"),
+        ({"refine": "boundary", "coarse": 1}, None, "from 2 to 1024"),
+        ({"over": ["theta_1"]}, None, "run.refine is not given"),
+        ({"refine": "boundary", "over": ["theta_3"]}, None, "did you mean theta_1|did you mean theta_2"),
+        ({"refine": "boundary", "over": ["shift"]}, None, "no grid"),
+        ({"refine": "boundary", "over": ["theta_1", "theta_1"]}, None, "twice"),
+        ({"refine": "boundary"}, {"theta_1": [0, 1, 2], "theta_2": {"random": [0, 1, 9]}}, "needs a grid"),
+        (
+            {"refine": "boundary"},
+            {"sample": {"n": 9, "of": {"theta_1": [0, 1], "theta_2": [0, 1]}}},
+            "a grid",
+        ),
+    ],
+)
+def test_what_cannot_be_refined_is_refused(run: dict, vary: dict | None, said: str) -> None:
+    with pytest.raises(JobError, match=said):
+        job({"kind": "settle", **run}, vary=job().vary if vary is None else vary, figures=[])
+
+
+def test_jobs_that_do_not_refine_keep_their_hash() -> None:
+    """The fields of a refinement do not count where there is none, so that older directories go on."""
+    plain = {"kind": "settle", "max_cycles": 60}
+    assert job(plain).hash() == job({**plain, "coarse": 16}).hash()
+    hashes = {job({**REFINED, "coarse": coarse}).hash() for coarse in (4, 8)} | {job(plain).hash()}
+    assert len(hashes) == 3
+    again = gs.Job(**json.loads(json.dumps(job().resolved())))
+    assert again.hash() == job().hash()
+    assert dataclasses.asdict(refinement.grid_of(job().plan, job().run))["wraps"] == {0: True, 2: True}

@@ -1,0 +1,144 @@
+"""Staircases as jobs: their table, their resumption, and those that are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.job import Job, JobError
+from gaitsweep.runs.estimate import estimate
+from gaitsweep.runs.execute import carry_out
+
+STAIRS = {"kind": "staircase", "parameter": "stiffness", "path": [4, 9, 4], "step": 2.5, "hold": 12.0}
+
+
+def job(**fields: Any) -> Job:
+    plain = {"name": "steps", "model": "toy_model:Toy", "run": STAIRS, "numerics": {"dt": 1e-2}}
+    return Job(**{**plain, "vary": {"launch_1": [0.5, 1.0, 2.0]}, **fields})
+
+
+def test_the_table_of_a_staircase(tmp_path: Path) -> None:
+    """Formulas follow the moving parameter, labels are those at each stair's value."""
+    table = gs.run(job(run={**STAIRS, "hold": 25.0}), tmp_path / "out").table
+    moved = ["stair", "pass", "stiffness", "t", "crossing", "settled", "slowest", "status", "stalled_by"]
+    assert list(table.columns) == ["row", "launch_1", *moved, "launch_1_n", "gait", "apex"]
+    assert table["stair"].dtype == np.int64
+    assert table["settled"].dtype == bool
+    assert list(table["row"]) == [0] * 5 + [1] * 5 + [2] * 5
+    for _, part in table.groupby("row"):
+        assert list(part["stair"]) == [0, 1, 2, 3, 4]
+        assert list(part["pass"]) == [0, 0, 0, 1, 1]
+        assert list(part["stiffness"]) == [4.0, 6.5, 9.0, 6.5, 4.0]
+        assert list(part["t"]) == [25.0, 50.0, 75.0, 100.0, 125.0]
+        assert np.all(np.diff(part["crossing"]) > 10)
+    assert table["settled"].all()
+    assert set(table["status"]) == {"complete"}
+    assert set(table["gait"]) == {"hop"}
+    launch = 0.25 * np.sqrt(table["stiffness"]) / 0.5
+    np.testing.assert_allclose(table["launch_1_n"], launch, atol=1e-4)
+    apex = np.sqrt(0.25 + table["launch_1_n"] ** 2 / table["stiffness"]) - 0.5
+    np.testing.assert_allclose(table["apex"], apex, rtol=1e-12)
+
+
+def test_rows_that_fall_keep_the_stairs_that_they_ended(tmp_path: Path) -> None:
+    """One falls at once and has one record without numbers, one when the kick grows, one not at all."""
+    run = {**STAIRS, "parameter": "kick", "path": [0.5, 2.0], "step": 0.5}
+    vary = {"zip": {"ceiling": [0.1, 0.8, 100.0], "launch_1": [2.0, 1.0, 1.0]}}
+    table = gs.run(job(run=run, vary=vary, start={}), tmp_path / "out").table
+    rows = [part for _, part in table.groupby("row")]
+    assert [list(part["stair"]) for part in rows] == [[0], [0, 1], [0, 1, 2, 3]]
+    assert [set(part["status"]) for part in rows] == [{"fell"}, {"fell"}, {"complete"}]
+    assert rows[0][["kick", "t", "launch_1_n", "gait", "apex"]].isna().to_numpy().all()
+    assert not rows[0]["settled"].any()
+    assert rows[1][["kick", "t", "launch_1_n", "gait", "apex"]].notna().to_numpy().all()
+
+
+def test_a_stair_without_a_crossing_has_no_gait(tmp_path: Path) -> None:
+    """The observables stand still where nothing crosses; what they were before is no gait of this stair."""
+    table = gs.run(job(run={**STAIRS, "hold": 0.1, "step": 0.5}), tmp_path / "out").table
+    crossed = table.groupby("row")["crossing"].diff().fillna(table["crossing"]) > 0
+    assert 0 < crossed.sum() < len(table)
+    assert (table["gait"].notna() == crossed).all()
+    assert not table["settled"].any()
+
+
+def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> None:
+    asked = job(vary={"launch_1": {"linspace": [0.3, 2.0, 9]}}, engine={"block": 2, "lanes": 3})
+    whole = gs.run(asked, tmp_path / "whole").table
+    shares = []
+
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        shares.append(fraction)
+        if done >= 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        carry_out(asked, tmp_path / "stopped", progress=stop)
+    assert 20 <= len(gs.load(tmp_path / "stopped")) < len(whole)
+    assert shares == sorted(shares)
+    assert any(share * 9 % 1.0 > 0.0 for share in shares), "running rows count in part"
+    carry_out(asked, tmp_path / "stopped")
+    pd.testing.assert_frame_equal(gs.load(tmp_path / "stopped"), whole, check_exact=True)
+
+
+def test_what_a_staircase_would_need() -> None:
+    needs = estimate(job(run={**STAIRS, "step": 0.05}))
+    assert needs.rows == 3
+    assert needs.records == 3 * 201
+    # a table is compressed: each record has at least two numbers of its own
+    assert needs.disk_bytes >= 3 * 201 * 8 * 2
+    assert 0 < needs.seconds <= needs.seconds_most
+
+
+def test_a_staircase_is_a_job_like_others() -> None:
+    asked = job()
+    assert "stiffness" not in asked.resolved()["params"]
+    assert Job(**asked.resolved()).hash() == asked.hash()
+    assert job(run={**STAIRS, "first_hold": 30.0}).hash() != asked.hash()
+
+
+BAD = [
+    ({"parameter": "stifness"}, {}, ["run.parameter is stifness", "did you mean stiffness?"]),
+    ({"parameter": "launch_1"}, {}, ["run.parameter is launch_1", "start value of toy"]),
+    ({}, {"params": {"stiffness": 4}}, ["params.stiffness is fixed, but run.parameter moves it"]),
+    ({}, {"vary": {"stiffness": [4, 5]}}, ["vary.stiffness varies, but run.parameter moves it"]),
+    ({"step": 0}, {}, ["run.step is 0, but must be above 0"]),
+    ({"step": -0.1}, {}, ["run.step is -0.1, but must be above 0"]),
+    ({"hold": 0}, {}, ["run.hold is 0, but must be above 0"]),
+    ({"first_hold": -1}, {}, ["run.first_hold is -1, but must be above 0"]),
+    ({"tolerance": 0}, {}, ["run.tolerance is 0, but must be above 0"]),
+    ({"path": [4]}, {}, ["run.path has 1 items, but takes at least 2"]),
+    ({"path": [4, 9, 9, 4]}, {}, ["run.path[2] is 9, as the value before it is: leave one of the two out"]),
+    ({"path": [4, -1]}, {}, ["run.path[1] is -1, but must be above 0 (spring, in N/m)"]),
+    ({"path": [4, "stiffness"]}, {}, ["run.path[1]", "stiffness moves in this run"]),
+    ({}, {"params": {"kick": "8-stiffness"}}, ["params.kick is", "where the staircase has stiffness = 9"]),
+    ({"step": 1e-4}, {}, ["run.step is 0.0001, which makes 100001 stairs; at most 10000 are made"]),
+    ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are made"]),
+    ({"holds": 3}, {}, ["run.holds is not a field of run (staircase); did you mean hold?"]),
+    (
+        {},
+        {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
+        ["needs a run of settle or hold, not of stair"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("run", "fields", "words"), BAD)
+def test_a_staircase_that_cannot_be_run(
+    run: dict[str, Any], fields: dict[str, Any], words: list[str]
+) -> None:
+    with pytest.raises(JobError) as error:
+        job(run={**STAIRS, **run}, **fields)
+    for word in words:
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize("missing", ["parameter", "path", "step", "hold"])
+def test_what_a_staircase_has_to_say(missing: str) -> None:
+    with pytest.raises(JobError, match=rf"run\.{missing} is missing: "):
+        job(run={name: value for name, value in STAIRS.items() if name != missing})

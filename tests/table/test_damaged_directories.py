@@ -1,0 +1,359 @@
+"""Damaged, edited and hostile result directories: a sentence, never a wrong table and never a traceback."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from toy_directories import block_frame, files_of, fill, open_toy
+
+from gaitsweep.cli.main import main
+from gaitsweep.runs.execute import draw_figures
+from gaitsweep.runs.report import write_report
+from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
+from gaitsweep.table.manifest import sealed
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    path = tmp_path / "toy"
+    with open_toy(path) as directory:
+        fill(directory)
+        directory.update_manifest(complete=True, counts=directory.counts(), quantities={})
+    return path
+
+
+def part(path: Path, number: int) -> Path:
+    return path / "table" / f"part-{number:05d}.parquet"
+
+
+def mended(path: Path) -> list[str]:
+    """Open a directory as a run does and fill what it lacks; what it said."""
+    with open_toy(path) as directory:
+        fill(directory)
+        return directory.notes
+
+
+def test_no_flipped_bit_of_a_part_is_read(whole: Path) -> None:
+    """The issue's own figure: 45 of 150 flips were read as data."""
+    expected = load(whole)
+    random = np.random.default_rng(1)
+    file = part(whole, 1)
+    data = file.read_bytes()
+    for _ in range(150):
+        broken = bytearray(data)
+        broken[random.integers(len(data))] ^= 1 << int(random.integers(8))
+        file.write_bytes(broken)
+        with pytest.raises(TableError, match=r"part-00001\.parquet is damaged"):
+            load(whole)
+    assert any("part-00001.parquet was damaged" in note for note in mended(whole))
+    pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+
+
+def test_pages_carry_checksums(whole: Path) -> None:
+    """Another reader of parquet, which knows no `SHA256SUMS`, finds a changed page too."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    data = bytearray(part(whole, 0).read_bytes())
+    column = pq.read_metadata(part(whole, 0)).row_group(0).column(4)
+    data[column.data_page_offset + column.total_compressed_size - 1] ^= 1
+    with pytest.raises((OSError, pa.ArrowException)):
+        pq.ParquetFile(pa.BufferReader(bytes(data)), page_checksum_verification=True).read()
+
+
+def test_parts_in_each_others_place_are_named_and_made_again(whole: Path) -> None:
+    expected = load(whole)
+    first, second = part(whole, 0).read_bytes(), part(whole, 1).read_bytes()
+    part(whole, 0).write_bytes(second)
+    part(whole, 1).write_bytes(first)
+    with pytest.raises(TableError, match=r"part-00000.*holds part 1, not 0.*part-00001"):
+        load(whole)
+    assert len(mended(whole)) == 2
+    pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+
+
+def test_another_jobs_part_in_place_of_ours_is_set_aside(whole: Path, tmp_path: Path) -> None:
+    expected = load(whole)
+    with open_toy(tmp_path / "other", job_hash="b" * 60) as directory:
+        fill(directory)
+    stranger = part(tmp_path / "other", 0).read_bytes()
+    part(whole, 0).write_bytes(stranger)
+    with pytest.raises(TableError, match="no part of this table: it belongs to another job"):
+        load(whole)
+    assert "set aside" in mended(whole)[0]
+    pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+    assert (whole / "table" / "part-00000.parquet.foreign").read_bytes() == stranger
+
+
+@pytest.mark.parametrize("name", ["part-000001.parquet", "part-00009.parquet", "copy of part-00000.parquet"])
+def test_no_part_is_read_twice_or_beside_the_table(whole: Path, name: str) -> None:
+    shutil.copy(part(whole, 0), whole / "table" / name)
+    with pytest.raises(TableError, match=f"{name} is no part of this table"):
+        load(whole)
+    with pytest.raises(TableError, match="move it out"):
+        open_toy(whole)
+
+
+def test_a_folder_or_a_pipe_in_place_of_a_part(whole: Path) -> None:
+    expected = load(whole)
+    for number, make in enumerate((Path.mkdir, os.mkfifo)):
+        part(whole, number).unlink()
+        make(part(whole, number))
+        with pytest.raises(TableError, match=f"part-0000{number}.parquet"):
+            load(whole)
+    mended(whole)
+    pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+    part(whole, 2).unlink()
+    part(whole, 2).mkdir()
+    (part(whole, 2) / "mine").write_text("precious")
+    with pytest.raises(TableError, match="is a folder"):
+        open_toy(whole)
+    assert (part(whole, 2) / "mine").exists()
+
+
+def test_a_manifest_that_was_edited_is_refused_and_made_anew(whole: Path) -> None:
+    file = whole / "manifest.json"
+    good = file.read_text()
+    for old, new in (('"rows": 10', '"rows": 8'), ('"complete": true', '"complete": false'), ("{", "[")):
+        assert old in good
+        file.write_text(good.replace(old, new, 1))
+        with pytest.raises(TableError, match=r"manifest\.json"):
+            load(whole)
+        assert "made anew" in mended(whole)[0]
+        assert len(load(whole)) == 10
+        file.write_text(good)
+
+
+ODD = [None, True, 0, -1, 1e308, float("nan"), 10**40, "text", [], {}, [1], {"foo": 1}, {"foo": []}, [[[{}]]]]
+
+
+@pytest.mark.parametrize(
+    "name", ["timings", "quantities", "counts", "gaits", "job", "rows", "block", "format"]
+)
+def test_odd_fields_of_an_unsealed_or_sealed_manifest(whole: Path, name: str) -> None:
+    """With its seal made anew, as by somebody who knows how, and in format 1, which has none."""
+    file = whole / "manifest.json"
+    good = json.loads(file.read_text())
+    for value in ODD:
+        for form in (1, 2):
+            manifest = {**good, "format": form, name: value}
+            file.write_text(json.dumps(sealed(manifest)))
+            for look in (load, Snapshot.of, write_report, draw_figures):
+                with contextlib.suppress(TableError):
+                    look(whole)
+    file.write_text("[" * 100_000)
+    with pytest.raises(TableError, match="no JSON"):
+        load(whole)
+
+
+def test_attrs_come_from_the_manifest(whole: Path) -> None:
+    file = whole / "job.yaml"
+    job = yaml.safe_load(file.read_text())
+    file.write_text(yaml.safe_dump({**job, "model": "another", "vary": {"a": [7.0]}}))
+    with pytest.warns(UserWarning, match="job.yaml was changed"):
+        table = load(whole)
+    assert table.attrs["job"] == job
+    mended(whole)
+    assert yaml.safe_load(file.read_text()) == job
+
+
+GARBAGE = [
+    b"\x00\xff\xfe garbage",
+    b"figures: hello",
+    b"figures: [{kind: basin, x: 3, y: []}]",
+    b"figures: [{kind: nothing}]",
+    b"figures: [{}]",
+    b"figures: [{kind: basin, x: a, y: a, name: ../../outside}]",
+    b"figures: [{kind: basin, x: a, y: a, name: /tmp/outside}]",
+    b"run: hello",
+    b"- a list",
+    b"a: &a [*a]",
+    b"2024-99-99: 1",
+    b"[" * 5000,
+    b"name: [",
+]
+
+
+@pytest.mark.parametrize("text", GARBAGE)
+def test_a_job_file_of_garbage(whole: Path, text: bytes, capsys: pytest.CaptureFixture[str]) -> None:
+    (whole / "job.yaml").write_bytes(text)
+    before = files_of(whole.parent)
+    assert main(["plot", str(whole)]) == 2
+    said = capsys.readouterr().err
+    assert "job.yaml" in said
+    assert "Traceback" not in said
+    assert files_of(whole.parent).keys() == before.keys()
+    for command in ("info", "report"):
+        assert main([command, str(whole)]) in (0, 2)
+
+
+@pytest.mark.parametrize(
+    "name", ["manifest.json", "job.yaml", "SHA256SUMS", "table", "figures", "report.html", ".lock"]
+)
+@pytest.mark.parametrize("what", ["folder", "file", "pipe", "gone", "link"])
+def test_other_things_where_files_belong(
+    whole: Path, name: str, what: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = whole / name
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+    outside = tmp_path / "outside"
+    if what == "folder":
+        path.mkdir()
+        (path / "mine").write_text("")
+    elif what == "file":
+        path.write_text("")
+    elif what == "pipe":
+        os.mkfifo(path)
+    elif what == "link":
+        outside.write_text("precious")
+        path.symlink_to(outside)
+    for command in ("info", "report", "plot"):
+        assert main([command, str(whole)]) in (0, 2)
+    assert "Traceback" not in capsys.readouterr().err
+    with contextlib.suppress(TableError):
+        mended(whole)
+    if what == "link":
+        assert outside.read_text() == "precious"
+
+
+def test_links_at_the_names_of_temporaries_are_not_followed(tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    outside.write_text("precious")
+    with open_toy(tmp_path / "toy") as directory:
+        for name in (
+            "table/.part-00000.parquet.partial",
+            "table/part-00000.parquet",
+            ".manifest.json.partial",
+        ):
+            (tmp_path / "toy" / name).symlink_to(outside)
+        fill(directory)
+        directory.update_manifest(note="x")
+    assert outside.read_text() == "precious"
+    assert len(load(tmp_path / "toy")) == 10
+
+
+def test_a_directory_of_format_1_is_read_and_says_that_it_has_no_digests(whole: Path) -> None:
+    expected = load(whole)
+    manifest = json.loads((whole / "manifest.json").read_text())
+    del manifest["sha256"], manifest["job"]
+    (whole / "manifest.json").write_text(json.dumps({**manifest, "format": 1}))
+    (whole / "SHA256SUMS").unlink()
+    with pytest.warns(UserWarning, match="carry no digests"):
+        table = load(whole)
+    pd.testing.assert_frame_equal(table, expected, check_exact=True)
+    assert table.attrs["job"] == expected.attrs["job"]
+    assert any("no digests" in note for note in mended(whole))
+    part(whole, 1).unlink()
+    mended(whole)  # a directory of format 1 goes on
+    with pytest.warns(UserWarning, match="carry no digests"):
+        pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+
+
+def test_digests_are_those_of_sha256sum(whole: Path) -> None:
+    if shutil.which("sha256sum") is None:
+        pytest.skip("sha256sum is not installed")
+    done = subprocess.run(["sha256sum", "-c", "SHA256SUMS"], cwd=whole, capture_output=True, check=True)
+    assert done.stdout.count(b"OK") == 4
+
+
+def test_a_kill_between_the_digest_and_the_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A digest whose part never came, half a line, and a part made twice: none counts as damage."""
+    path = tmp_path / "toy"
+    with open_toy(path) as directory:
+        directory.write_part(0, block_frame(0, 4))
+        with open(path / "SHA256SUMS", "a") as file:
+            file.write(f"{'0' * 64}  table/part-00001.parquet\n{'1' * 30}")
+        fill(directory)
+        assert not directory.notes
+    assert load(path).attrs["complete"]
+    with open_toy(path) as directory:
+        assert not directory.notes
+        directory.tidy_digests()
+    assert load(path).attrs["complete"]
+
+
+def test_a_table_that_is_not_complete_says_so(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        directory.write_part(0, block_frame(0, 4))
+        keep(directory, [5, 9])
+    with pytest.warns(UserWarning, match=r"6 of 10 rows are missing \(2 of them have ended"):
+        table = load(tmp_path / "toy")
+    assert list(table["row"]) == [0, 1, 2, 3]
+    assert (table.attrs["complete"], table.attrs["rows_missing"], table.attrs["rows_open"]) == (False, 6, 2)
+
+
+def keep(directory: ResultDirectory, rows: list[int]) -> None:
+    """Store rows with as many samples as their number."""
+    row = np.array(rows, np.int64)
+    samples = np.concatenate([np.full((n, 3), n + 0.1) for n in rows])
+    last = np.where(row[:, None] % 2, np.nan, -0.0) * np.ones(2)
+    directory.keep(
+        {"row": row, "status": row.astype(np.int32), "last": last, "kept": row, "samples": samples}
+    )
+
+
+def test_rows_of_open_blocks_are_given_back_to_the_bit(tmp_path: Path) -> None:
+    path = tmp_path / "toy"
+    with open_toy(path) as directory:
+        keep(directory, [1, 5, 2])
+        keep(directory, [0, 5])
+    with open_toy(path) as directory:
+        assert directory.rows_open == 4
+        first, second = directory.restored(0), directory.restored(1)
+        assert first is not None
+        assert second is not None
+        assert directory.restored(2) is None
+        np.testing.assert_array_equal(first["row"], [0, 1, 2])
+        np.testing.assert_array_equal(first["samples"], np.repeat([1.1, 2.1, 2.1], 3).reshape(3, 3))
+        np.testing.assert_array_equal(second["samples"], np.full((5, 3), 5.1))
+        assert first["status"].dtype == np.int32
+        assert np.signbit(first["last"][0]).all()
+        assert np.isnan(first["last"][1]).all()
+        directory.write_part(0, block_frame(0, 4))
+        assert len(list(path.glob("table/open-*"))) == 2  # row 5 is in both
+        directory.write_part(1, block_frame(4, 8))
+        assert not list(path.glob("table/open-*"))
+
+
+def test_damaged_rows_of_open_blocks_are_run_again(tmp_path: Path) -> None:
+    path = tmp_path / "toy"
+    with open_toy(path) as directory:
+        directory.write_part(0, block_frame(0, 4))
+        keep(directory, [5])
+        keep(directory, [6])
+    file = path / "table" / "open-00001.parquet"
+    file.write_bytes(file.read_bytes()[:-9])
+    assert len(Snapshot.of(path).open_faults) == 1
+    assert Snapshot.of(path).rows_open == 1
+    with open_toy(path) as directory:
+        assert "open-00001.parquet was damaged" in directory.notes[0]
+        assert directory.rows_open == 1
+        fill(directory)
+    assert load(path).attrs["complete"]
+
+
+@pytest.mark.slow
+def test_damages_of_real_tables() -> None:
+    line = [sys.executable, "-m", "benchmarks.reliability.damage"]
+    subprocess.run(line, cwd=ROOT, check=True, timeout=900)
+
+
+@pytest.mark.slow
+def test_kills_of_working_runs() -> None:
+    line = [sys.executable, "-m", "benchmarks.reliability.kills"]
+    subprocess.run(line, cwd=ROOT, check=True, timeout=1800)

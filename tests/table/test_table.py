@@ -1,0 +1,338 @@
+"""Result directories: parts that survive any interruption, refusals, and what `load` gives back."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
+
+from gaitsweep.table import ResultDirectory, Snapshot, TableError, WriteError, load
+
+
+def test_a_new_directory_is_filled_and_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "toy"
+    with open_toy(path) as directory:
+        assert directory.missing_blocks() == [0, 1, 2]
+        fill(directory)
+        directory.update_manifest(seconds=np.float64(1.5), lanes=256)
+        assert directory.missing_blocks() == []
+        assert sum(directory.counts().values()) == directory.rows_done == 10
+    table = load(path)
+    expected = block_frame(0, 10)
+    assert list(table["row"]) == list(range(10))
+    assert table["row"].dtype == np.int64
+    assert list(table["gait"].cat.categories) == GAITS
+    assert table["gait"].isna().equals(expected["gait"].isna())
+    assert list(table["status"].astype(str)) == list(expected["status"].astype(str))
+    assert table.attrs["complete"]
+    assert table.attrs["job"] == JOB
+    assert table.attrs["manifest"]["seconds"] == 1.5
+    assert table.attrs["manifest"]["lanes"] == 256
+    assert yaml.safe_load((path / "job.yaml").read_text()) == JOB
+    assert Snapshot.of(path).counts == directory.counts()
+
+
+def test_a_partial_table_loads_and_says_so(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        directory.write_part(2, block_frame(8, 10))
+        directory.write_part(0, block_frame(0, 4))
+    table = load(tmp_path / "toy")
+    assert list(table["row"]) == [0, 1, 2, 3, 8, 9]
+    assert not table.attrs["complete"]
+
+
+def test_a_directory_without_parts_is_refused_by_load(tmp_path: Path) -> None:
+    open_toy(tmp_path / "toy").close()
+    with pytest.raises(TableError, match="no finished part yet"):
+        load(tmp_path / "toy")
+    with pytest.raises(TableError, match="does not exist"):
+        load(tmp_path / "nothing")
+
+
+def test_an_interrupted_table_ends_byte_for_byte_as_an_uninterrupted_one(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "whole", rows=50) as directory:
+        fill(directory)
+    with open_toy(tmp_path / "broken", rows=50) as directory:
+        for number in (7, 1, 4):
+            directory.write_part(number, block_frame(*directory.rows_of(number)))
+    with open_toy(tmp_path / "broken", rows=50) as directory:
+        assert len(directory.missing_blocks()) == directory.n_blocks - 3
+        fill(directory)
+    assert files_of(tmp_path / "whole" / "table") == files_of(tmp_path / "broken" / "table")
+    pd.testing.assert_frame_equal(load(tmp_path / "whole"), load(tmp_path / "broken"), check_exact=True)
+
+
+def test_crossing_tables_count_rows_not_records(tmp_path: Path) -> None:
+    frame = pd.DataFrame(
+        {
+            "row": np.array([0, 0, 0, 1, 2, 3], dtype=np.int64),
+            "crossing": [1, 2, 3, 1, 0, 1],
+            "status": ["complete", "complete", "complete", "fell", "fell", "complete"],
+        }
+    )
+    with open_toy(tmp_path / "toy", rows=4) as directory:
+        with pytest.raises(ValueError, match="count 3 rows, not 4"):
+            directory.write_part(0, frame[frame["row"] != 2])
+        directory.write_part(0, frame)
+        assert directory.counts() == {"complete": 2, "fell": 2}
+    assert len(load(tmp_path / "toy")) == 6
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda frame: frame.drop(columns="status"), "needs the column status"),
+        (lambda frame: frame.assign(row=frame["row"] + 1), "from 0 to 3"),
+        (lambda frame: frame.iloc[::-1], "in order"),
+        (lambda frame: frame.assign(row=frame["row"].astype(float)), "int64"),
+        (lambda frame: frame.iloc[:3], "count 3 rows"),
+    ],
+)
+def test_a_frame_of_other_rows_is_not_written(tmp_path: Path, change, sentence: str) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        with pytest.raises(ValueError, match=sentence):
+            directory.write_part(0, change(block_frame(0, 4)))
+        assert directory.missing_blocks() == [0, 1, 2]
+
+
+def test_another_job_is_refused_with_both_hashes_and_nothing_changes(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+    before = files_of(tmp_path / "toy")
+    with pytest.raises(TableError, match=r"abcabcabcabc.*ffffffffffff.*--out"):
+        open_toy(tmp_path / "toy", job_hash="f" * 64)
+    with pytest.raises(TableError, match="blocks of 5"):
+        open_toy(tmp_path / "toy", block=5)
+    assert files_of(tmp_path / "toy") == before
+
+
+def test_foreign_places_are_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "job.yaml").write_text("name: precious")
+    with pytest.raises(TableError, match=r"not gaitsweep's \(job.yaml\)"):
+        open_toy(tmp_path / "mine")
+    assert files_of(tmp_path / "mine") == {"job.yaml": b"name: precious"}
+    (tmp_path / "file").write_text("")
+    with pytest.raises(TableError, match="is a file"):
+        open_toy(tmp_path / "file")
+    with pytest.raises(TableError, match="cannot be made"):
+        open_toy(tmp_path / "file" / "below")
+    (tmp_path / "empty").mkdir()
+    open_toy(tmp_path / "empty").close()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"format": 1}', '{"format": 99, "job_hash": "", "rows": 1, "block": 1}']
+)
+def test_a_broken_manifest_is_a_sentence(tmp_path: Path, text: str) -> None:
+    open_toy(tmp_path / "toy").close()
+    (tmp_path / "toy" / "manifest.json").write_text(text)
+    with pytest.raises(TableError, match=r"\.$"):
+        open_toy(tmp_path / "toy")
+    with pytest.raises(TableError, match=r"\.$"):
+        load(tmp_path / "toy")
+
+
+def test_two_writers_at_once(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy"), pytest.raises(TableError, match=f"process {os.getpid()} on .*--out"):
+        open_toy(tmp_path / "toy")
+    open_toy(tmp_path / "toy").close()
+
+
+def test_stray_temporaries_are_removed_by_the_next_run_alone(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        directory.write_part(0, block_frame(0, 4))
+    strays = [
+        tmp_path / "toy" / name for name in (".manifest.json.partial", "table/.part-00001.parquet.partial")
+    ]
+    for stray in strays:
+        stray.write_bytes(b"half")
+    assert len(load(tmp_path / "toy")) == 4
+    assert all(stray.exists() for stray in strays)
+    open_toy(tmp_path / "toy").close()
+    assert not any(stray.exists() for stray in strays)
+
+
+def test_a_kill_at_any_point_of_the_making_is_resumable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every call that changes the disk is made to fail in turn, with nothing cleaned up after it."""
+    names = ("replace", "fsync")
+    real = {name: getattr(os, name) for name in names}
+    for stop_at in range(1, 30):
+        calls = 0
+
+        def dying(name: str, *arguments: object, stop_at: int = stop_at) -> object:
+            nonlocal calls
+            calls += 1
+            if calls == stop_at:
+                raise KeyboardInterrupt
+            return real[name](*arguments)
+
+        path = tmp_path / str(stop_at)
+        for name in names:
+            monkeypatch.setattr(os, name, lambda *arguments, name=name, dying=dying: dying(name, *arguments))
+        monkeypatch.setattr(Path, "unlink", lambda *_arguments, **_options: None)
+        try:
+            with open_toy(path) as directory:
+                fill(directory)
+            finished = True
+        except KeyboardInterrupt:
+            finished = False
+        monkeypatch.undo()
+        with open_toy(path) as directory:
+            fill(directory)
+        assert len(load(path)) == 10
+        assert not list(path.rglob("*.partial"))
+        if finished:
+            break
+    assert finished
+    assert stop_at > 10
+
+
+def test_a_truncated_part_is_removed_and_made_anew(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+    whole = load(tmp_path / "toy")
+    part = tmp_path / "toy" / "table" / "part-00001.parquet"
+    for length in (0, 3, 200, part.stat().st_size - 1):
+        part.write_bytes(part.read_bytes()[:length])
+        with pytest.raises(TableError, match="damaged"):
+            load(tmp_path / "toy")
+        assert Snapshot.of(tmp_path / "toy").damaged == (1,)
+        with open_toy(tmp_path / "toy") as directory:
+            assert directory.missing_blocks() == [1]
+            assert "part-00001.parquet was damaged" in directory.notes[0]
+            fill(directory)
+    pd.testing.assert_frame_equal(load(tmp_path / "toy"), whole, check_exact=True)
+
+
+def test_a_part_of_another_table_is_refused_not_removed(tmp_path: Path) -> None:
+    for name, job_hash in (("one", "a" * 64), ("two", "b" * 64)):
+        with open_toy(tmp_path / name, job_hash=job_hash) as directory:
+            directory.write_part(0, block_frame(0, 4))
+    stranger = tmp_path / "one" / "table" / "part-00001.parquet"
+    stranger.write_bytes((tmp_path / "two" / "table" / "part-00000.parquet").read_bytes())
+    with pytest.raises(TableError, match="belongs to another job"):
+        open_toy(tmp_path / "one", job_hash="a" * 64)
+    assert stranger.exists()
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_full_disk_leaves_no_half_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    def full(*_arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with open_toy(tmp_path / "toy") as directory:
+        directory.write_part(0, block_frame(0, 4))
+        monkeypatch.setattr(os, call, full)
+        with pytest.raises(
+            WriteError, match=r"Part 1 \(rows 4 to 7\).*the disk is full; 4 of 10 rows are safe"
+        ):
+            directory.write_part(1, block_frame(4, 8))
+        with pytest.raises(WriteError, match="the disk is full"):
+            directory.update_manifest(note="x")
+        monkeypatch.undo()
+        assert "note" not in json.loads((tmp_path / "toy" / "manifest.json").read_text())
+        assert sorted(os.listdir(tmp_path / "toy" / "table")) == ["part-00000.parquet"]
+        fill(directory)
+    assert load(tmp_path / "toy").attrs["complete"]
+
+
+def test_a_file_too_large_for_the_system_is_a_sentence(tmp_path: Path) -> None:
+    """A real refusal by the kernel while parquet is being written, where a mount is not allowed."""
+    with open_toy(tmp_path / "toy", rows=4000, block=2000) as directory:
+        directory.write_part(0, block_frame(0, 2000))
+        old = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (8192, old[1]))
+        try:
+            with pytest.raises(WriteError, match="2000 of 4000 rows are safe"):
+                directory.write_part(1, block_frame(2000, 4000))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, old)
+        assert os.listdir(tmp_path / "toy" / "table") == ["part-00000.parquet"]
+
+
+def test_a_really_full_disk(tmp_path: Path) -> None:
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(tmp_path)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small file system is not allowed here")
+    try:
+        with open_toy(tmp_path / "toy", rows=40_000, block=2000) as directory:
+            with pytest.raises(WriteError, match="the disk is full"):
+                fill(directory)
+            done = directory.rows_done
+        assert 0 < done < 40_000
+        assert len(load(tmp_path / "toy")) == done
+        assert not list((tmp_path / "toy").rglob("*.partial"))
+        with open_toy(tmp_path / "toy", rows=40_000, block=2000) as directory:
+            assert directory.rows_done == done
+    finally:
+        subprocess.run(["umount", "-l", str(tmp_path)], check=True)
+
+
+WRITER = textwrap.dedent("""
+    import sys, time
+    from pathlib import Path
+    from tests.test_table import block_frame, open_toy
+    with open_toy(Path(sys.argv[1]), rows=1000, block=10) as directory:
+        print("ready", flush=True)
+        for number in directory.missing_blocks():
+            directory.write_part(number, block_frame(*directory.rows_of(number)))
+            directory.update_manifest(last=number)
+    print("done", flush=True)
+""")
+
+
+def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:
+    """SIGKILL, at moments that do not depend on what the writer is doing, until the table is whole."""
+    root = Path(__file__).parents[2]
+    path = tmp_path / "toy"
+    finished = 0
+    for attempt in range(12):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(path)], cwd=root, stdout=subprocess.PIPE, text=True
+        )
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "ready\n"
+        if attempt < 4:
+            time.sleep(0.02 + 0.07 * attempt)
+            writer.send_signal(signal.SIGKILL)
+        rest = writer.stdout.read()
+        writer.wait()
+        writer.stdout.close()
+        with open_toy(path, rows=1000, block=10) as directory:
+            assert not directory.notes
+            assert directory.rows_done >= finished
+            finished = directory.rows_done
+        if rest == "done\n":
+            break
+    table = load(path)
+    expected = pd.concat([block_frame(start, start + 10) for start in range(0, 1000, 10)])
+    assert np.array_equal(table["psi_1_end"], expected["psi_1_end"])
+    assert list(table["row"]) == list(range(1000))
+
+
+def test_a_table_of_fig_4_stays_small(tmp_path: Path) -> None:
+    """15 625 rows under 5 MB: the issue's own figure."""
+    with ResultDirectory.open(tmp_path / "toy", JOB, "c" * 64, 15_625, 1024) as directory:
+        fill(directory)
+    assert sum(file.stat().st_size for file in (tmp_path / "toy").rglob("*") if file.is_file()) < 5e6
+    assert (
+        pq.read_table(tmp_path / "toy" / "table" / "part-00000.parquet").schema.field("gait").type == "string"
+    )
+    assert len(load(tmp_path / "toy")) == 15_625
