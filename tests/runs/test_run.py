@@ -15,7 +15,7 @@ import pytest
 from toy_model import launches
 
 import gaitsweep as gs
-from gaitsweep.engine.sweep.sweep import sweep
+from gaitsweep.engine.sweep import sweep
 from gaitsweep.runs import execute as runner
 from gaitsweep.table import Snapshot
 

@@ -288,7 +288,7 @@ def test_a_really_full_disk(tmp_path: Path) -> None:
 WRITER = textwrap.dedent("""
     import sys, time
     from pathlib import Path
-    from tests.test_table import block_frame, open_toy
+    from tests.toy_directories import block_frame, open_toy
     with open_toy(Path(sys.argv[1]), rows=1000, block=10) as directory:
         print("ready", flush=True)
         for number in directory.missing_blocks():

@@ -87,7 +87,7 @@ def continuation(
     again["row"] = doubtful[np.asarray(again["row"])]
     kept = branches[~branches["row"].isin(doubtful)]
     both = again if kept.empty else pd.concat([kept, again])
-    return both.iloc[np.argsort(both["row"].to_numpy(), kind="stable")].reset_index(drop=True)
+    return both.iloc[np.argsort(np.asarray(both["row"]), kind="stable")].reset_index(drop=True)
 
 
 def _followed(
