@@ -19,10 +19,11 @@ test: .venv/dev.stamp  ## Run the test suite
 test-slow: .venv/dev.stamp  ## Run the tests that take longer
 	$(BIN)/python -m pytest -m slow
 
-check: .venv/dev.stamp  ## Lint, format check and type check
+check: .venv/dev.stamp  ## Lint, format, types, and the direction of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/lint-imports
 
 format: .venv/dev.stamp  ## Format the sources and mend what lint can mend
 	$(BIN)/ruff check --fix .
