@@ -85,7 +85,7 @@ def run(
 
         print(show.estimate(estimate(job)))
         return
-    from gaitsweep.runs.execute import carry_out
+    from gaitsweep.runs.execute import run_job
 
     bar = ProgressBar() if sys.stderr.isatty() else None
     asked = StopRequest()
@@ -97,7 +97,7 @@ def run(
 
     try:
         with asked, bar or contextlib.nullcontext():
-            path = carry_out(job, out, progress=progress, tell=_tell, strict=strict)
+            path = run_job(job, out, progress=progress, tell=_tell, strict=strict)
     except KeyboardInterrupt as error:
         print(_stopped(job, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
@@ -124,7 +124,7 @@ def _stopped(job: Job, out: Path | None) -> str:
 @app.command()
 def plot(directory: Directory) -> None:
     """Draw the figures of a table again, without simulating."""
-    from gaitsweep.runs.execute import FigureError, draw_figures
+    from gaitsweep.runs.figures import FigureError, draw_figures
 
     try:
         paths = draw_figures(directory)

@@ -3,6 +3,6 @@
 from gaitsweep.job.load import load_job
 from gaitsweep.job.plan import Plan, PlanAxis, plan
 from gaitsweep.job.schema import Job, read_figures, schema
-from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.complaints import Diagnostic, JobError
 
-__all__ = ["Complaint", "Job", "JobError", "Plan", "PlanAxis", "load_job", "plan", "read_figures", "schema"]
+__all__ = ["Diagnostic", "Job", "JobError", "Plan", "PlanAxis", "load_job", "plan", "read_figures", "schema"]

@@ -4,37 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import graphlib
-import itertools
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model, Quantity
+from gaitsweep.contract import Quantity
 from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.axes import Spread
+from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.job.subject import Subject
-from gaitsweep.kinds.complaints import Complaint, Path
-from gaitsweep.kinds.runs import (
-    MOST_SAMPLES,
-    MOST_STAIRS,
-    Continuation,
-    Ramp,
-    Settle,
-    Staircase,
-    Trace,
-    moved_by,
-)
+from gaitsweep.kinds import RunKind
+from gaitsweep.kinds.complaints import Diagnostic, Path
 
 _CHUNK = 50_000
 _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
 
 
-def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
+def check_names(plan: Plan, subject: ModelSpec) -> list[Diagnostic]:
     """Complaints about formulas that use what is not there, or that go round in a circle."""
-    complaints: list[Complaint] = []
+    complaints: list[Diagnostic] = []
     own = [*subject.parameters, *subject.sizes]
     for name in [*plan.settings, *plan.names]:
         allowed = own if name in subject.parameters else [*own, *subject.starts]
@@ -45,7 +34,7 @@ def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
             if used in subject.starts:
                 text = f"uses {used}, a start value, on which no parameter may depend"
             text += near_miss.suggestion(used, [*allowed, *CONSTANTS])
-            complaints.append(Complaint(place(plan, subject, name), text))
+            complaints.append(Diagnostic(place(plan, subject, name), text))
     if complaints:
         return complaints
     try:
@@ -53,14 +42,14 @@ def check_names(plan: Plan, subject: Subject) -> list[Complaint]:
     except graphlib.CycleError as error:
         circle = list(reversed(error.args[1]))
         text = f"depends on itself: {' -> '.join(circle)}."
-        complaints.append(Complaint(place(plan, subject, circle[0]), text))
+        complaints.append(Diagnostic(place(plan, subject, circle[0]), text))
     return complaints
 
 
-def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
+def check_ranges(plan: Plan, subject: ModelSpec, run: RunKind) -> list[Diagnostic]:
     """Complaints about values outside what the model allows, each with the first row that has one."""
-    complaints: list[Complaint] = []
-    moving = moved_by(run)
+    complaints: list[Diagnostic] = []
+    moving = run.moved
     wrong: set[str] = set()
     for name in plan.order:
         if name == moving or plan.closure([name]) & wrong:
@@ -69,82 +58,12 @@ def check_ranges(plan: Plan, subject: Subject, run: object) -> list[Complaint]:
         if complaint is not None:
             complaints.append(complaint)
             wrong.add(name)
-    if isinstance(run, Ramp | Staircase | Trace | Continuation) and run.parameter is not None:
+    if moving is not None:
         complaints.extend(_check_path(plan, subject, run))
     return complaints
 
 
-def check_run(run: object) -> list[Complaint]:
-    """Complaints about a run whose own fields do not fit each other."""
-    if isinstance(run, Trace):
-        return _check_trace(run)
-    if isinstance(run, Continuation):
-        return _check_continuation(run)
-    return _check_stairs(run) if isinstance(run, Staircase) else []
-
-
-def check_tolerance(run: object, model: Model) -> list[Complaint]:
-    """Complaints about tolerances of what the model does not observe."""
-    if not isinstance(run, Settle | Staircase) or not isinstance(run.tolerance, Mapping):
-        return []
-    names = [quantity.name for quantity in model.observables]
-    return [
-        Complaint(
-            ("run", "tolerance", name),
-            f"is not an observable of {model.name}{near_miss.suggestion(name, names)}",
-        )
-        for name in run.tolerance
-        if name not in names
-    ]
-
-
-def _check_trace(run: Trace) -> list[Complaint]:
-    if run.every > run.duration:
-        text = f"is {run.every:g} s, but must not be longer than run.duration, {run.duration:g} s."
-        return [Complaint(("run", "every"), text)]
-    if run.duration / run.every > MOST_SAMPLES:
-        text = f"makes {run.duration / run.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
-        return [Complaint(("run", "every"), text)]
-    return _check_way(run)
-
-
-def _check_way(run: Trace) -> list[Complaint]:
-    """Complaints about how a trace's parameter moves: all of it is said, or nothing."""
-    if run.parameter is None:
-        given = [name for name in Trace.ALONG if name in run.model_fields_set and getattr(run, name)]
-        return [Complaint(("run", name), "moves nothing: name its run.parameter.") for name in given]
-    for name in ("path", "rate"):
-        if getattr(run, name) is None:
-            return [Complaint(("run", name), f"is missing, but {run.parameter} moves along it.")]
-    if run.after_cycles:
-        text = f"is {run.after_cycles}, but {run.parameter} moves from the start: use run.hold."
-        return [Complaint(("run", "after_cycles"), text)]
-    return []
-
-
-def _check_continuation(run: Continuation) -> list[Complaint]:
-    if run.path[0] == run.path[1]:
-        return [Complaint(("run", "path", 1), f"is {run.path[1]:g}, as where the branch starts.")]
-    if not run.shortest <= run.step <= run.longest:
-        text = f"is {run.step:g}, but must lie between run.shortest, {run.shortest:g}, and run.longest, "
-        return [Complaint(("run", "step"), f"{text}{run.longest:g}.")]
-    return []
-
-
-def _check_stairs(run: Staircase) -> list[Complaint]:
-    pairs = list(itertools.pairwise(run.path))
-    for index, (before, value) in enumerate(pairs, start=1):
-        if value == before:
-            text = f"is {value:g}, as the value before it is: leave one of the two out."
-            return [Complaint(("run", "path", index), text)]
-    stairs = 1.0 + sum(max(1.0, abs(b - a) / run.step) for a, b in pairs)
-    if stairs > MOST_STAIRS:
-        text = f"is {run.step:g}, which makes {stairs:.6g} stairs; at most {MOST_STAIRS} are made."
-        return [Complaint(("run", "step"), text)]
-    return []
-
-
-def place(plan: Plan, subject: Subject, name: str) -> Path:
+def place(plan: Plan, subject: ModelSpec, name: str) -> Path:
     """Where the value of a name is written, or would be."""
     for group in plan.groups:
         if name in group.paths:
@@ -152,7 +71,7 @@ def place(plan: Plan, subject: Subject, name: str) -> Path:
     return ("params" if name in subject.parameters else "start", name)
 
 
-def _check_quantity(plan: Plan, subject: Subject, name: str, quantity: Quantity) -> Complaint | None:
+def _check_quantity(plan: Plan, subject: ModelSpec, name: str, quantity: Quantity) -> Diagnostic | None:
     path = place(plan, subject, name)
     if not plan.checkable(name):
         return None  # Plan.values checks these, block by block
@@ -166,12 +85,12 @@ def _check_quantity(plan: Plan, subject: Subject, name: str, quantity: Quantity)
         try:
             values = plan.at(rows, [name])[name]
         except ExpressionError as error:
-            return Complaint(path, f"has no value: {error}")
+            return Diagnostic(path, f"has no value: {error}")
         wrong = np.flatnonzero(~inside(values, quantity))
         if wrong.size:
             row = int(rows[wrong].min()) if spans else None
             value = float(values[wrong[np.argmin(rows[wrong])]])
-            return Complaint(path, _out_of_range(plan, name, quantity, value, row))
+            return Diagnostic(path, _out_of_range(plan, name, quantity, value, row))
     return None
 
 
@@ -201,15 +120,13 @@ def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: 
     return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
-def _check_path(
-    plan: Plan, subject: Subject, run: Ramp | Staircase | Trace | Continuation
-) -> list[Complaint]:
-    moving, path = str(run.parameter), run.path or []
+def _check_path(plan: Plan, subject: ModelSpec, run: RunKind) -> list[Diagnostic]:
+    moving, path = str(run.moved), run.turns
     quantity = subject.parameters[moving]
     complaints = []
     for index, value in enumerate(path):
         if not inside(np.array(value), quantity):
-            complaints.append(Complaint(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
+            complaints.append(Diagnostic(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
     if complaints:
         return complaints
     for name in plan.following(moving):
@@ -220,8 +137,8 @@ def _check_path(
             there = dataclasses.replace(plan, settings={**plan.settings, moving: value})
             complaint = _check_quantity(there, subject, name, subject.parameters[name])
             if complaint is not None:
-                where = f"where the {run.kind} has {moving} = {value:g}."
+                where = f"where the {run.kind_name} has {moving} = {value:g}."
                 text = f"{complaint.text.removesuffix('.')}, {where}"
-                complaints.append(Complaint(complaint.path, text))
+                complaints.append(Diagnostic(complaint.path, text))
                 break
     return complaints

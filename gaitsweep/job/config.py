@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from gaitsweep.job.document import Document, read_document
-from gaitsweep.kinds import complaints
-from gaitsweep.kinds.complaints import Complaint, JobError, found, unknown_field
-from gaitsweep.kinds.runs import MOVING
+from gaitsweep.kinds import complaints, parameter_written
+from gaitsweep.kinds.complaints import Diagnostic, JobError, found, unknown_field
 
 _FIELDS = ("model", "structure", "params", "source")
 
@@ -19,7 +18,7 @@ class Config:
 
     def __init__(self, raw: dict[str, Any], folder: Path) -> None:
         self.raw = raw
-        self.complaints: list[Complaint] = []
+        self.complaints: list[Diagnostic] = []
         self._document: Document | None = None
         self._own: set[complaints.Path] = set()
         named = raw.get("config")
@@ -27,7 +26,7 @@ class Config:
             return
         if not isinstance(named, (str, Path)) or not str(named).strip():
             self.complaints.append(
-                Complaint(("config",), f"is {found(named)}, but takes the path of a YAML file.")
+                Diagnostic(("config",), f"is {found(named)}, but takes the path of a YAML file.")
             )
             return
         try:
@@ -37,7 +36,7 @@ class Config:
             return
         self._merge(self._document.data)
 
-    def locate(self, complaint: Complaint) -> Complaint:
+    def locate(self, complaint: Diagnostic) -> Diagnostic:
         """The complaint with the config's file and line, where the config and not the job wrote the field."""
         if self._document is None or complaint.file or complaint.path[:2] not in self._own:
             return complaint
@@ -57,7 +56,7 @@ class Config:
             theirs = data.get(section)
             if theirs is not None and not isinstance(theirs, Mapping):
                 text = f"is {found(theirs)}, but takes numbers by name (name: number)."
-                self.complaints.append(self._document.locate(Complaint((section,), text)))
+                self.complaints.append(self._document.locate(Diagnostic((section,), text)))
                 continue
             own = self.raw.get(section)
             if theirs and (own is None or isinstance(own, Mapping)):
@@ -74,11 +73,11 @@ class Config:
         return {str(key): value for key, value in theirs.items() if key not in overridden}
 
 
-def _under_config(complaint: Complaint) -> Complaint:
+def _under_config(complaint: Diagnostic) -> Diagnostic:
     """A complaint about the config's file, told at the job's field where it has no line of its own."""
     if complaint.line is not None:
         return complaint
-    return Complaint(("config",), f"names {complaint.file}, which {complaint.text}")
+    return Diagnostic(("config",), f"names {complaint.file}, which {complaint.text}")
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:
@@ -95,7 +94,5 @@ def _moving(raw: Mapping[str, Any]) -> set[str]:
             names |= {str(name) for each in inner if isinstance(each, Mapping) for name in each}
         else:
             names.add(str(key))
-    run = raw.get("run")
-    if isinstance(run, Mapping) and run.get("kind") in MOVING:
-        names.add(str(run.get("parameter")))
+    names.add(str(parameter_written(raw.get("run"))))
     return names

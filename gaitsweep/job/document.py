@@ -18,7 +18,7 @@ import yaml
 
 from gaitsweep import near_miss
 from gaitsweep.kinds import complaints
-from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.complaints import Diagnostic, JobError
 from gaitsweep.kinds.numbers import not_text
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
@@ -115,7 +115,7 @@ class Document:
     places: dict[complaints.Path, int | str]
     overridden: list[complaints.Path] = dataclasses.field(default_factory=list)
 
-    def locate(self, complaint: Complaint) -> Complaint:
+    def locate(self, complaint: Diagnostic) -> Diagnostic:
         """The complaint with the file and the line (or `--set`) of the nearest field that is written here."""
         if complaint.file:
             return complaint
@@ -171,7 +171,7 @@ def read_value(text: str, origin: str) -> Any:
 
 
 def _refused(file: str, line: int | None, text: str, path: complaints.Path = ()) -> JobError:
-    return JobError([Complaint(path, text, file=file, line=line)])
+    return JobError([Diagnostic(path, text, file=file, line=line)])
 
 
 def _read_text(path: Path, name: str) -> str:

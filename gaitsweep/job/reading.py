@@ -10,18 +10,19 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.branches import check_branches
-from gaitsweep.job.checks import check_names, check_ranges, check_run, check_tolerance
+from gaitsweep.job.checks import check_names, check_ranges
 from gaitsweep.job.config import Config
-from gaitsweep.job.figures import check_figures, table_columns
+from gaitsweep.job.figures import check_figures
+from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
+from gaitsweep.job.numerics import Numerics
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.refined import check_refinement
 from gaitsweep.job.steps import check_numerics, check_steps
-from gaitsweep.job.subject import Subject, read_settings, read_subject
 from gaitsweep.job.vary import Vary, read_vary
-from gaitsweep.kinds.complaints import Complaint, JobError, Owner, found, from_pydantic
+from gaitsweep.kinds import RunKind, parameter_written
+from gaitsweep.kinds.complaints import Diagnostic, JobError, Owner, found, from_pydantic
 from gaitsweep.kinds.numbers import SCOPE, Scope
-from gaitsweep.kinds.runs import MOVING, Numerics, moved_by
+from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.plot.figure_kind import FigureKind
 
 
 @dataclasses.dataclass
@@ -30,14 +31,14 @@ class Reading:
 
     raw: dict[str, Any]
     config: Config
-    subject: Subject | None
+    subject: ModelSpec | None
     vary: Vary
     settings: dict[str, float | str]
-    complaints: list[Complaint]
+    complaints: list[Diagnostic]
     moved: str | None
     plan: Plan | None = None
 
-    def refuse(self, complaints: list[Complaint]) -> None:
+    def refuse(self, complaints: list[Diagnostic]) -> None:
         """Raise JobError if there is anything to complain about."""
         if complaints:
             raise JobError([self.config.locate(complaint) for complaint in complaints])
@@ -54,14 +55,14 @@ def read_parts(data: Any, folder: Path) -> Reading:
         JobError: data that is not a mapping; other complaints are gathered in the result.
     """
     if not isinstance(data, Mapping):
-        raise JobError([Complaint((), f"holds {found(data)}, but a job is a mapping (key: value).")])
+        raise JobError([Diagnostic((), f"holds {found(data)}, but a job is a mapping (key: value).")])
     given = {str(key): _plain(value) for key, value in data.items() if value is not None}
     config = Config(given, folder)
     raw = config.raw
     complaints = list(config.complaints)
     subject = None
     if "model" in raw:
-        subject, wrong = read_subject(raw["model"], raw.get("structure"), raw.get("params"), [folder])
+        subject, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
         complaints.extend(wrong)
     settings: dict[str, float | str] = {}
     if subject is not None:
@@ -94,14 +95,13 @@ def _plain(value: Any) -> Any:
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
-def _moved(raw: Mapping[str, Any], subject: Subject | None) -> str | None:
+def _moved(raw: Mapping[str, Any], subject: ModelSpec | None) -> str | None:
     """The parameter that the run moves, where there is one."""
-    run = raw.get("run")
-    name = run.get("parameter") if isinstance(run, Mapping) and run.get("kind") in MOVING else None
+    name = parameter_written(raw.get("run"))
     return name if subject is not None and isinstance(name, str) and name in subject.parameters else None
 
 
-def _lay_out(reading: Reading, subject: Subject) -> None:
+def _lay_out(reading: Reading, subject: ModelSpec) -> None:
     """The plan, with the model's defaults; a parameter that moves has 1 until its path is read."""
     varied = {name for group in reading.vary.groups for name in group.points}
     settings: dict[str, float | str] = {}
@@ -111,7 +111,7 @@ def _lay_out(reading: Reading, subject: Subject) -> None:
             continue
         if name == reading.moved and name in reading.settings:
             text = "is fixed, but run.parameter moves it: take one of the two out."
-            reading.complaints.append(Complaint((field, name), text))
+            reading.complaints.append(Diagnostic((field, name), text))
         if name in reading.settings:
             settings[name] = reading.settings[name]
         elif name == reading.moved:
@@ -124,7 +124,7 @@ def _lay_out(reading: Reading, subject: Subject) -> None:
             text = (
                 f"is missing: {quantity.meaning} ({quantity.unit}) has no default; set it here or under vary."
             )
-            reading.complaints.append(Complaint((field, name), text))
+            reading.complaints.append(Diagnostic((field, name), text))
             settings[name] = 1.0
     plan = Plan(subject.model, tuple(reading.vary.groups), settings, subject.sizes)
     wrong = check_names(plan, subject)
@@ -185,7 +185,7 @@ def read_rest(reading: Reading, handler: Callable[[Any], Any], owners: dict[str,
     return job
 
 
-def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -> Plan:
+def finish(reading: Reading, run: RunKind, numerics: Numerics, figures: list[FigureKind]) -> Plan:
     """The plan of a job whose parts are all well formed, checked as a whole.
 
     Raises:
@@ -194,13 +194,13 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
     plan, subject = reading.plan, reading.subject
     assert plan is not None
     assert subject is not None
-    complaints: list[Complaint] = []
-    moving = moved_by(run)
+    complaints: list[Diagnostic] = []
+    moving = run.moved
     if moving is not None:
         if moving not in subject.parameters:
             reason = subject.unknown(moving, "params") or ""
-            reading.refuse([Complaint(("run", "parameter"), f"is {moving}, which {reason}")])
-        first = {moving: run.path[0]} if run.path else {}  # a trace may lack it, of which check_run tells
+            reading.refuse([Diagnostic(("run", "parameter"), f"is {moving}, which {reason}")])
+        first = {moving: run.turns[0]} if run.turns else {}  # a trace may lack it, which its check says
         plan = dataclasses.replace(plan, settings={**plan.settings, **first})
         for name in (moving, *plan.following(moving)):
             if name not in subject.model.host_parameters:
@@ -208,21 +208,18 @@ def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -
             moves = "" if name == moving else f", with which {name} moves"
             text = f"is {moving}{moves}: {name} is compiled into a row's body"
             text += " and cannot move while it runs."
-            complaints.append(Complaint(("run", "parameter"), text))
-    complaints.extend(check_run(run))
-    complaints.extend(check_tolerance(run, subject.model))
-    complaints.extend(check_branches(subject.model, run, numerics.engine(subject.model).method))
-    complaints.extend(check_refinement(plan, run))
+            complaints.append(Diagnostic(("run", "parameter"), text))
+    complaints.extend(run.check(plan, numerics.engine(subject.model).method))
     complaints.extend(check_numerics(subject.model, numerics))
-    columns = table_columns(subject.model, plan.names, run)
+    columns = table_columns(plan, run)
     for group in plan.groups:
         for name, path in group.paths.items():
             if columns.count(name) > 1:
                 text = f"varies {name}, but the table has a column of that name: rename the model's quantity."
-                complaints.append(Complaint(path, text))
+                complaints.append(Diagnostic(path, text))
     if moving is not None and columns.count(moving) > 1:
         text = f"is {moving}, but the table has a column of that name: rename the model's quantity."
-        complaints.append(Complaint(("run", "parameter"), text))
+        complaints.append(Diagnostic(("run", "parameter"), text))
     complaints.extend(check_ranges(plan, subject, run))
     complaints.extend(check_figures(figures, plan, run))
     reading.refuse(complaints)

@@ -20,7 +20,8 @@ from scipy.stats import qmc
 
 from gaitsweep import models
 from gaitsweep.job import Job, JobError, Plan, load_job, plan, schema
-from gaitsweep.kinds.runs import Ramp, Settle
+from gaitsweep.kinds.ramp import Ramp
+from gaitsweep.kinds.settle import Settle
 
 TOY = "toy_model:Toy"
 BASE: dict[str, Any] = {"name": "toy", "model": TOY, "run": {"kind": "settle"}}

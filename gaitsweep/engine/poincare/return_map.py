@@ -64,9 +64,9 @@ class ReturnMap(Map):
     Args:
         model: the model.
         settings: (name, number or formula) of the parameters that are not at their defaults.
-        numerics: what the model recommends, where not given. With located events (tsit5, rk4, stabilised,
-            exact) the map has derivatives; in steps of fixed length it is a staircase of that step's size,
-            and derivatives are refused.
+        numerics: what the model recommends, where not given. With located events (tsit5, rk4, propagator6,
+            propagator) the map has derivatives; in steps of fixed length it is a staircase of that step's
+            size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
         cycles: crossings from a point to its image.
         share: by which steps are shorter than the numerics say, and tolerances finer.
