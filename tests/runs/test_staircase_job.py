@@ -123,7 +123,7 @@ BAD = [
     (
         {},
         {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
-        ["needs a run of settle or hold, not of stair"],
+        ["needs a run of settle or fixed_time, not of stair"],
     ),
 ]
 
