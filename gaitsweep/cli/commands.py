@@ -168,12 +168,12 @@ def models(name: Annotated[str | None, typer.Argument(metavar="[NAME]")] = None)
 @app.command()
 def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")]) -> None:
     """Check jobs without running them, a line each."""
-    from gaitsweep.job import JobError, load_job, plan
+    from gaitsweep.job import JobError, load_job
 
     bad = 0
     for job_file in job_files:
         try:
-            rows = plan(load_job(job_file)).n_rows
+            rows = load_job(job_file).plan.n_rows
             print(f"{job_file}: good, {rows} row{'s' * (rows != 1)}")
         except JobError as error:
             bad += 1

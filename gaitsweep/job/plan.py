@@ -8,20 +8,17 @@ import graphlib
 import math
 import re
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.expression import evaluate, names_in
+from gaitsweep.expression import names_in, resolve
 from gaitsweep.job.axes import Spread, Steps
 from gaitsweep.job.vary import Group
 from gaitsweep.kinds.complaints import Diagnostic, JobError
 from gaitsweep.kinds.numbers import bound
 from gaitsweep.kinds.run_kind import GridAxis
-
-if TYPE_CHECKING:
-    from gaitsweep.job.schema import Job
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
 MOST_DRAWN = 200_000  # points of an axis that are looked at for how they are drawn
@@ -114,10 +111,7 @@ class Plan:
                 group, stride = self._places[name]
                 known[name] = group.points[name].at(rows // stride % group.length, known)
             else:
-                setting = self.settings[name]
-                known[name] = (
-                    evaluate(setting, _only(known, setting)) if isinstance(setting, str) else setting
-                )
+                known = resolve({name: self.settings[name]}, known)
         return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
 
     def closure(self, names: Iterable[str]) -> set[str]:
@@ -131,11 +125,11 @@ class Plan:
                 waiting.extend(self.uses(name))
         return reached
 
-    def following(self, parameter: str) -> tuple[str, ...]:
-        """The derived parameters that move with another, each after those that it uses."""
+    def following(self, parameter: str) -> dict[str, str]:
+        """The formulas of the parameters that move with another, each after those that it uses."""
         derived = self.derived
         others = (name for name in self.order if name in derived and name != parameter)
-        return tuple(name for name in others if parameter in self.closure([name]))
+        return {name: derived[name] for name in others if parameter in self.closure([name])}
 
     def uses(self, name: str) -> set[str]:
         """The quantities that the formulas of `name` use directly."""
@@ -244,11 +238,6 @@ class Plan:
         return text
 
 
-def plan(job: Job) -> Plan:
-    """The rows of a job."""
-    return job.plan
-
-
 def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
     """Where a quantity may have these values; the NaN of a start that the model decides itself passes."""
     if quantity.open_ends:
@@ -263,7 +252,3 @@ def must(quantity: Quantity) -> str:
     """The end of a sentence about a value out of range: what it must be, what it is, its unit."""
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
     return f"must be {bound(quantity.low, quantity.high, quantity.open_ends)} ({quantity.meaning}{unit})"
-
-
-def _only(known: Mapping[str, Any], text: str) -> dict[str, Any]:
-    return {name: known[name] for name in names_in(text)}

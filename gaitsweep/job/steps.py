@@ -18,7 +18,7 @@ from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
-from gaitsweep.expression import evaluate, functions_of
+from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import Numerics as NumericsPart
 from gaitsweep.job.plan import Plan
 from gaitsweep.kinds import RunKind
@@ -170,18 +170,17 @@ def _steps(plan: Plan, run: RunKind, numerics: Numerics, rows: np.ndarray) -> tu
     see_all_cores()
     model, moving = plan.model, run.moved
     values = plan.at(rows, [quantity.name for quantity in model.parameters])
-    function, derived = _function(model, numerics), plan.derived
+    function = _function(model, numerics)
     found = []
     for at in run.values_between() if moving is not None else (None,):
         there = dict(values)
         if moving is not None:
             there[moving] = np.full(rows.size, at)
-            for name in plan.following(moving):
-                there[name] = np.broadcast_to(evaluate(derived[name], there, functions_of(np)), rows.shape)
+            there = resolve(plan.following(moving), there, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
         room = n if n <= FEW_SETS else _CHUNK
-        padded = {k: np.resize(np.asarray(v, np.float64), room) for k, v in there.items()}
+        padded = {k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in there.items()}
         given = function(model.on_host(padded))
         found.append([np.asarray(column)[:n] for column in given])
     dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*found, strict=True))

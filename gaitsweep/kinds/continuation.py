@@ -186,8 +186,7 @@ class Continuation(RunKind):
         """The return map of rows (n,), their parameters but for the one that moves, and their starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(self.parameter)
-        derived = tuple((name, rows.derived[name]) for name in following)
-        mapping = return_map.ReturnMap(rows.model, derived, numerics, engine)
+        mapping = return_map.ReturnMap(rows.model, tuple(following.items()), numerics, engine)
         away = {*following, self.parameter}
         return mapping, {name: each for name, each in parameters.items() if name not in away}, starts
 

@@ -45,17 +45,12 @@ class Rows(Protocol):
     @property
     def axes(self) -> Sequence[Axis]: ...
     @property
-    def derived(self) -> Mapping[str, str]:
-        """The parameters that are formulas of others."""
-        ...
-
-    @property
     def grids(self) -> Mapping[str, GridAxis]:
         """The axes of equal steps that move alone, by name."""
         ...
 
-    def following(self, parameter: str) -> tuple[str, ...]:
-        """The derived parameters that move with another."""
+    def following(self, parameter: str) -> Mapping[str, str]:
+        """The formulas of the parameters that move with another, in the order of their evaluation."""
         ...
 
     def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:

@@ -19,7 +19,7 @@ from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import Work
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
-from gaitsweep.expression import evaluate, functions_of
+from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job, Plan
 from gaitsweep.job.steps import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.kinds.run_kind import Schedule
@@ -106,15 +106,12 @@ class Drive:
 
     def __init__(self, rows: Plan, moved: str, schedule: Schedule) -> None:
         self._rows, self._moved, self._schedule = rows, moved, schedule
-        self._derived, self._following = rows.derived, rows.following(moved)
-        self._functions = functions_of(jnp)
+        self._following = rows.following(moved)
         self.times = schedule.times
 
     def __call__(self, values: Any, t: jax.Array) -> Any:
         moved = {**values, self._moved: self._schedule.at(t)}
-        for name in self._following:
-            moved[name] = evaluate(self._derived[name], moved, self._functions)
-        return self._rows.model.params(moved)
+        return self._rows.model.params(resolve(self._following, moved, functions_of(jnp)))
 
 
 @contextlib.contextmanager

@@ -151,7 +151,7 @@ def test_a_run_killed_after_its_last_part_is_completed(
 
     out = tmp_path / "out"
     with monkeypatch.context() as patched:
-        patched.setattr(runner, "_sum_up", killed)
+        patched.setattr(runner, "sum_up", killed)
         with pytest.raises(KeyboardInterrupt):
             gs.run(job_file, out, overrides=small)
     assert Snapshot.of(out).complete

@@ -24,7 +24,7 @@ from gaitsweep.engine.poincare.poincare_return import Way
 from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.sweep.leaves import numbers_of, with_numbers
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import evaluate, functions_of, names_in
+from gaitsweep.expression import functions_of, names_in, resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,11 +99,8 @@ class ReturnMap(Map):
     def params(self, values: Values) -> Params:
         """The model's parameters: those given, the settings, the defaults; formulas follow what they use."""
         known: dict[str, Any] = {name: jnp.asarray(value) for name, value in values.items()}
-        functions = functions_of(jnp)
-        for name in self._order:
-            if name not in known:
-                known[name] = evaluate(self._written[name], known, functions)
-        return self.model.params(known)
+        settings = {name: self._written[name] for name in self._order if name not in known}
+        return self.model.params(resolve(settings, known, functions_of(jnp)))
 
     def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
         unknown = [name for name in values if name not in self._written]
