@@ -3,6 +3,6 @@
 from gaitsweep.job.load import load_job
 from gaitsweep.job.plan import Plan, PlanAxis
 from gaitsweep.job.schema import Job, read_figures, schema
-from gaitsweep.kinds.complaints import Diagnostic, JobError
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 
 __all__ = ["Diagnostic", "Job", "JobError", "Plan", "PlanAxis", "load_job", "read_figures", "schema"]

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 from scipy.stats import qmc
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.kinds.complaints import found
+from gaitsweep.kinds.diagnostics import found
 from gaitsweep.kinds.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
 from gaitsweep.kinds.part import Part
 

@@ -15,64 +15,64 @@ from gaitsweep.job.axes import Spread
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
 from gaitsweep.kinds import RunKind
-from gaitsweep.kinds.complaints import Diagnostic, Path
+from gaitsweep.kinds.diagnostics import Diagnostic, Path
 
 _CHUNK = 50_000
 _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
 
 
-def check_names(plan: Plan, subject: ModelSpec) -> list[Diagnostic]:
-    """Complaints about formulas that use what is not there, or that go round in a circle."""
-    complaints: list[Diagnostic] = []
-    own = [*subject.parameters, *subject.sizes]
+def check_names(plan: Plan, spec: ModelSpec) -> list[Diagnostic]:
+    """Diagnostics about formulas that use what is not there, or that go round in a circle."""
+    diagnostics: list[Diagnostic] = []
+    own = [*spec.parameters, *spec.sizes]
     for name in [*plan.settings, *plan.names]:
-        allowed = own if name in subject.parameters else [*own, *subject.starts]
+        allowed = own if name in spec.parameters else [*own, *spec.starts]
         for used in sorted(plan.uses(name)):
             if used in allowed:
                 continue
-            text = f"uses {used}, which is not a parameter of {subject.model.name}"
-            if used in subject.starts:
+            text = f"uses {used}, which is not a parameter of {spec.model.name}"
+            if used in spec.starts:
                 text = f"uses {used}, a start value, on which no parameter may depend"
             text += near_miss.suggestion(used, [*allowed, *CONSTANTS])
-            complaints.append(Diagnostic(place(plan, subject, name), text))
-    if complaints:
-        return complaints
+            diagnostics.append(Diagnostic(place(plan, spec, name), text))
+    if diagnostics:
+        return diagnostics
     try:
         plan.order  # noqa: B018 - computing the order is what finds a circle
     except graphlib.CycleError as error:
         circle = list(reversed(error.args[1]))
         text = f"depends on itself: {' -> '.join(circle)}."
-        complaints.append(Diagnostic(place(plan, subject, circle[0]), text))
-    return complaints
+        diagnostics.append(Diagnostic(place(plan, spec, circle[0]), text))
+    return diagnostics
 
 
-def check_ranges(plan: Plan, subject: ModelSpec, run: RunKind) -> list[Diagnostic]:
-    """Complaints about values outside what the model allows, each with the first row that has one."""
-    complaints: list[Diagnostic] = []
+def check_ranges(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
+    """Diagnostics about values outside what the model allows, each with the first row that has one."""
+    diagnostics: list[Diagnostic] = []
     moving = run.moved
     wrong: set[str] = set()
     for name in plan.order:
         if name == moving or plan.closure([name]) & wrong:
             continue  # what follows from a wrong value is not told beside it
-        complaint = _check_quantity(plan, subject, name, subject.quantities[name])
-        if complaint is not None:
-            complaints.append(complaint)
+        diagnostic = _check_quantity(plan, spec, name, spec.quantities[name])
+        if diagnostic is not None:
+            diagnostics.append(diagnostic)
             wrong.add(name)
     if moving is not None:
-        complaints.extend(_check_path(plan, subject, run))
-    return complaints
+        diagnostics.extend(_check_path(plan, spec, run))
+    return diagnostics
 
 
-def place(plan: Plan, subject: ModelSpec, name: str) -> Path:
+def place(plan: Plan, spec: ModelSpec, name: str) -> Path:
     """Where the value of a name is written, or would be."""
     for group in plan.groups:
         if name in group.paths:
             return group.paths[name]
-    return ("params" if name in subject.parameters else "start", name)
+    return ("params" if name in spec.parameters else "start", name)
 
 
-def _check_quantity(plan: Plan, subject: ModelSpec, name: str, quantity: Quantity) -> Diagnostic | None:
-    path = place(plan, subject, name)
+def _check_quantity(plan: Plan, spec: ModelSpec, name: str, quantity: Quantity) -> Diagnostic | None:
+    path = place(plan, spec, name)
     if not plan.checkable(name):
         return None  # Plan.values checks these, block by block
     if _between_its_ends(plan, name, quantity):
@@ -120,25 +120,25 @@ def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: 
     return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
-def _check_path(plan: Plan, subject: ModelSpec, run: RunKind) -> list[Diagnostic]:
+def _check_path(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
     moving, path = str(run.moved), run.turns
-    quantity = subject.parameters[moving]
-    complaints = []
+    quantity = spec.parameters[moving]
+    diagnostics = []
     for index, value in enumerate(path):
         if not inside(np.array(value), quantity):
-            complaints.append(Diagnostic(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
-    if complaints:
-        return complaints
+            diagnostics.append(Diagnostic(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
+    if diagnostics:
+        return diagnostics
     for name in plan.following(moving):
         rows = math.prod(plan.groups[position].length for position in plan.spans(name))
         few = rows * len(path) <= MOST_CHECKED and len(path) <= _MOST_TURNS
         turns = sorted(set(path)) if few else [min(path), max(path)]
         for value in turns:
             there = dataclasses.replace(plan, settings={**plan.settings, moving: value})
-            complaint = _check_quantity(there, subject, name, subject.parameters[name])
-            if complaint is not None:
+            diagnostic = _check_quantity(there, spec, name, spec.parameters[name])
+            if diagnostic is not None:
                 where = f"where the {run.kind_name} has {moving} = {value:g}."
-                text = f"{complaint.text.removesuffix('.')}, {where}"
-                complaints.append(Diagnostic(complaint.path, text))
+                text = f"{diagnostic.text.removesuffix('.')}, {where}"
+                diagnostics.append(Diagnostic(diagnostic.path, text))
                 break
-    return complaints
+    return diagnostics

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from gaitsweep.job.document import Document, read_document
-from gaitsweep.kinds import complaints, parameter_written
-from gaitsweep.kinds.complaints import Diagnostic, JobError, found, unknown_field
+from gaitsweep.kinds import diagnostics, parameter_written
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 
 _FIELDS = ("model", "structure", "params", "source")
 
@@ -18,36 +18,36 @@ class Config:
 
     def __init__(self, raw: dict[str, Any], folder: Path) -> None:
         self.raw = raw
-        self.complaints: list[Diagnostic] = []
+        self.diagnostics: list[Diagnostic] = []
         self._document: Document | None = None
-        self._own: set[complaints.Path] = set()
+        self._own: set[diagnostics.Path] = set()
         named = raw.get("config")
         if named is None:
             return
         if not isinstance(named, (str, Path)) or not str(named).strip():
-            self.complaints.append(
+            self.diagnostics.append(
                 Diagnostic(("config",), f"is {found(named)}, but takes the path of a YAML file.")
             )
             return
         try:
             self._document = read_document(folder / named)
         except JobError as error:
-            self.complaints.extend(_under_config(complaint) for complaint in error.complaints)
+            self.diagnostics.extend(_under_config(diagnostic) for diagnostic in error.diagnostics)
             return
         self._merge(self._document.data)
 
-    def locate(self, complaint: Diagnostic) -> Diagnostic:
-        """The complaint with the config's file and line, where the config and not the job wrote the field."""
-        if self._document is None or complaint.file or complaint.path[:2] not in self._own:
-            return complaint
-        return self._document.locate(complaint)
+    def locate(self, diagnostic: Diagnostic) -> Diagnostic:
+        """The diagnostic with the config's file and line, where the config wrote the field."""
+        if self._document is None or diagnostic.file or diagnostic.path[:2] not in self._own:
+            return diagnostic
+        return self._document.locate(diagnostic)
 
     def _merge(self, data: Mapping[str, Any]) -> None:
         assert self._document is not None
         for key in data:
             if key not in _FIELDS:
-                complaint = self._document.locate(unknown_field((str(key),), "a config", _FIELDS))
-                self.complaints.append(complaint)
+                diagnostic = self._document.locate(unknown_field((str(key),), "a config", _FIELDS))
+                self.diagnostics.append(diagnostic)
         merged = dict(self.raw)
         if "model" in data and self.raw.get("model") is None:
             merged["model"] = data["model"]
@@ -56,7 +56,7 @@ class Config:
             theirs = data.get(section)
             if theirs is not None and not isinstance(theirs, Mapping):
                 text = f"is {found(theirs)}, but takes numbers by name (name: number)."
-                self.complaints.append(self._document.locate(Diagnostic((section,), text)))
+                self.diagnostics.append(self._document.locate(Diagnostic((section,), text)))
                 continue
             own = self.raw.get(section)
             if theirs and (own is None or isinstance(own, Mapping)):
@@ -73,11 +73,11 @@ class Config:
         return {str(key): value for key, value in theirs.items() if key not in overridden}
 
 
-def _under_config(complaint: Diagnostic) -> Diagnostic:
-    """A complaint about the config's file, told at the job's field where it has no line of its own."""
-    if complaint.line is not None:
-        return complaint
-    return Diagnostic(("config",), f"names {complaint.file}, which {complaint.text}")
+def _under_config(diagnostic: Diagnostic) -> Diagnostic:
+    """A diagnostic about the config's file, told at the job's field where it has no line of its own."""
+    if diagnostic.line is not None:
+        return diagnostic
+    return Diagnostic(("config",), f"names {diagnostic.file}, which {diagnostic.text}")
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gaitsweep import near_miss
 from gaitsweep.job.plan import Plan
 from gaitsweep.kinds import RUN_KINDS, RunKind
-from gaitsweep.kinds.complaints import Diagnostic
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.part import kind_of
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.plot.figure_kind import FigureKind, PlannedTable

@@ -8,8 +8,8 @@ from pathlib import Path
 from gaitsweep.effort import Effort
 from gaitsweep.job.document import Document, read_document, read_value
 from gaitsweep.job.schema import Job
-from gaitsweep.kinds.complaints import Diagnostic, JobError, found
-from gaitsweep.kinds.complaints import Path as FieldPath
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
+from gaitsweep.kinds.diagnostics import Path as FieldPath
 
 
 def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:

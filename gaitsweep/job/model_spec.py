@@ -12,7 +12,7 @@ from typing import Any
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
-from gaitsweep.kinds.complaints import Diagnostic, Path, found
+from gaitsweep.kinds.diagnostics import Diagnostic, Path, found
 from gaitsweep.kinds.numbers import InvalidValue, read_flag, read_number, read_real, read_text, read_whole
 from gaitsweep.models.conformity import fault
 
@@ -65,7 +65,7 @@ def read_model_spec(
     """The model that a job names, its structure taken from `structure` and from what `params` has of it.
 
     Returns:
-        The subject, or None where the complaints stand in its way.
+        The spec, or None where the diagnostics stand in its way.
     """
     try:
         found_class = models.find(read_text(name), folders)
@@ -74,27 +74,27 @@ def read_model_spec(
     written = [(("structure", key), key, value) for key, value in _items(structure)]
     fields = {field.name: field for field in dataclasses.fields(found_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
-    complaints: list[Diagnostic] = []
+    diagnostics: list[Diagnostic] = []
     shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
     seen: dict[str, Any] = {}
     for path, key, value in written:
         if key not in fields:
             text = f"is not part of the structure of {name}{near_miss.suggestion(str(key), fields)}"
-            complaints.append(Diagnostic(path, text))
+            diagnostics.append(Diagnostic(path, text))
             continue
         try:
             shape[key] = _read_size(value, fields[key], typing.get_type_hints(found_class).get(key))
         except InvalidValue as error:
-            complaints.append(Diagnostic(path, str(error)))
+            diagnostics.append(Diagnostic(path, str(error)))
         if seen.setdefault(key, shape[key]) != shape[key]:
-            complaints.append(
+            diagnostics.append(
                 Diagnostic(path, f"is {found(value)}, but structure.{key} is {found(seen[key])}.")
             )
     for key, value in shape.items():
         if value is dataclasses.MISSING:
-            complaints.append(Diagnostic(("structure", key), f"is missing: {name} has no default for it."))
-    if complaints:
-        return None, complaints
+            diagnostics.append(Diagnostic(("structure", key), f"is missing: {name} has no default for it."))
+    if diagnostics:
+        return None, diagnostics
     return _instance(str(name), found_class, shape)
 
 
@@ -141,29 +141,27 @@ def _instance(
     return ModelSpec(model, shape, parameters, starts), []
 
 
-def read_settings(
-    raw: Any, field: str, subject: ModelSpec
-) -> tuple[dict[str, float | str], list[Diagnostic]]:
+def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, float | str], list[Diagnostic]]:
     """The numbers and formulas under `params` or `start`, less the structure, and what is wrong there."""
     if raw is None:
         return {}, []
     if not isinstance(raw, Mapping):
         return {}, [Diagnostic((field,), f"is {found(raw)}, but takes numbers by name (name: number).")]
     settings: dict[str, float | str] = {}
-    complaints: list[Diagnostic] = []
+    diagnostics: list[Diagnostic] = []
     for key, value in raw.items():
         name = str(key)
         path: Path = (field, name)
-        if field == "params" and name in subject.structure:
+        if field == "params" and name in spec.structure:
             continue
-        if (reason := subject.unknown(name, field)) is not None:
-            complaints.append(Diagnostic(path, reason))
+        if (reason := spec.unknown(name, field)) is not None:
+            diagnostics.append(Diagnostic(path, reason))
             continue
         try:
-            settings[name] = _read_setting(value, subject.quantities[name])
+            settings[name] = _read_setting(value, spec.quantities[name])
         except InvalidValue as error:
-            complaints.append(Diagnostic(path, str(error)))
-    return settings, complaints
+            diagnostics.append(Diagnostic(path, str(error)))
+    return settings, diagnostics
 
 
 def _read_setting(value: Any, quantity: Quantity) -> float | str:

@@ -16,7 +16,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import names_in, resolve
 from gaitsweep.job.axes import Spread, Steps
 from gaitsweep.job.vary import Group
-from gaitsweep.kinds.complaints import Diagnostic, JobError
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import bound
 from gaitsweep.kinds.run_kind import GridAxis
 

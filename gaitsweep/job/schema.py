@@ -28,7 +28,7 @@ from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
 from gaitsweep.job.vary import vary_schema
 from gaitsweep.kinds import RUN_KINDS, RunKind
-from gaitsweep.kinds.complaints import Diagnostic, JobError, Owner, from_pydantic
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
 from gaitsweep.kinds.numbers import Stem, Text, VerifyCount
 from gaitsweep.kinds.part import OneOf, Part
 from gaitsweep.plot import FIGURES, FigureKind
@@ -219,7 +219,7 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
         read = _Figures.model_validate({"figures": value})
     except ValidationError as error:
         wrong = from_pydantic(error, {**_owners(), "": Owner("a job", _Figures)}, "")
-        raise JobError([dataclasses.replace(complaint, file=file) for complaint in wrong]) from None
+        raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None
     plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
     stems = [figure.get("name") or figure["kind"] for figure in plain]
     twice = next((stem for stem in stems if stems.count(stem) > 1), None)

@@ -22,7 +22,7 @@ from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job.numerics import Numerics as NumericsPart
 from gaitsweep.job.plan import Plan
 from gaitsweep.kinds import RunKind
-from gaitsweep.kinds.complaints import Diagnostic, JobError
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 
 # Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
 # evenly over all of them, and each row's own step is looked at when its block begins.
@@ -37,25 +37,25 @@ _ROUNDING = 1.0 + 1e-9
 
 
 def check_numerics(model: Model, numerics: NumericsPart) -> list[Diagnostic]:
-    """Complaints about numerics that do not suit a model, whatever its parameters."""
-    complaints = []
+    """Diagnostics about numerics that do not suit a model, whatever its parameters."""
+    diagnostics = []
     resolved = numerics.engine(model)
     if numerics.dt != "auto" and numerics.event_tolerance >= numerics.dt:
         text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
-        complaints.append(Diagnostic(("numerics", "event_tolerance"), text))
+        diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
     if numerics.precision not in model.precisions:
         allowed = ", ".join(model.precisions)
         text = f"is {numerics.precision}, in which {model.name} is not right. Allowed: {allowed}."
-        complaints.append(Diagnostic(("numerics", "precision"), text))
+        diagnostics.append(Diagnostic(("numerics", "precision"), text))
     unfit = refusal(resolved.method, model, numerics.precision)
     if unfit is not None:
-        complaints.append(Diagnostic(("numerics", "method"), unfit))
-        return complaints
+        diagnostics.append(Diagnostic(("numerics", "method"), unfit))
+        return diagnostics
     for name in ("rtol", "atol"):
         if getattr(numerics, name) is not None and not resolved.adaptive:
             text = f"is given, but the steps of {resolved.method} follow from no tolerance: leave it out."
-            complaints.append(Diagnostic(("numerics", name), text))
-    return complaints
+            diagnostics.append(Diagnostic(("numerics", name), text))
+    return diagnostics
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +106,7 @@ def row_steps(plan: Plan, run: RunKind, numerics: Numerics) -> RowSteps:
 
 
 def check_steps(plan: Plan, run: RunKind, numerics: Numerics) -> list[Diagnostic]:
-    """Complaints about a step that is too long for some rows, or that nobody has said."""
+    """Diagnostics about a step that is too long for some rows, or that nobody has said."""
     if numerics.dt is None:
         dt, _ = _steps(plan, run, numerics, np.zeros(1, np.int64))
         if not np.isnan(dt).any():

@@ -22,7 +22,7 @@ from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
-from gaitsweep.kinds.complaints import Diagnostic
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Real, Text
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind, StartingPoints, path_values, table_columns
 

@@ -22,7 +22,7 @@ from pydantic_core import PydanticCustomError
 from gaitsweep import near_miss
 from gaitsweep.effort import MOST, Effort
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
-from gaitsweep.kinds.complaints import Diagnostic, JobError, found
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Scope:
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
-    known: bool = True  # False while the model is unknown: then names are let pass, another complaint stands
+    known: bool = True  # False while the model is unknown: then names are let pass, another diagnostic stands
 
 
 SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
@@ -74,7 +74,7 @@ def read_number(value: Any) -> float | str:
         InvalidValue: what is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are named.
     """
     if isinstance(value, str):
-        if not Effort.spend("expressions"):  # no complaint for each: the reading ends here
+        if not Effort.spend("expressions"):  # no diagnostic for each: the reading ends here
             text = f"has more than {MOST['expressions']} numbers that are written as text or expressions."
             raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:

@@ -17,7 +17,7 @@ from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.kinds.columns import Column, Records
-from gaitsweep.kinds.complaints import Diagnostic
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.part import Part
 
 

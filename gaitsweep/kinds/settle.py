@@ -14,7 +14,7 @@ from gaitsweep.engine.recorders.settle import Settle as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, slowest, traits
-from gaitsweep.kinds.complaints import Diagnostic
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import (
     Count,
     InvalidValue,

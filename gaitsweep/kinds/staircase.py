@@ -25,7 +25,7 @@ from gaitsweep.kinds.columns import (
     slowest,
     traits,
 )
-from gaitsweep.kinds.complaints import Diagnostic
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import Positive, PositiveOrEach, Real, Text
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 from gaitsweep.kinds.settle import check_tolerance

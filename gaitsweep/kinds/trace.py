@@ -11,7 +11,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import Trace as Recorder
 from gaitsweep.kinds.columns import STALLED_BY, STATUS, Column, signals
-from gaitsweep.kinds.complaints import Diagnostic
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import CountOrZero, NotNegative, Positive, Real, Text
 from gaitsweep.kinds.ramp import moving_columns
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind

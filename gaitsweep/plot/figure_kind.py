@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
-from gaitsweep.kinds.complaints import Path, found
+from gaitsweep.kinds.diagnostics import Path, found
 from gaitsweep.kinds.part import Part, kind_of
 from gaitsweep.kinds.run_kind import Rows, RunKind
 

@@ -175,7 +175,7 @@ def _run_own_blocks(
     The rows of a block are worked out together, so that a kill can lose one block.
     """
     work, done, first_done = ready.work, 0, directory.rows_done
-    note = "blocks that are worked out together"
+    note = ready.job.run.kind_name
     for number in missing:
         began = time.perf_counter()
         first = number * work.block

@@ -126,12 +126,13 @@ def naming_the_file() -> Iterator[None]:
 
 
 def _hash(job: Job, model: Model, **chosen: Any) -> str:
-    """The job's hash, with the sources of a user's own model in it: edited, it is another job.
+    """The job's hash, with the sources of a user's own model and run kind: edited, it is another job."""
+    return _with_source(_with_source(job.hash(**chosen), type(model)), type(job.run))
 
-    The modules beside the user's that it imports are sources of the model too.
-    """
-    job_hash = job.hash(**chosen)
-    module = inspect.getmodule(type(model))
+
+def _with_source(job_hash: str, own: type) -> str:
+    """A hash with the source of the user's module that defines a class, and of the modules beside it."""
+    module = inspect.getmodule(own)
     if module is None or module.__name__.startswith("gaitsweep."):
         return job_hash
     try:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model, Status
+from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load
@@ -36,7 +37,7 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
         directory.tidy_digests()
         if counts.get(Status.event_stall.name):
             fields["stalls"] = stalls(load(directory.path))
-        if ready.job.run.one_a_row:
+        if _counts_gaits(ready):
             gaits = load(directory.path)["gait"].value_counts()
             fields["gaits"] = {str(gait): int(n) for gait, n in gaits.items() if n}
     directory.update_manifest(**fields)
@@ -48,10 +49,14 @@ def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
     return (
         known.get("complete") is True
         and known.get("counts") == directory.counts()
-        and ("gaits" in known or not ready.job.run.one_a_row)
+        and ("gaits" in known or not _counts_gaits(ready))
         and ("stalls" in known or not directory.counts().get(Status.event_stall.name))
         and "quantities" in known
     )
+
+
+def _counts_gaits(ready: Prepared) -> bool:
+    return ready.job.run.one_a_row and "gait" in table_columns(ready.plan, ready.job.run)
 
 
 def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:

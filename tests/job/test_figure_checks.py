@@ -74,7 +74,7 @@ def test_refused_before_rows_run(
     with pytest.raises(JobError, match=words) as error:
         job(figure, run, vary, model or "multilegged")
     assert "figures[0]" in str(error.value)
-    assert len(error.value.complaints) == 1
+    assert len(error.value.diagnostics) == 1
 
 
 DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.kinds.complaints import found
+from gaitsweep.kinds.diagnostics import found
 from gaitsweep.kinds.numbers import Count, CountOrZero, Flag, Positive, Real, Stem, Text
 from gaitsweep.kinds.trace import Trace
 from gaitsweep.plot.figure_kind import (

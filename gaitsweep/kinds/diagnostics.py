@@ -47,17 +47,17 @@ class Diagnostic:
 
 
 class JobError(UserError):
-    """A job that cannot be run: `complaints` has all that is wrong, the message the first few."""
+    """A job that cannot be run: `diagnostics` has all that is wrong, the message the first few."""
 
-    def __init__(self, complaints: Sequence[Diagnostic]) -> None:
-        self.complaints = tuple(dict.fromkeys(complaints))
-        lines = [str(complaint) for complaint in self.complaints[:_SHOWN]]
-        if len(self.complaints) > _SHOWN:
-            lines.append(f"... and {len(self.complaints) - _SHOWN} more.")
+    def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
+        self.diagnostics = tuple(dict.fromkeys(diagnostics))
+        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_SHOWN]]
+        if len(self.diagnostics) > _SHOWN:
+            lines.append(f"... and {len(self.diagnostics) - _SHOWN} more.")
         super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Diagnostic, ...]]]:
-        return JobError, (self.complaints,)
+        return JobError, (self.diagnostics,)
 
 
 def printable(text: str) -> str:
