@@ -28,7 +28,7 @@ TABLE_1 = {
 }  # fmt: skip
 
 # The step (s) of each method: for the model's stiffest rate, 503/s, near the longest that it takes.
-STEPS = {"rk4": 4e-3, "stabilised": 32e-3, "exact": 32e-3}
+STEPS = {"rk4": 4e-3, "propagator6": 32e-3, "propagator": 32e-3}
 # Whatever the machine, no more rows than this: the host keeps all their crossings.
 MOST_ROWS = 2**19
 
@@ -52,7 +52,7 @@ def measure(
 
     Args:
         engine: xla or kernel.
-        method: rk4, stabilised or exact.
+        method: rk4, propagator6 or propagator.
         lanes: trajectories at once on each device; by default the engine's own number for a big job.
         crossings: gait cycles of each row; the reference has 10, so no more than 10 count for the error.
         dt: the longest step (s); by default the method's in `STEPS`.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gaitsweep import plot
     from gaitsweep.job import Job, JobError, load_job
-    from gaitsweep.runs.execute import RunError
+    from gaitsweep.runs.prepare import RunError
     from gaitsweep.runs.result import Result, run
     from gaitsweep.runs.self_check import SelfCheckError
     from gaitsweep.table import TableError, load
@@ -33,7 +33,7 @@ _ROOMS = {
     "load_job": "gaitsweep.job",
     "Result": "gaitsweep.runs.result",
     "run": "gaitsweep.runs.result",
-    "RunError": "gaitsweep.runs.execute",
+    "RunError": "gaitsweep.runs.prepare",
     "SelfCheckError": "gaitsweep.runs.self_check",
     "TableError": "gaitsweep.table",
     "load": "gaitsweep.table",

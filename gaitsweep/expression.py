@@ -108,6 +108,27 @@ def evaluate(
     return float(result[0]) if scalar else result
 
 
+def resolve(
+    settings: Mapping[str, str | float],
+    names: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]] | None = None,
+) -> dict[str, Any]:
+    """`names` with the values of `settings`, numbers or expressions, each after those that it uses.
+
+    Args:
+        settings: by name, in an order in which they can be evaluated.
+        names: the values that are known, as for `evaluate`.
+        functions: as for `evaluate`.
+
+    Raises:
+        ExpressionError: as `evaluate`.
+    """
+    known = dict(names)
+    for name, setting in settings.items():
+        known[name] = evaluate(setting, known, functions) if isinstance(setting, str) else float(setting)
+    return known
+
+
 def names_in(expression: str | float) -> set[str]:
     """The names that an expression uses, constants and functions left out; empty for a number."""
     if not isinstance(expression, str):

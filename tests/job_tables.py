@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Quantity, Status
+from gaitsweep.contract import Quantity
 from gaitsweep.job import Job
-from gaitsweep.job.figures import table_columns
-from gaitsweep.kinds.runs import moved_by
-from gaitsweep.runs.execute import _quantities
-from gaitsweep.runs.frames import STATUSES
+from gaitsweep.kinds.columns import STATUSES
+from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.runs.summary import quantities_of
 
 RECORDS = 24  # of a row, where a run makes several
 
@@ -21,15 +20,15 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
     """A table with the columns, types and rows that the job's run makes; what it measures is random."""
     plan, run = job.plan, job.run
     random = np.random.default_rng(seed)
-    each = 1 if run.kind in ("settle", "hold") else RECORDS
+    each = 1 if run.one_a_row else RECORDS
     rows = np.repeat(np.arange(plan.n_rows, dtype=np.int64), each)
     place = np.tile(np.arange(each), plan.n_rows)
-    model, moved = plan.model, moved_by(run)
+    model, moved = plan.model, run.moved
     known: dict[str, Quantity] = {q.name: q for q in (*model.signals, *model.traits)}
     known |= {f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")}
     axes = plan.columns(0, plan.n_rows)
     columns: dict[str, object] = {}
-    for name in table_columns(model, plan.names, run):
+    for name in table_columns(plan, run):
         if name == "row":
             columns[name] = rows
         elif name in axes:
@@ -44,8 +43,7 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
         elif name in ("t", "t_end"):
             columns[name] = 0.05 * (1.0 + place)
         elif name == "status":
-            end = Status.settled if run.kind == "settle" else Status.complete
-            columns[name] = pd.Categorical(np.full(len(rows), end.name), categories=STATUSES)
+            columns[name] = pd.Categorical(np.full(len(rows), run.good_end.name), categories=STATUSES)
         elif name == "gait":
             codes = random.integers(0, len(model.gaits), len(rows))
             columns[name] = pd.Categorical.from_codes(codes.tolist(), categories=list(model.gaits))
@@ -56,7 +54,7 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
         else:
             columns[name] = _made_up(known.get(name), name, place, len(rows), random)
     table = pd.DataFrame(columns)
-    table.attrs = {"job": job.resolved(), "quantities": _quantities(model)}
+    table.attrs = {"job": job.resolved(), "quantities": quantities_of(model)}
     return table
 
 

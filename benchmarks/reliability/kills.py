@@ -39,11 +39,11 @@ EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 # that few rows take long. Blocks: of all rows, of some, of a few.
 RUNS: dict[str, tuple[dict[str, Any], int, int, float]] = {  # run, rows, block, step (s)
     "settle": ({"kind": "settle", "max_cycles": 400, "tolerance": 1e-9}, 300, 100_000, 2.0e-5),
-    "hold": ({"kind": "hold", "duration": 100.0}, 300, 128, 4.0e-5),
+    "fixed_time": ({"kind": "fixed_time", "duration": 100.0}, 300, 128, 4.0e-5),
     "return_map": ({"kind": "return_map", "crossings": 60}, 300, 1000, 3.0e-5),
     "ramp": ({"kind": "ramp", "parameter": "mass", "path": [1, 2, 1], "rate": 0.02}, 300, 150, 4.0e-5),
     "staircase": (
-        {"kind": "staircase", "parameter": "mass", "path": [1, 2], "step": 0.1, "hold": 10.0},
+        {"kind": "staircase", "parameter": "mass", "path": [1, 2], "step": 0.1, "dwell": 10.0},
         300,
         1000,
         4.0e-5,
@@ -92,16 +92,16 @@ def job_of(kind: str) -> dict[str, Any]:
 WORKER = """
 import sys, time
 import gaitsweep.runs.execute
-carry_out = gaitsweep.runs.execute.carry_out
+run_job = gaitsweep.runs.execute.run_job
 
 def logged(job, out, *, progress, **options):
     def both(done, total, rate, fraction, note):
         if note != "compiling":
             print(time.monotonic(), done, flush=True)
         progress(done, total, rate, fraction, note)
-    return carry_out(job, out, progress=both, **options)
+    return run_job(job, out, progress=both, **options)
 
-gaitsweep.runs.execute.carry_out = logged
+gaitsweep.runs.execute.run_job = logged
 from gaitsweep.cli.main import main
 sys.exit(main(["run", *sys.argv[1:]]))
 """

@@ -144,7 +144,7 @@ def shrunk(data: dict[str, Any]) -> dict[str, Any]:
                 data["vary"][name] = _short(axis)
     run = data.get("run") or {}
     short = {"max_cycles": 4, "duration": 0.4, "every": 0.02, "crossings": 3, "after_cycles": 0, "settle": 2}
-    short |= {"most": 2, "hold": 0.3, "first_hold": 0.3}
+    short |= {"most": 2, "dwell": 0.3, "first_dwell": 0.3, "initial_dwell": 0.3}
     data["run"] = {key: short.get(key, value) for key, value in run.items()}
     if run.get("kind") == "ramp" or run.get("rate"):
         data["run"]["rate"] = 1e3
@@ -306,7 +306,7 @@ def _crossed(data: Any, rng: random.Random, shop: Workshop) -> None:
 
 def _figure(data: Any, rng: random.Random, shop: Workshop) -> None:
     """A figure with other columns, or another kind of it."""
-    from gaitsweep.job.figure_kinds import FIGURES
+    from gaitsweep.plot import FIGURES
 
     names = ["row", "status", "gait", "crossing", "t", "pass", "attractor", *(data.get("vary") or {})]
     kind = rng.choice(list(FIGURES))

@@ -85,7 +85,7 @@ def run(
 
         print(show.estimate(estimate(job)))
         return
-    from gaitsweep.runs.execute import carry_out
+    from gaitsweep.runs.execute import run_job
 
     bar = ProgressBar() if sys.stderr.isatty() else None
     asked = StopRequest()
@@ -97,7 +97,7 @@ def run(
 
     try:
         with asked, bar or contextlib.nullcontext():
-            path = carry_out(job, out, progress=progress, tell=_tell, strict=strict)
+            path = run_job(job, out, progress=progress, tell=_tell, strict=strict)
     except KeyboardInterrupt as error:
         print(_stopped(job, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
@@ -124,7 +124,7 @@ def _stopped(job: Job, out: Path | None) -> str:
 @app.command()
 def plot(directory: Directory) -> None:
     """Draw the figures of a table again, without simulating."""
-    from gaitsweep.runs.execute import FigureError, draw_figures
+    from gaitsweep.runs.figures import FigureError, draw_figures
 
     try:
         paths = draw_figures(directory)
@@ -168,12 +168,12 @@ def models(name: Annotated[str | None, typer.Argument(metavar="[NAME]")] = None)
 @app.command()
 def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")]) -> None:
     """Check jobs without running them, a line each."""
-    from gaitsweep.job import JobError, load_job, plan
+    from gaitsweep.job import JobError, load_job
 
     bad = 0
     for job_file in job_files:
         try:
-            rows = plan(load_job(job_file)).n_rows
+            rows = load_job(job_file).plan.n_rows
             print(f"{job_file}: good, {rows} row{'s' * (rows != 1)}")
         except JobError as error:
             bad += 1

@@ -1,8 +1,8 @@
 """What a user asks for: a job in YAML or Python, checked, and its rows."""
 
 from gaitsweep.job.load import load_job
-from gaitsweep.job.plan import Plan, PlanAxis, plan
+from gaitsweep.job.plan import Plan, PlanAxis
 from gaitsweep.job.schema import Job, read_figures, schema
-from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 
-__all__ = ["Complaint", "Job", "JobError", "Plan", "PlanAxis", "load_job", "plan", "read_figures", "schema"]
+__all__ = ["Diagnostic", "Job", "JobError", "Plan", "PlanAxis", "load_job", "read_figures", "schema"]

@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, Field
 from scipy.stats import qmc
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.kinds.complaints import found
-from gaitsweep.kinds.numbers import Number, PointCount, Refused, Seed, Text, checked, word
-from gaitsweep.kinds.runs import Part
+from gaitsweep.kinds.diagnostics import found
+from gaitsweep.kinds.numbers import InvalidValue, Number, PointCount, Seed, Text, checked, word
+from gaitsweep.kinds.part import Part
 
 MOST_LISTED = 10**6  # points that a list has one by one; more are better said by their rule
 _SOBOL_BITS = 30
@@ -24,7 +24,7 @@ _SOBOL_CHUNK = 2**16  # points drawn at a time: a power of two, as the sequence 
 
 def _of_length(value: Any, length: int, words: str) -> Any:
     if not isinstance(value, (list, tuple)) or len(value) != length:
-        raise Refused(f"is {found(value)}, but takes {words}.")
+        raise InvalidValue(f"is {found(value)}, but takes {words}.")
     return value
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from gaitsweep.job.document import Document, read_document
-from gaitsweep.kinds import complaints
-from gaitsweep.kinds.complaints import Complaint, JobError, found, unknown_field
-from gaitsweep.kinds.runs import MOVING
+from gaitsweep.kinds import diagnostics, parameter_written
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 
 _FIELDS = ("model", "structure", "params", "source")
 
@@ -19,36 +18,36 @@ class Config:
 
     def __init__(self, raw: dict[str, Any], folder: Path) -> None:
         self.raw = raw
-        self.complaints: list[Complaint] = []
+        self.diagnostics: list[Diagnostic] = []
         self._document: Document | None = None
-        self._own: set[complaints.Path] = set()
+        self._own: set[diagnostics.Path] = set()
         named = raw.get("config")
         if named is None:
             return
         if not isinstance(named, (str, Path)) or not str(named).strip():
-            self.complaints.append(
-                Complaint(("config",), f"is {found(named)}, but takes the path of a YAML file.")
+            self.diagnostics.append(
+                Diagnostic(("config",), f"is {found(named)}, but takes the path of a YAML file.")
             )
             return
         try:
             self._document = read_document(folder / named)
         except JobError as error:
-            self.complaints.extend(_under_config(complaint) for complaint in error.complaints)
+            self.diagnostics.extend(_under_config(diagnostic) for diagnostic in error.diagnostics)
             return
         self._merge(self._document.data)
 
-    def locate(self, complaint: Complaint) -> Complaint:
-        """The complaint with the config's file and line, where the config and not the job wrote the field."""
-        if self._document is None or complaint.file or complaint.path[:2] not in self._own:
-            return complaint
-        return self._document.locate(complaint)
+    def locate(self, diagnostic: Diagnostic) -> Diagnostic:
+        """The diagnostic with the config's file and line, where the config wrote the field."""
+        if self._document is None or diagnostic.file or diagnostic.path[:2] not in self._own:
+            return diagnostic
+        return self._document.locate(diagnostic)
 
     def _merge(self, data: Mapping[str, Any]) -> None:
         assert self._document is not None
         for key in data:
             if key not in _FIELDS:
-                complaint = self._document.locate(unknown_field((str(key),), "a config", _FIELDS))
-                self.complaints.append(complaint)
+                diagnostic = self._document.locate(unknown_field((str(key),), "a config", _FIELDS))
+                self.diagnostics.append(diagnostic)
         merged = dict(self.raw)
         if "model" in data and self.raw.get("model") is None:
             merged["model"] = data["model"]
@@ -57,7 +56,7 @@ class Config:
             theirs = data.get(section)
             if theirs is not None and not isinstance(theirs, Mapping):
                 text = f"is {found(theirs)}, but takes numbers by name (name: number)."
-                self.complaints.append(self._document.locate(Complaint((section,), text)))
+                self.diagnostics.append(self._document.locate(Diagnostic((section,), text)))
                 continue
             own = self.raw.get(section)
             if theirs and (own is None or isinstance(own, Mapping)):
@@ -74,11 +73,11 @@ class Config:
         return {str(key): value for key, value in theirs.items() if key not in overridden}
 
 
-def _under_config(complaint: Complaint) -> Complaint:
-    """A complaint about the config's file, told at the job's field where it has no line of its own."""
-    if complaint.line is not None:
-        return complaint
-    return Complaint(("config",), f"names {complaint.file}, which {complaint.text}")
+def _under_config(diagnostic: Diagnostic) -> Diagnostic:
+    """A diagnostic about the config's file, told at the job's field where it has no line of its own."""
+    if diagnostic.line is not None:
+        return diagnostic
+    return Diagnostic(("config",), f"names {diagnostic.file}, which {diagnostic.text}")
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:
@@ -95,7 +94,5 @@ def _moving(raw: Mapping[str, Any]) -> set[str]:
             names |= {str(name) for each in inner if isinstance(each, Mapping) for name in each}
         else:
             names.add(str(key))
-    run = raw.get("run")
-    if isinstance(run, Mapping) and run.get("kind") in MOVING:
-        names.add(str(run.get("parameter")))
+    names.add(str(parameter_written(raw.get("run"))))
     return names

@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 import yaml
 
 from gaitsweep import near_miss
-from gaitsweep.kinds import complaints
-from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds import diagnostics
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import not_text
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
@@ -112,19 +112,19 @@ class Document:
 
     file: str
     data: dict[str, Any]
-    places: dict[complaints.Path, int | str]
-    overridden: list[complaints.Path] = dataclasses.field(default_factory=list)
+    places: dict[diagnostics.Path, int | str]
+    overridden: list[diagnostics.Path] = dataclasses.field(default_factory=list)
 
-    def locate(self, complaint: Complaint) -> Complaint:
-        """The complaint with the file and the line (or `--set`) of the nearest field that is written here."""
-        if complaint.file:
-            return complaint
-        place = self._place(complaint.path)
+    def locate(self, diagnostic: Diagnostic) -> Diagnostic:
+        """The diagnostic with the file and line (or `--set`) of the nearest field that is written here."""
+        if diagnostic.file:
+            return diagnostic
+        place = self._place(diagnostic.path)
         if isinstance(place, str):
-            return dataclasses.replace(complaint, file=self.file, place=place)
-        return dataclasses.replace(complaint, file=self.file, line=place)
+            return dataclasses.replace(diagnostic, file=self.file, place=place)
+        return dataclasses.replace(diagnostic, file=self.file, line=place)
 
-    def _place(self, path: complaints.Path) -> int | str | None:
+    def _place(self, path: diagnostics.Path) -> int | str | None:
         # Where the file wrote a field and an override changed it inside, what is wrong is the override's.
         for inner, place in self._overrides:
             if len(inner) > len(path) > 1 and inner[: len(path)] == path:
@@ -135,14 +135,14 @@ class Document:
         return None
 
     @property
-    def _overrides(self) -> list[tuple[complaints.Path, str]]:
+    def _overrides(self) -> list[tuple[diagnostics.Path, str]]:
         """The fields that a `--set` wrote: few, where `places` may be many."""
         return [(path, self.places[path]) for path in self.overridden if path in self.places]  # type: ignore
 
     def located(self, error: JobError) -> JobError:
-        """The error with every complaint located, in the order of the lines."""
-        found = [self.locate(complaint) for complaint in error.complaints]
-        return JobError(sorted(found, key=lambda complaint: complaint.line or 0))
+        """The error with every diagnostic located, in the order of the lines."""
+        found = [self.locate(diagnostic) for diagnostic in error.diagnostics]
+        return JobError(sorted(found, key=lambda diagnostic: diagnostic.line or 0))
 
 
 def read_document(path: Path) -> Document:
@@ -160,7 +160,7 @@ def read_document(path: Path) -> Document:
         raise _refused(name, None, "is empty: a job is a mapping (name: ..., model: ..., run: ...).")
     data = reading.value(node, ())
     if not isinstance(data, dict):
-        raise _refused(name, 1, f"holds {complaints.found(data)}, but a job is a mapping (key: value).")
+        raise _refused(name, 1, f"holds {diagnostics.found(data)}, but a job is a mapping (key: value).")
     return Document(name, data, reading.places)
 
 
@@ -170,8 +170,8 @@ def read_value(text: str, origin: str) -> Any:
     return None if node is None else _Reading(origin).value(node, ())
 
 
-def _refused(file: str, line: int | None, text: str, path: complaints.Path = ()) -> JobError:
-    return JobError([Complaint(path, text, file=file, line=line)])
+def _refused(file: str, line: int | None, text: str, path: diagnostics.Path = ()) -> JobError:
+    return JobError([Diagnostic(path, text, file=file, line=line)])
 
 
 def _read_text(path: Path, name: str) -> str:
@@ -274,11 +274,11 @@ class _Reading:
 
     def __init__(self, file: str) -> None:
         self.file = file
-        self.places: dict[complaints.Path, int | str] = {}
+        self.places: dict[diagnostics.Path, int | str] = {}
         self._open: set[int] = set()
         self._nodes = 0
 
-    def value(self, node: yaml.Node, path: complaints.Path) -> Any:
+    def value(self, node: yaml.Node, path: diagnostics.Path) -> Any:
         line = node.start_mark.line + 1
         if len(path) > _DEEPEST:
             raise _refused(self.file, line, _TOO_DEEP)
@@ -303,7 +303,7 @@ class _Reading:
         finally:
             self._open.discard(id(node))
 
-    def _mapping(self, node: yaml.MappingNode, path: complaints.Path) -> dict[str, Any]:
+    def _mapping(self, node: yaml.MappingNode, path: diagnostics.Path) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key_node, value_node in node.value:
             line = key_node.start_mark.line + 1
@@ -319,17 +319,17 @@ class _Reading:
             result[key] = self.value(value_node, (*path, key))
         return result
 
-    def _key(self, node: yaml.Node, line: int, path: complaints.Path) -> str:
+    def _key(self, node: yaml.Node, line: int, path: diagnostics.Path) -> str:
         if not isinstance(node, yaml.ScalarNode) or node.tag != "tag:yaml.org,2002:str":
             shown = (
-                complaints.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+                diagnostics.clipped(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
             )
             raise _refused(self.file, line, f"has the key {shown or '(empty)'}, but a key is text.", path)
         if (wrong := not_text(node.value)) is not None:
             raise _refused(self.file, line, f"has a key with {wrong}, which no key has.", path)
         return node.value
 
-    def _scalar(self, tag: str, text: str, line: int, path: complaints.Path) -> Any:
+    def _scalar(self, tag: str, text: str, line: int, path: diagnostics.Path) -> Any:
         if tag == "null":
             return None
         if tag == "bool" and text.lower() in ("true", "false"):
@@ -342,4 +342,4 @@ class _Reading:
             if (wrong := not_text(text)) is not None:
                 raise _refused(self.file, line, f"has {wrong}, which is no text.", path)
             return text
-        raise _refused(self.file, line, f"is tagged !!{tag}, but {complaints.found(text)} is not one.", path)
+        raise _refused(self.file, line, f"is tagged !!{tag}, but {diagnostics.found(text)} is not one.", path)

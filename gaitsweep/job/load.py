@@ -8,8 +8,8 @@ from pathlib import Path
 from gaitsweep.effort import Effort
 from gaitsweep.job.document import Document, read_document, read_value
 from gaitsweep.job.schema import Job
-from gaitsweep.kinds.complaints import Complaint, JobError, found
-from gaitsweep.kinds.complaints import Path as FieldPath
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
+from gaitsweep.kinds.diagnostics import Path as FieldPath
 
 
 def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
@@ -40,7 +40,7 @@ def _lay_over(document: Document, override: str) -> None:
     parts = tuple(part.strip() for part in key.split("."))
     if not equals or not all(parts):
         raise JobError(
-            [Complaint((), "is not read: write --set key=value, such as run.max_cycles=10.", place=origin)]
+            [Diagnostic((), "is not read: write --set key=value, such as run.max_cycles=10.", place=origin)]
         )
     value = read_value(text, origin)
     inside = document.data
@@ -50,7 +50,7 @@ def _lay_over(document: Document, override: str) -> None:
         inside = inside[part]
         if not isinstance(inside, dict):
             text = f"is {found(inside)}, which has no fields to set."
-            raise JobError([Complaint(parts[: depth + 1], text, place=origin)])
+            raise JobError([Diagnostic(parts[: depth + 1], text, place=origin)])
     inside[parts[-1]] = value
     _mark(document, parts, origin)
 

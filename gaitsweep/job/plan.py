@@ -8,20 +8,20 @@ import graphlib
 import math
 import re
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.expression import evaluate, names_in
+from gaitsweep.expression import names_in, resolve
+from gaitsweep.job.axes import Spread, Steps
 from gaitsweep.job.vary import Group
-from gaitsweep.kinds.complaints import Complaint, JobError
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import bound
-
-if TYPE_CHECKING:
-    from gaitsweep.job.schema import Job
+from gaitsweep.kinds.run_kind import GridAxis
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
+MOST_DRAWN = 200_000  # points of an axis that are looked at for how they are drawn
 MOST_WORK = 20_000_000  # the same times the letters of all formulas that are worked out for each of them
 
 
@@ -62,7 +62,7 @@ class Plan:
         """The names that vary, in the order of the table's columns."""
         return tuple(name for group in self.groups for name in group.points)
 
-    @functools.cached_property
+    @property
     def derived(self) -> dict[str, str]:
         """The parameters that are formulas of others, the structure's numbers written into them.
 
@@ -111,10 +111,7 @@ class Plan:
                 group, stride = self._places[name]
                 known[name] = group.points[name].at(rows // stride % group.length, known)
             else:
-                setting = self.settings[name]
-                known[name] = (
-                    evaluate(setting, _only(known, setting)) if isinstance(setting, str) else setting
-                )
+                known = resolve({name: self.settings[name]}, known)
         return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
 
     def closure(self, names: Iterable[str]) -> set[str]:
@@ -128,10 +125,11 @@ class Plan:
                 waiting.extend(self.uses(name))
         return reached
 
-    def following(self, parameter: str) -> tuple[str, ...]:
-        """The derived parameters that move with another, each after those that it uses."""
-        derived = (name for name in self.order if name in self.derived and name != parameter)
-        return tuple(name for name in derived if parameter in self.closure([name]))
+    def following(self, parameter: str) -> dict[str, str]:
+        """The formulas of the parameters that move with another, each after those that it uses."""
+        derived = self.derived
+        others = (name for name in self.order if name in derived and name != parameter)
+        return {name: derived[name] for name in others if parameter in self.closure([name])}
 
     def uses(self, name: str) -> set[str]:
         """The quantities that the formulas of `name` use directly."""
@@ -146,6 +144,42 @@ class Plan:
         """All names, each after those that it uses; raises graphlib.CycleError where no order is."""
         graph = {name: sorted(self.uses(name)) for name in [*self.settings, *self._places]}
         return tuple(graphlib.TopologicalSorter(graph).static_order())
+
+    @property
+    def grids(self) -> dict[str, GridAxis]:
+        """The axes of equal steps that move alone, by name."""
+        found: dict[str, GridAxis] = {}
+        for place, group in enumerate(self.groups):
+            for name, points in group.points.items():
+                if (
+                    len(group.points) == 1
+                    and isinstance(points, Spread)
+                    and isinstance(points.fraction, Steps)
+                ):
+                    found[name] = GridAxis(place, self._closed(name, points))
+        return found
+
+    def in_cells(self, name: str) -> bool:
+        """Whether a name's points are sure to be drawn as cells: equal steps, or few points."""
+        group = self._places[name][0] if name in self._places else None
+        if group is None:
+            return False
+        points = group.points[name]
+        if points.formulas or points.length > MOST_DRAWN:
+            return False
+        if isinstance(points, Spread) and isinstance(points.fraction, Steps) and not points.logarithmic:
+            return True
+        return np.unique(points.at(np.arange(points.length), {})).size <= 4
+
+    def _closed(self, name: str, points: Spread) -> bool:
+        """Whether an axis is an angle whose cells fill one turn."""
+        quantities = {q.name: q for q in (*self.model.parameters, *self.model.starts)}
+        if not quantities[name].circular or points.logarithmic:
+            return False
+        if isinstance(points.low, str) or isinstance(points.high, str):
+            return False
+        turn = math.isclose(points.high - points.low, 2.0 * math.pi)
+        return turn and isinstance(points.fraction, Steps) and points.fraction.at == "centre"
 
     def stride(self, position: int) -> int:
         """How many rows pass before the group at `position` moves on."""
@@ -178,7 +212,7 @@ class Plan:
                 if wrong.size:
                     value, row = values[quantity.name][wrong[0]], int(rows[wrong[0]])
                     raise JobError(
-                        [Complaint((quantity.name,), f"is {value:g} in row {row}, but {must(quantity)}.")]
+                        [Diagnostic((quantity.name,), f"is {value:g} in row {row}, but {must(quantity)}.")]
                     )
 
     @functools.cached_property
@@ -204,11 +238,6 @@ class Plan:
         return text
 
 
-def plan(job: Job) -> Plan:
-    """The rows of a job."""
-    return job.plan
-
-
 def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
     """Where a quantity may have these values; the NaN of a start that the model decides itself passes."""
     if quantity.open_ends:
@@ -223,7 +252,3 @@ def must(quantity: Quantity) -> str:
     """The end of a sentence about a value out of range: what it must be, what it is, its unit."""
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
     return f"must be {bound(quantity.low, quantity.high, quantity.open_ends)} ({quantity.meaning}{unit})"
-
-
-def _only(known: Mapping[str, Any], text: str) -> dict[str, Any]:
-    return {name: known[name] for name in names_in(text)}

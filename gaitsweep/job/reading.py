@@ -1,4 +1,4 @@
-"""How a job is read: each part in its turn, all complaints gathered, then its rows laid out and checked."""
+"""How a job is read: each part in its turn, all diagnostics gathered, then its rows laid out and checked."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.branches import check_branches
-from gaitsweep.job.checks import check_names, check_ranges, check_run, check_tolerance
+from gaitsweep.job.checks import check_names, check_ranges
 from gaitsweep.job.config import Config
-from gaitsweep.job.figures import check_figures, table_columns
+from gaitsweep.job.figures import check_figures
+from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
+from gaitsweep.job.numerics import Numerics
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.refined import check_refinement
 from gaitsweep.job.steps import check_numerics, check_steps
-from gaitsweep.job.subject import Subject, read_settings, read_subject
 from gaitsweep.job.vary import Vary, read_vary
-from gaitsweep.kinds.complaints import Complaint, JobError, Owner, found, from_pydantic
+from gaitsweep.kinds import RunKind, parameter_written
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
 from gaitsweep.kinds.numbers import SCOPE, Scope
-from gaitsweep.kinds.runs import MOVING, Numerics, moved_by
+from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.plot.figure_kind import FigureKind
 
 
 @dataclasses.dataclass
@@ -30,17 +31,17 @@ class Reading:
 
     raw: dict[str, Any]
     config: Config
-    subject: Subject | None
+    spec: ModelSpec | None
     vary: Vary
     settings: dict[str, float | str]
-    complaints: list[Complaint]
+    diagnostics: list[Diagnostic]
     moved: str | None
     plan: Plan | None = None
 
-    def refuse(self, complaints: list[Complaint]) -> None:
+    def refuse(self, diagnostics: list[Diagnostic]) -> None:
         """Raise JobError if there is anything to complain about."""
-        if complaints:
-            raise JobError([self.config.locate(complaint) for complaint in complaints])
+        if diagnostics:
+            raise JobError([self.config.locate(diagnostic) for diagnostic in diagnostics])
 
 
 def read_parts(data: Any, folder: Path) -> Reading:
@@ -51,42 +52,42 @@ def read_parts(data: Any, folder: Path) -> Reading:
         folder: the folder to which `config` is relative and where the user's own modules are.
 
     Raises:
-        JobError: data that is not a mapping; other complaints are gathered in the result.
+        JobError: data that is not a mapping; other diagnostics are gathered in the result.
     """
     if not isinstance(data, Mapping):
-        raise JobError([Complaint((), f"holds {found(data)}, but a job is a mapping (key: value).")])
+        raise JobError([Diagnostic((), f"holds {found(data)}, but a job is a mapping (key: value).")])
     given = {str(key): _plain(value) for key, value in data.items() if value is not None}
     config = Config(given, folder)
     raw = config.raw
-    complaints = list(config.complaints)
-    subject = None
+    diagnostics = list(config.diagnostics)
+    spec = None
     if "model" in raw:
-        subject, wrong = read_subject(raw["model"], raw.get("structure"), raw.get("params"), [folder])
-        complaints.extend(wrong)
+        spec, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
+        diagnostics.extend(wrong)
     settings: dict[str, float | str] = {}
-    if subject is not None:
+    if spec is not None:
         for field in ("params", "start"):
-            read, wrong = read_settings(raw.get(field), field, subject)
+            read, wrong = read_settings(raw.get(field), field, spec)
             settings |= read
-            complaints.extend(wrong)
-    moved = _moved(raw, subject)
+            diagnostics.extend(wrong)
+    moved = _moved(raw, spec)
     written = dict(settings)
 
     def reason(name: str) -> str | None:
-        if subject is None:
+        if spec is None:
             return None
         if name in written:
-            field = "params" if name in subject.parameters else "start"
+            field = "params" if name in spec.parameters else "start"
             return f"varies, but {field}.{name} fixes it: take one of the two out."
         if name == moved:
             return "varies, but run.parameter moves it: take one of the two out."
-        return subject.unknown(name, "vary")
+        return spec.unknown(name, "vary")
 
-    vary = read_vary(raw.get("vary"), subject.quantities if subject else {}, reason)
-    complaints.extend(vary.complaints)
-    reading = Reading(raw, config, subject, vary, settings, complaints, moved)
-    if subject is not None and not vary.complaints:
-        _lay_out(reading, subject)
+    vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, reason)
+    diagnostics.extend(vary.diagnostics)
+    reading = Reading(raw, config, spec, vary, settings, diagnostics, moved)
+    if spec is not None and not vary.diagnostics:
+        _lay_out(reading, spec)
     return reading
 
 
@@ -94,24 +95,23 @@ def _plain(value: Any) -> Any:
     return value.model_dump() if isinstance(value, BaseModel) else value
 
 
-def _moved(raw: Mapping[str, Any], subject: Subject | None) -> str | None:
+def _moved(raw: Mapping[str, Any], spec: ModelSpec | None) -> str | None:
     """The parameter that the run moves, where there is one."""
-    run = raw.get("run")
-    name = run.get("parameter") if isinstance(run, Mapping) and run.get("kind") in MOVING else None
-    return name if subject is not None and isinstance(name, str) and name in subject.parameters else None
+    name = parameter_written(raw.get("run"))
+    return name if spec is not None and isinstance(name, str) and name in spec.parameters else None
 
 
-def _lay_out(reading: Reading, subject: Subject) -> None:
+def _lay_out(reading: Reading, spec: ModelSpec) -> None:
     """The plan, with the model's defaults; a parameter that moves has 1 until its path is read."""
     varied = {name for group in reading.vary.groups for name in group.points}
     settings: dict[str, float | str] = {}
-    for name, quantity in subject.quantities.items():
-        field = "params" if name in subject.parameters else "start"
+    for name, quantity in spec.quantities.items():
+        field = "params" if name in spec.parameters else "start"
         if name in varied:
             continue
         if name == reading.moved and name in reading.settings:
             text = "is fixed, but run.parameter moves it: take one of the two out."
-            reading.complaints.append(Complaint((field, name), text))
+            reading.diagnostics.append(Diagnostic((field, name), text))
         if name in reading.settings:
             settings[name] = reading.settings[name]
         elif name == reading.moved:
@@ -120,30 +120,30 @@ def _lay_out(reading: Reading, subject: Subject) -> None:
             settings[name] = (
                 quantity.default if isinstance(quantity.default, str) else float(quantity.default)
             )
-        elif (field, name) not in {complaint.path[:2] for complaint in reading.complaints}:
+        elif (field, name) not in {diagnostic.path[:2] for diagnostic in reading.diagnostics}:
             text = (
                 f"is missing: {quantity.meaning} ({quantity.unit}) has no default; set it here or under vary."
             )
-            reading.complaints.append(Complaint((field, name), text))
+            reading.diagnostics.append(Diagnostic((field, name), text))
             settings[name] = 1.0
-    plan = Plan(subject.model, tuple(reading.vary.groups), settings, subject.sizes)
-    wrong = check_names(plan, subject)
-    reading.complaints.extend(wrong)
+    plan = Plan(spec.model, tuple(reading.vary.groups), settings, spec.sizes)
+    wrong = check_names(plan, spec)
+    reading.diagnostics.extend(wrong)
     if not wrong:
         reading.plan = plan
 
 
 def scope_of(reading: Reading) -> Scope:
     """What expressions under `run`, `numerics` and `figures` may use: the parameters that stay fixed."""
-    plan, subject = reading.plan, reading.subject
-    if plan is None or subject is None:
+    plan, spec = reading.plan, reading.spec
+    if plan is None or spec is None:
         return Scope(known=False)
-    fixed: dict[str, float] = dict(subject.sizes)
+    fixed: dict[str, float] = dict(spec.sizes)
     moving = dict.fromkeys(plan.names, "varies in this job")
     if reading.moved is not None:
         moving[reading.moved] = "moves in this run"
     for name in plan.order:
-        if name in moving or name not in subject.parameters:
+        if name in moving or name not in spec.parameters:
             continue
         setting = plan.settings[name]
         if any(used in moving for used in names_in(setting)):
@@ -167,9 +167,9 @@ def read_rest(reading: Reading, handler: Callable[[Any], Any], owners: dict[str,
         for key, value in reading.raw.items()
         if key not in ("params", "start", "vary", "structure")
     }
-    if reading.subject is not None:
-        parameters = reading.subject.parameters
-        ready["structure"] = reading.subject.structure
+    if reading.spec is not None:
+        parameters = reading.spec.parameters
+        ready["structure"] = reading.spec.structure
         ready["params"] = {name: value for name, value in reading.settings.items() if name in parameters}
         ready["start"] = {name: value for name, value in reading.settings.items() if name not in parameters}
     ready["vary"] = reading.vary.plain
@@ -178,53 +178,50 @@ def read_rest(reading: Reading, handler: Callable[[Any], Any], owners: dict[str,
     try:
         job = handler(ready)
     except ValidationError as error:
-        reading.complaints.extend(from_pydantic(error, owners, ""))
+        reading.diagnostics.extend(from_pydantic(error, owners, ""))
     finally:
         SCOPE.reset(token)
-    reading.refuse(reading.complaints)
+    reading.refuse(reading.diagnostics)
     return job
 
 
-def finish(reading: Reading, run: Any, numerics: Numerics, figures: list[Any]) -> Plan:
+def finish(reading: Reading, run: RunKind, numerics: Numerics, figures: list[FigureKind]) -> Plan:
     """The plan of a job whose parts are all well formed, checked as a whole.
 
     Raises:
         JobError: values out of range, a run that does not fit its model, figures that name what is not there.
     """
-    plan, subject = reading.plan, reading.subject
+    plan, spec = reading.plan, reading.spec
     assert plan is not None
-    assert subject is not None
-    complaints: list[Complaint] = []
-    moving = moved_by(run)
+    assert spec is not None
+    diagnostics: list[Diagnostic] = []
+    moving = run.moved
     if moving is not None:
-        if moving not in subject.parameters:
-            reason = subject.unknown(moving, "params") or ""
-            reading.refuse([Complaint(("run", "parameter"), f"is {moving}, which {reason}")])
-        first = {moving: run.path[0]} if run.path else {}  # a trace may lack it, of which check_run tells
+        if moving not in spec.parameters:
+            reason = spec.unknown(moving, "params") or ""
+            reading.refuse([Diagnostic(("run", "parameter"), f"is {moving}, which {reason}")])
+        first = {moving: run.turns[0]} if run.turns else {}  # a trace may lack it, which its check says
         plan = dataclasses.replace(plan, settings={**plan.settings, **first})
         for name in (moving, *plan.following(moving)):
-            if name not in subject.model.host_parameters:
+            if name not in spec.model.host_parameters:
                 continue
             moves = "" if name == moving else f", with which {name} moves"
             text = f"is {moving}{moves}: {name} is compiled into a row's body"
             text += " and cannot move while it runs."
-            complaints.append(Complaint(("run", "parameter"), text))
-    complaints.extend(check_run(run))
-    complaints.extend(check_tolerance(run, subject.model))
-    complaints.extend(check_branches(subject.model, run, numerics.engine(subject.model).method))
-    complaints.extend(check_refinement(plan, run))
-    complaints.extend(check_numerics(subject.model, numerics))
-    columns = table_columns(subject.model, plan.names, run)
+            diagnostics.append(Diagnostic(("run", "parameter"), text))
+    diagnostics.extend(run.check(plan, numerics.engine(spec.model).method))
+    diagnostics.extend(check_numerics(spec.model, numerics))
+    columns = table_columns(plan, run)
     for group in plan.groups:
         for name, path in group.paths.items():
             if columns.count(name) > 1:
                 text = f"varies {name}, but the table has a column of that name: rename the model's quantity."
-                complaints.append(Complaint(path, text))
+                diagnostics.append(Diagnostic(path, text))
     if moving is not None and columns.count(moving) > 1:
         text = f"is {moving}, but the table has a column of that name: rename the model's quantity."
-        complaints.append(Complaint(("run", "parameter"), text))
-    complaints.extend(check_ranges(plan, subject, run))
-    complaints.extend(check_figures(figures, plan, run))
-    reading.refuse(complaints)
-    reading.refuse(check_steps(plan, run, numerics.engine(subject.model)))
+        diagnostics.append(Diagnostic(("run", "parameter"), text))
+    diagnostics.extend(check_ranges(plan, spec, run))
+    diagnostics.extend(check_figures(figures, plan, run))
+    reading.refuse(diagnostics)
+    reading.refuse(check_steps(plan, run, numerics.engine(spec.model)))
     return plan

@@ -23,29 +23,19 @@ from pydantic import (
 
 from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
-from gaitsweep.job.figure_kinds import FIGURES, Figure
+from gaitsweep.job.numerics import EngineChoice, Numerics
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import finish, read_parts, read_rest
 from gaitsweep.job.vary import vary_schema
-from gaitsweep.kinds.complaints import Complaint, JobError, Owner, from_pydantic
+from gaitsweep.kinds import RUN_KINDS, RunKind
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
 from gaitsweep.kinds.numbers import Stem, Text, VerifyCount
-from gaitsweep.kinds.runs import (
-    Continuation,
-    EngineChoice,
-    Hold,
-    Numerics,
-    Part,
-    Ramp,
-    ReturnMap,
-    Run,
-    Settle,
-    Staircase,
-    Trace,
-    moved_by,
-)
+from gaitsweep.kinds.part import OneOf, Part
+from gaitsweep.plot import FIGURES, FigureKind
 
 _HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
+_KINDS = ", ".join(RUN_KINDS).rsplit(", ", 1)
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
 _SETTINGS = WithJsonSchema(
     {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean", "integer"]}}
@@ -84,9 +74,8 @@ class Job(Part):
         default_factory=dict,
         description="axes by name, zip and sample groups; they multiply, the last varies fastest",
     )
-    run: Run = Field(
-        description="what is done with each row (kind: settle, hold, trace, ramp, return_map, staircase or "
-        "continuation)"
+    run: Annotated[RunKind, OneOf(RUN_KINDS)] = Field(
+        description=f"what is done with each row (kind: {_KINDS[0]} or {_KINDS[1]})"
     )
     numerics: Annotated[Numerics, _NUMERICS] = Field(
         default_factory=Numerics,
@@ -98,7 +87,7 @@ class Job(Part):
         description="rows that are repeated at half the step when the run is complete, to see whether the "
         "table depends on it; 0: none",
     )
-    figures: list[Figure] = Field(
+    figures: list[Annotated[FigureKind, OneOf(FIGURES)]] = Field(
         default_factory=list, max_length=200, description="figures made from the table"
     )
 
@@ -111,7 +100,7 @@ class Job(Part):
             return data
         with Effort.limited():
             reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
-            job = read_rest(reading, handler, _OWNERS)
+            job = read_rest(reading, handler, _owners())
             job._plan = finish(reading, job.run, job.numerics, job.figures)
         return job
 
@@ -134,7 +123,7 @@ class Job(Part):
         start that the model decides itself, and the parameter of a ramp or staircase, are left out.
         """
         dumped = self.model_dump(mode="json", exclude={"config", "params", "start"})
-        moving = moved_by(self.run)
+        moving = self.run.moved
         settings = {
             name: setting
             for name, setting in self._plan.settings.items()
@@ -175,11 +164,7 @@ class Job(Part):
             key: resolved[key] for key in ("model", "structure", "params", "start", "run", "numerics")
         }
         deciding["vary"] = _in_order(resolved["vary"])
-        if isinstance(self.run, Settle) and self.run.refine is None:
-            # a run of every row is the same one whatever a refined one would do
-            deciding["run"] = {k: v for k, v in resolved["run"].items() if k not in Settle.REFINING}
-        if isinstance(self.run, Trace) and self.run.parameter is None:
-            deciding["run"] = {k: v for k, v in resolved["run"].items() if k not in Trace.ALONG}
+        deciding["run"] = self.run.hashed(resolved["run"])
         deciding["engine"] = {
             "name": engine if engine is not None else self.engine.name,
             "lanes": lanes if lanes is not None else self.engine.lanes,
@@ -207,26 +192,21 @@ def _in_order(vary: dict[str, Any]) -> list[Any]:
     return ordered
 
 
-_OWNERS = {
-    "": Owner("a job", Job),
-    "settle": Owner("run (settle)", Settle, "run"),
-    "hold": Owner("run (hold)", Hold, "run"),
-    "trace": Owner("run (trace)", Trace, "run"),
-    "ramp": Owner("run (ramp)", Ramp, "run"),
-    "return_map": Owner("run (return_map)", ReturnMap, "run"),
-    "staircase": Owner("run (staircase)", Staircase, "run"),
-    "continuation": Owner("run (continuation)", Continuation, "run"),
-    "numerics": Owner("numerics", Numerics),
-    "engine": Owner("engine", EngineChoice),
+def _owners() -> dict[str, Owner]:
+    """The parts of a job by the keys under which pydantic reports them."""
+    runs = {kind: Owner(f"run ({kind})", part, "run") for kind, part in RUN_KINDS.items()}
     # a figure's kind may be a run's too (return_map), hence the prefix
-    **{f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()},
-}
+    figures = {
+        f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()
+    }
+    others = {"": Owner("a job", Job), "numerics": Owner("numerics", Numerics)}
+    return {**others, **runs, "engine": Owner("engine", EngineChoice), **figures}
 
 
 class _Figures(Part):
     """The figures of a job, without the rest of it."""
 
-    figures: list[Figure]
+    figures: list[Annotated[FigureKind, OneOf(FIGURES)]]
 
 
 def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
@@ -238,14 +218,14 @@ def read_figures(value: Any, file: str) -> list[dict[str, Any]]:
     try:
         read = _Figures.model_validate({"figures": value})
     except ValidationError as error:
-        wrong = from_pydantic(error, {**_OWNERS, "": Owner("a job", _Figures)}, "")
-        raise JobError([dataclasses.replace(complaint, file=file) for complaint in wrong]) from None
+        wrong = from_pydantic(error, {**_owners(), "": Owner("a job", _Figures)}, "")
+        raise JobError([dataclasses.replace(diagnostic, file=file) for diagnostic in wrong]) from None
     plain = [figure.model_dump(mode="json", exclude_none=True) for figure in read.figures]
     stems = [figure.get("name") or figure["kind"] for figure in plain]
     twice = next((stem for stem in stems if stems.count(stem) > 1), None)
     if twice is not None:
         text = f"has two figures named {twice}: give each a name of its own."
-        raise JobError([Complaint(("figures",), text, file=file)])
+        raise JobError([Diagnostic(("figures",), text, file=file)])
     return plain
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
-import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -19,11 +18,11 @@ from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
-from gaitsweep.expression import evaluate, functions_of
+from gaitsweep.expression import functions_of, resolve
+from gaitsweep.job.numerics import Numerics as NumericsPart
 from gaitsweep.job.plan import Plan
-from gaitsweep.kinds.complaints import Complaint, JobError
-from gaitsweep.kinds.runs import Continuation, moved_by
-from gaitsweep.kinds.runs import Numerics as NumericsPart
+from gaitsweep.kinds import RunKind
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 
 # Sets of parameters whose steps are looked at before a job runs. Where there are more, these are spread
 # evenly over all of them, and each row's own step is looked at when its block begins.
@@ -37,26 +36,26 @@ _CHUNK = 65_536
 _ROUNDING = 1.0 + 1e-9
 
 
-def check_numerics(model: Model, numerics: NumericsPart) -> list[Complaint]:
-    """Complaints about numerics that do not suit a model, whatever its parameters."""
-    complaints = []
+def check_numerics(model: Model, numerics: NumericsPart) -> list[Diagnostic]:
+    """Diagnostics about numerics that do not suit a model, whatever its parameters."""
+    diagnostics = []
     resolved = numerics.engine(model)
     if numerics.dt != "auto" and numerics.event_tolerance >= numerics.dt:
         text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
-        complaints.append(Complaint(("numerics", "event_tolerance"), text))
+        diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
     if numerics.precision not in model.precisions:
         allowed = ", ".join(model.precisions)
         text = f"is {numerics.precision}, in which {model.name} is not right. Allowed: {allowed}."
-        complaints.append(Complaint(("numerics", "precision"), text))
+        diagnostics.append(Diagnostic(("numerics", "precision"), text))
     unfit = refusal(resolved.method, model, numerics.precision)
     if unfit is not None:
-        complaints.append(Complaint(("numerics", "method"), unfit))
-        return complaints
+        diagnostics.append(Diagnostic(("numerics", "method"), unfit))
+        return diagnostics
     for name in ("rtol", "atol"):
         if getattr(numerics, name) is not None and not resolved.adaptive:
             text = f"is given, but the steps of {resolved.method} follow from no tolerance: leave it out."
-            complaints.append(Complaint(("numerics", name), text))
-    return complaints
+            diagnostics.append(Diagnostic(("numerics", name), text))
+    return diagnostics
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +79,7 @@ class RowSteps:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def row_steps(plan: Plan, run: object, numerics: Numerics) -> RowSteps:
+def row_steps(plan: Plan, run: RunKind, numerics: Numerics) -> RowSteps:
     """The steps of all rows.
 
     Args:
@@ -106,13 +105,13 @@ def row_steps(plan: Plan, run: object, numerics: Numerics) -> RowSteps:
     return RowSteps(rows, plan.n_rows / count, dt, longest, count > most)
 
 
-def check_steps(plan: Plan, run: object, numerics: Numerics) -> list[Complaint]:
-    """Complaints about a step that is too long for some rows, or that nobody has said."""
+def check_steps(plan: Plan, run: RunKind, numerics: Numerics) -> list[Diagnostic]:
+    """Diagnostics about a step that is too long for some rows, or that nobody has said."""
     if numerics.dt is None:
         dt, _ = _steps(plan, run, numerics, np.zeros(1, np.int64))
         if not np.isnan(dt).any():
             return []
-        return [Complaint(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
+        return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
     steps = row_steps(plan, run, numerics)
     longest = steps.longest
     if np.isnan(longest).any():
@@ -131,11 +130,11 @@ def check_steps(plan: Plan, run: object, numerics: Numerics) -> list[Complaint]:
         f"for all of them is {_rounded_down(float(longest[worst])):g} s{f' (at {where})' if where else ''}. "
         "Leave it out, and each row takes a step that is right for it."
     )
-    return [Complaint(("numerics", "dt"), text)]
+    return [Diagnostic(("numerics", "dt"), text)]
 
 
 def values_with_right_steps(
-    plan: Plan, run: object, numerics: Numerics, steps: RowSteps
+    plan: Plan, run: RunKind, numerics: Numerics, steps: RowSteps
 ) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
     """`Plan.values`, which refuses rows whose step is too long where not all were looked at beforehand."""
     if numerics.dt is None or not steps.sampled or plan.model.host_parameters:
@@ -148,7 +147,7 @@ def values_with_right_steps(
         if wrong.size:
             row, right = int(rows[wrong[0]]), _rounded_down(float(longest[wrong[0]]))
             text = f"is {numerics.dt:g} s, too long for row {row}, where {right:g} s is right: leave it out."
-            raise JobError([Complaint(("numerics", "dt"), text)])
+            raise JobError([Diagnostic(("numerics", "dt"), text)])
         return plan.values(first, last)
 
     return values
@@ -165,40 +164,27 @@ def _rounded_down(value: float) -> float:
     return math.floor(value / digits) * digits
 
 
-def _steps(plan: Plan, run: object, numerics: Numerics, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _steps(plan: Plan, run: RunKind, numerics: Numerics, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The steps that rows (n,) take, and the longest that are right for them."""
     # the first computation of most runs, which must not leave JAX with one core
     see_all_cores()
-    model, moving = plan.model, moved_by(run)
+    model, moving = plan.model, run.moved
     values = plan.at(rows, [quantity.name for quantity in model.parameters])
     function = _function(model, numerics)
     found = []
-    for at in _path(run) if moving is not None else (None,):
+    for at in run.values_between() if moving is not None else (None,):
         there = dict(values)
         if moving is not None:
             there[moving] = np.full(rows.size, at)
-            for name in plan.following(moving):
-                there[name] = np.broadcast_to(
-                    evaluate(plan.derived[name], there, functions_of(np)), rows.shape
-                )
+            there = resolve(plan.following(moving), there, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
         room = n if n <= FEW_SETS else _CHUNK
-        padded = {k: np.resize(np.asarray(v, np.float64), room) for k, v in there.items()}
+        padded = {k: np.resize(np.broadcast_to(v, rows.shape).astype(float), room) for k, v in there.items()}
         given = function(model.on_host(padded))
         found.append([np.asarray(column)[:n] for column in given])
     dt, longest = (np.min(np.stack(column), axis=0) for column in zip(*found, strict=True))
     return dt, longest
-
-
-def _path(run: Any) -> Iterator[float]:
-    """Values of the parameter that a run moves: those of its path, and some between."""
-    path: Sequence[float] = run.path
-    if isinstance(run, Continuation):
-        path = sorted(path)
-    yield path[0]
-    for a, b in itertools.pairwise(path):
-        yield from (a + (b - a) * share for share in (0.25, 0.5, 0.75, 1.0))
 
 
 @functools.lru_cache(maxsize=16)

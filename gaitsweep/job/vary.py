@@ -25,7 +25,7 @@ from gaitsweep.job.axes import (
     points_of,
     sample_points,
 )
-from gaitsweep.kinds.complaints import Complaint, Owner, Path, found, from_pydantic, unknown_field
+from gaitsweep.kinds.diagnostics import Diagnostic, Owner, Path, found, from_pydantic, unknown_field
 
 MOST_ROWS = 10**9
 MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
@@ -54,7 +54,7 @@ class Vary:
 
     groups: list[Group]
     plain: dict[str, Any]
-    complaints: list[Complaint]
+    diagnostics: list[Diagnostic]
 
 
 def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[str], str | None]) -> Vary:
@@ -69,7 +69,7 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
     if raw is None:
         return vary
     if not isinstance(raw, Mapping):
-        vary.complaints.append(Complaint(("vary",), f"is {found(raw)}, but takes axes (name: axis)."))
+        vary.diagnostics.append(Diagnostic(("vary",), f"is {found(raw)}, but takes axes (name: axis)."))
         return vary
     for name, value in raw.items():
         path: Path = ("vary", str(name))
@@ -90,7 +90,7 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
 
 
 def _check_size(vary: Vary) -> None:
-    """Complaints about more rows, or more points that are drawn, than a job may have; none is made before."""
+    """Diagnostics about more rows, or more drawn points, than a job may have; none is made before."""
     rows = 1
     for group in vary.groups:
         rows *= group.length
@@ -98,7 +98,7 @@ def _check_size(vary: Vary) -> None:
             break
     if rows > MOST_ROWS:
         made = f"{rows}" if rows < 10**30 else "more than 1e30"
-        vary.complaints.append(Complaint(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}."))
+        vary.diagnostics.append(Diagnostic(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}."))
     drawn = sum(
         points.length
         for group in vary.groups
@@ -107,13 +107,13 @@ def _check_size(vary: Vary) -> None:
     )
     if drawn > MOST_DRAWN:
         text = f"draws {drawn} numbers (points times names); a job draws at most {MOST_DRAWN}."
-        vary.complaints.append(Complaint(("vary",), text))
+        vary.diagnostics.append(Diagnostic(("vary",), text))
 
 
 def _read_axis(
     name: str, value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary
 ) -> tuple[Points, dict[str, Any]] | None:
-    """The points of an axis and its normal form, or None with a complaint."""
+    """The points of an axis and its normal form, or None with a diagnostic."""
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.ndim == 1 and len(value) <= MOST_LISTED else {"values": value}
     if isinstance(value, (list, tuple)):
@@ -122,10 +122,10 @@ def _read_axis(
     if not isinstance(value, Mapping):
         kinds_of = ", ".join(AXIS_KINDS)
         text = f"is {found(value)}, but takes a list or one of {kinds_of}; one value goes under params."
-        vary.complaints.append(Complaint(path, text))
+        vary.diagnostics.append(Diagnostic(path, text))
         return None
     if len(kinds) != 1:
-        vary.complaints.append(_about_kinds(value, kinds, path))
+        vary.diagnostics.append(_about_kinds(value, kinds, path))
         return None
     part = AXIS_KINDS[kinds[0]]
     value = dict(value)
@@ -133,13 +133,13 @@ def _read_axis(
         listed = value["values"]
         if len(listed) > MOST_LISTED:
             text = f"has {len(listed)} points; a list has at most {MOST_LISTED}: use linspace, or a sample."
-            vary.complaints.append(Complaint((*path, "values"), text))
+            vary.diagnostics.append(Diagnostic((*path, "values"), text))
             return None
         value["values"] = [_switch(item, quantities.get(name)) for item in listed]
     try:
         axis: Axis = _many_numbers(value) or part.model_validate(value)  # type: ignore[assignment]
     except ValidationError as error:
-        vary.complaints.extend(from_pydantic(error, _OWNERS, kinds[0], path))
+        vary.diagnostics.extend(from_pydantic(error, _OWNERS, kinds[0], path))
         return None
     if isinstance(axis, (Random, Sobol)):
         low, high, _ = axis.random if isinstance(axis, Random) else axis.sobol
@@ -161,15 +161,15 @@ def _many_numbers(value: dict[str, Any]) -> Values | None:
     return Values.model_construct(values=numbers.tolist()) if np.isfinite(numbers).all() else None
 
 
-def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Complaint:
+def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diagnostic:
     if kinds:
-        return Complaint(path, f"has {' and '.join(kinds)}, but an axis is one of them.")
+        return Diagnostic(path, f"has {' and '.join(kinds)}, but an axis is one of them.")
     if not value:
-        return Complaint(path, f"is empty, but takes one of {', '.join(AXIS_KINDS)}.")
+        return Diagnostic(path, f"is empty, but takes one of {', '.join(AXIS_KINDS)}.")
     for key in value:
         if key not in ("at", "seed"):
             return unknown_field((*path, str(key)), "an axis", AXIS_KINDS)
-    return Complaint(path, f"has no points. {near_miss.allowing(AXIS_KINDS)}")
+    return Diagnostic(path, f"has no points. {near_miss.allowing(AXIS_KINDS)}")
 
 
 def _switch(item: Any, quantity: Quantity | None) -> Any:
@@ -180,8 +180,8 @@ def _switch(item: Any, quantity: Quantity | None) -> Any:
 
 def _read_zip(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
-        vary.complaints.append(
-            Complaint(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
+        vary.diagnostics.append(
+            Diagnostic(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
         )
         return {}
     points: dict[str, Points] = {}
@@ -193,7 +193,7 @@ def _read_zip(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: 
     lengths = {name: each.length for name, each in points.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-        vary.complaints.append(Complaint(path, f"needs axes of equal length, but {shown}."))
+        vary.diagnostics.append(Diagnostic(path, f"needs axes of equal length, but {shown}."))
     elif points:
         vary.groups.append(Group(points, {name: (*path, name) for name in points}))
     return plain
@@ -202,12 +202,12 @@ def _read_zip(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: 
 def _read_sample(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping):
         text = f"is {found(value)}, but takes fields. {near_miss.allowing(Sample.model_fields)}"
-        vary.complaints.append(Complaint(path, text))
+        vary.diagnostics.append(Diagnostic(path, text))
         return {}
     try:
         sample = Sample.model_validate(dict(value))
     except ValidationError as error:
-        vary.complaints.extend(from_pydantic(error, _OWNERS, "sample", path))
+        vary.diagnostics.extend(from_pydantic(error, _OWNERS, "sample", path))
         return {}
     paths = {name: (*path, "of", name) for name in sample.of}
     for name, (low, high) in sample.of.items():
@@ -218,8 +218,8 @@ def _read_sample(value: Any, path: Path, quantities: Mapping[str, Quantity], var
 
 def _check_order(low: float | str, high: float | str, path: Path, vary: Vary) -> None:
     if isinstance(low, float) and isinstance(high, float) and low > high:
-        vary.complaints.append(
-            Complaint(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
+        vary.diagnostics.append(
+            Diagnostic(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
         )
 
 
@@ -229,9 +229,9 @@ def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
         for name, path in group.paths.items():
             if name in seen:
                 where = ".".join(map(str, seen[name]))
-                vary.complaints.append(Complaint(path, f"varies {name}, which {where} varies already."))
+                vary.diagnostics.append(Diagnostic(path, f"varies {name}, which {where} varies already."))
             elif (reason := refuse(name)) is not None:
-                vary.complaints.append(Complaint(path, reason))
+                vary.diagnostics.append(Diagnostic(path, reason))
             seen.setdefault(name, path)
 
 

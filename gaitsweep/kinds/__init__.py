@@ -1,1 +1,37 @@
-"""Kinds of runs: what a job may do with each of its rows."""
+"""Run kinds: what a job may do with each of its rows. A kind is one class in one file.
+
+`register` adds a kind from another package, before its jobs are read; it is usable as a decorator:
+
+    @gaitsweep.kinds.register
+    class Count(RunKind): ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gaitsweep.kinds.continuation import Continuation
+from gaitsweep.kinds.fixed_time import FixedTime
+from gaitsweep.kinds.part import Registry
+from gaitsweep.kinds.ramp import Ramp
+from gaitsweep.kinds.return_map import ReturnMap
+from gaitsweep.kinds.run_kind import RunKind
+from gaitsweep.kinds.settle import Settle
+from gaitsweep.kinds.staircase import Staircase
+from gaitsweep.kinds.trace import Trace
+
+__all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
+
+RUN_KINDS: Registry[RunKind] = Registry(
+    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation]
+)
+register = RUN_KINDS.register
+unregister = RUN_KINDS.unregister
+
+
+def parameter_written(run: Any) -> Any:
+    """The parameter that a run moves, as a job writes it before it is checked; None where it moves none."""
+    kind = run.get("kind") if isinstance(run, Mapping) else None
+    part = RUN_KINDS.get(kind) if isinstance(kind, str) else None
+    return run.get("parameter") if part is not None and part.moves() else None

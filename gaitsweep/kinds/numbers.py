@@ -22,7 +22,7 @@ from pydantic_core import PydanticCustomError
 from gaitsweep import near_miss
 from gaitsweep.effort import MOST, Effort
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
-from gaitsweep.kinds.complaints import Complaint, JobError, found
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Scope:
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     moving: Mapping[str, str] = field(default_factory=dict)  # name -> "varies in this job"
-    known: bool = True  # False while the model is unknown: then names are let pass, another complaint stands
+    known: bool = True  # False while the model is unknown: then names are let pass, another diagnostic stands
 
 
 SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
@@ -63,7 +63,7 @@ def not_text(value: str) -> str | None:
     return None
 
 
-class Refused(ValueError):
+class InvalidValue(ValueError):
     """A value that a field does not take; the message goes on from the field's name."""
 
 
@@ -71,32 +71,32 @@ def read_number(value: Any) -> float | str:
     """A float, or the text of an expression that names parameters, without its spaces.
 
     Raises:
-        Refused: what is not a finite number or arithmetic, YAML's traps (1:30, 010, dates) by their name.
+        InvalidValue: what is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are named.
     """
     if isinstance(value, str):
-        if not Effort.spend("expressions"):  # no complaint for each: the reading ends here
+        if not Effort.spend("expressions"):  # no diagnostic for each: the reading ends here
             text = f"has more than {MOST['expressions']} numbers that are written as text or expressions."
-            raise JobError([Complaint((), text)])
+            raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:
             if len(value) < 100 and trap.match(value):
-                raise Refused(f"is {found(value)}, {sentence}.")
+                raise InvalidValue(f"is {found(value)}, {sentence}.")
         try:
             return "".join(value.split()) if names_in(value) else evaluate(value, {})
         except ExpressionError as error:
-            raise Refused(f"is not a number: {error}") from None
+            raise InvalidValue(f"is not a number: {error}") from None
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise Refused(f"is {found(value)}, but takes a number.")
+        raise InvalidValue(f"is {found(value)}, but takes a number.")
     try:
         return evaluate(float(value), {}) + 0.0  # turns -0.0 into 0.0, which decide the same rows
     except (ExpressionError, OverflowError):
-        raise Refused(f"is {found(value)}, but takes a finite number.") from None
+        raise InvalidValue(f"is {found(value)}, but takes a finite number.") from None
 
 
 def read_fixed(value: Any) -> float | None:
     """A float, expressions evaluated over the job's `SCOPE`; None where the names cannot be known yet.
 
     Raises:
-        Refused: as `read_number`; names that vary in this job, or that the model does not have.
+        InvalidValue: as `read_number`; names that vary in this job, or that the model does not have.
     """
     number = read_number(value)
     if not isinstance(number, str):
@@ -106,16 +106,16 @@ def read_fixed(value: Any) -> float | None:
         return None
     for name in sorted(names_in(number)):
         if name in scope.moving:
-            raise Refused(
+            raise InvalidValue(
                 f'is "{number}", but {name} {scope.moving[name]}, and this field has one value for all rows.'
             )
         if name not in scope.fixed:
             near = near_miss.suggestion(name, [*scope.fixed, *CONSTANTS])
-            raise Refused(f'is "{number}", but {name} is not known here{near}')
+            raise InvalidValue(f'is "{number}", but {name} is not known here{near}')
     try:
         return evaluate(number, scope.fixed)
     except ExpressionError as error:
-        raise Refused(f"is not a number: {error}") from None
+        raise InvalidValue(f"is not a number: {error}") from None
 
 
 def between(number: float, low: float, high: float, open_ends: bool) -> bool:
@@ -133,85 +133,91 @@ def bound(low: float, high: float, open_ends: bool) -> str:
 
 
 def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_ends: bool = False) -> float:
-    """A float within its bound; raises Refused."""
+    """A float within its bound; raises InvalidValue."""
     number = read_fixed(value)
     if number is None:
         return math.nan
     if not between(number, low, high, open_ends):
-        raise Refused(f"is {number:g}, but must be {bound(low, high, open_ends)}.")
+        raise InvalidValue(f"is {number:g}, but must be {bound(low, high, open_ends)}.")
     return number
 
 
 def read_whole(value: Any, low: int, high: int) -> int:
-    """An int within its bound; raises Refused."""
+    """An int within its bound; raises InvalidValue."""
     number = read_fixed(value)
     if number is None:
         return low
     if number != math.floor(number):
-        raise Refused(f"is {number:g}, but takes a whole number.")
+        raise InvalidValue(f"is {number:g}, but takes a whole number.")
     if not low <= number <= high:
-        raise Refused(f"is {number:g}, but must be a whole number from {low} to {high}.")
+        raise InvalidValue(f"is {number:g}, but must be a whole number from {low} to {high}.")
     return int(number)
 
 
 def read_each(value: Any) -> float | dict[str, float]:
-    """A number above 0, or one for each of some names; raises Refused."""
+    """A number above 0, or one for each of some names; raises InvalidValue."""
     if not isinstance(value, Mapping):
         return read_real(value, low=0.0, open_ends=True)
     if not value:
-        raise Refused("is an empty mapping, but takes a number above 0, or one for each of some observables.")
+        raise InvalidValue(
+            "is an empty mapping, but takes a number above 0, or one for each of some observables."
+        )
     each = {}
     for name, number in value.items():
         try:
             each[read_text(name)] = read_real(number, low=0.0, open_ends=True)
-        except Refused as error:
-            raise Refused(f"has {name}, which {error}") from None
+        except InvalidValue as error:
+            raise InvalidValue(f"has {name}, which {error}") from None
     return each
 
 
 def read_text(value: Any) -> str:
-    """Text; raises Refused where YAML made a number or a flag of it."""
+    """Text; raises InvalidValue where YAML made a number or a flag of it."""
     if not isinstance(value, str):
         quotes = ": put it in quotes" if isinstance(value, (int, float)) else ""
-        raise Refused(f"is {found(value)}, but takes text{quotes}.")
+        raise InvalidValue(f"is {found(value)}, but takes text{quotes}.")
     if not value.strip():
-        raise Refused("is empty, but takes text.")
+        raise InvalidValue("is empty, but takes text.")
     if len(value) > _LONGEST_TEXT:
-        raise Refused(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
+        raise InvalidValue(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
     if (wrong := not_text(value)) is not None:
-        raise Refused(f"has {wrong}, which is no text.")
+        raise InvalidValue(f"has {wrong}, which is no text.")
     return value
 
 
 def read_stem(value: Any) -> str:
-    """Text that can name a file; raises Refused."""
+    """Text that can name a file; raises InvalidValue."""
     text = read_text(value)
     if not _STEM.match(text):
-        raise Refused(f"is {found(text)}, but names files: letters, digits, _ - . (a letter or digit first).")
+        raise InvalidValue(
+            f"is {found(text)}, but names files: letters, digits, _ - . (a letter or digit first)."
+        )
     return text
 
 
 def read_flag(value: Any) -> bool:
-    """True or false; raises Refused for all else, 1 and yes included."""
+    """True or false; raises InvalidValue for all else, 1 and yes included."""
     if not isinstance(value, (bool, np.bool_)):
-        raise Refused(f"is {found(value)}, but takes true or false.")
+        raise InvalidValue(f"is {found(value)}, but takes true or false.")
     return bool(value)
 
 
-def read_word(value: Any, allowed: tuple[str, ...]) -> str:
-    """One of the allowed words; raises Refused with the near miss."""
+def read_word(value: Any, allowed: tuple[str, ...], former: Mapping[str, str] | None = None) -> str:
+    """One of the allowed words; raises InvalidValue with the near miss, or with what a former word is now."""
+    if former and isinstance(value, str) and value in former:
+        raise InvalidValue(f"is {found(value)}, which is called {former[value]} now: write {former[value]}.")
     if not isinstance(value, str) or value not in allowed:
-        raise Refused(f"is {found(value)}{near_miss.suggestion(str(value), allowed)}")
+        raise InvalidValue(f"is {found(value)}{near_miss.suggestion(str(value), allowed)}")
     return value
 
 
 def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
-    """A reader as pydantic takes it: Refused becomes the error whose sentence we print."""
+    """A reader as pydantic takes it: InvalidValue becomes the error whose sentence we print."""
 
     def validate(value: Any) -> Any:
         try:
             return read(value, **limits)
-        except Refused as error:
+        except InvalidValue as error:
             raise PydanticCustomError("gaitsweep", "{text}", {"text": str(error)}) from None
 
     return validate
@@ -252,6 +258,6 @@ Stem = Annotated[str, PlainValidator(checked(read_stem)), _TEXT]
 Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type": "boolean"})]
 
 
-def word(*allowed: str) -> BeforeValidator:
-    """The validator to put beside a Literal, for the sake of its sentence."""
-    return BeforeValidator(checked(read_word, allowed=allowed))
+def word(*allowed: str, former: Mapping[str, str] | None = None) -> BeforeValidator:
+    """The validator to put beside a Literal, for its sentence; `former`: older words and those of today."""
+    return BeforeValidator(checked(read_word, allowed=allowed, former=former))

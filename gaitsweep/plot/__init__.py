@@ -1,39 +1,50 @@
-"""Figures from tables: one file a family, each a function from a table to a matplotlib figure."""
+"""Figures from tables: a kind of figure is one class with its fields in a job and its drawing.
+
+`register` adds a kind from another package, before its jobs are read; it is usable as a decorator.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
-from gaitsweep.plot.basins.basin import basin
-from gaitsweep.plot.basins.basin_measures import basin_measures
-from gaitsweep.plot.basins.gait_map import gait_map
-from gaitsweep.plot.basins.shock import shock
-from gaitsweep.plot.branches.branches import branches
-from gaitsweep.plot.branches.continuation import continuation
-from gaitsweep.plot.branches.cycles import cycles
-from gaitsweep.plot.branches.hysteresis import hysteresis
-from gaitsweep.plot.branches.return_map import return_map
-from gaitsweep.plot.branches.stable_ranges import stable_ranges
-from gaitsweep.plot.chain.drift_law import drift_law
-from gaitsweep.plot.chain.gait_shares import gait_shares_figure as gait_shares
-from gaitsweep.plot.chain.solution_set import solution_set
+from gaitsweep.kinds.part import Registry
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.gaits.footprints import footprints
-from gaitsweep.plot.gaits.gait_ramp import gait_ramp
-from gaitsweep.plot.gaits.gait_series import gait_series
-from gaitsweep.plot.gaits.loading_rule import loading_rule
-from gaitsweep.plot.gaits.nine_gaits import nine_gaits
-from gaitsweep.plot.gaits.speed_gaits import speed_gaits
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import FigureKind
+from gaitsweep.plot.schemas.basins import (
+    Basin,
+    BasinMeasures,
+    GaitMap,
+    Shock,
+)
+from gaitsweep.plot.schemas.branches import (
+    Branches,
+    Continuation,
+    Cycles,
+    Hysteresis,
+    ReturnMaps,
+    StableRanges,
+)
+from gaitsweep.plot.schemas.chain import (
+    DriftLaw,
+    GaitShares,
+    SolutionSet,
+)
+from gaitsweep.plot.schemas.gaits import (
+    Footprints,
+    GaitRamp,
+    GaitSeries,
+    LoadingRule,
+    NineGaits,
+    SpeedGaits,
+)
 
 __all__ = [
-    "KINDS",
+    "FIGURES",
+    "FigureKind",
     "PlotError",
     "basin",
     "basin_measures",
@@ -50,70 +61,74 @@ __all__ = [
     "hysteresis",
     "loading_rule",
     "nine_gaits",
+    "register",
     "return_map",
     "shock",
     "solution_set",
     "speed_gaits",
     "stable_ranges",
+    "unregister",
 ]
 
-# each figure says of its table what a reader has to know beside it, however it is called
-basin = marked(basin)
-solution_set = marked(solution_set)
-cycles = marked(cycles)
-footprints = marked(footprints)
-hysteresis = marked(hysteresis)
-return_map = marked(return_map)
-branches = marked(branches)
-continuation = marked(continuation)
-stable_ranges = marked(stable_ranges)
-gait_map = marked(gait_map)
-drift_law = marked(drift_law)
-gait_shares = marked(gait_shares)
-basin_measures = marked(basin_measures)
-shock = marked(shock)
-speed_gaits = marked(speed_gaits)
-gait_series = marked(gait_series)
-gait_ramp = marked(gait_ramp)
-nine_gaits = marked(nine_gaits)
-loading_rule = marked(loading_rule)
-
-KINDS: Mapping[str, Callable[..., Figure]] = MappingProxyType(
-    {
-        "basin": basin,
-        "solution_set": solution_set,
-        "cycles": cycles,
-        "footprints": footprints,
-        "hysteresis": hysteresis,
-        "return_map": return_map,
-        "branches": branches,
-        "continuation": continuation,
-        "stable_ranges": stable_ranges,
-        "gait_map": gait_map,
-        "drift_law": drift_law,
-        "gait_shares": gait_shares,
-        "basin_measures": basin_measures,
-        "shock": shock,
-        "speed_gaits": speed_gaits,
-        "gait_series": gait_series,
-        "gait_ramp": gait_ramp,
-        "nine_gaits": nine_gaits,
-        "loading_rule": loading_rule,
-    }
+FIGURES: Registry[FigureKind] = Registry(
+    "figure",
+    [
+        Basin,
+        SolutionSet,
+        Cycles,
+        Footprints,
+        Hysteresis,
+        ReturnMaps,
+        Branches,
+        Continuation,
+        StableRanges,
+        GaitMap,
+        DriftLaw,
+        GaitShares,
+        BasinMeasures,
+        Shock,
+        SpeedGaits,
+        GaitSeries,
+        GaitRamp,
+        NineGaits,
+        LoadingRule,
+    ],
 )
+register = FIGURES.register
+unregister = FIGURES.unregister
+
+basin = Basin.draw
+solution_set = SolutionSet.draw
+cycles = Cycles.draw
+footprints = Footprints.draw
+hysteresis = Hysteresis.draw
+return_map = ReturnMaps.draw
+branches = Branches.draw
+continuation = Continuation.draw
+stable_ranges = StableRanges.draw
+gait_map = GaitMap.draw
+drift_law = DriftLaw.draw
+gait_shares = GaitShares.draw
+basin_measures = BasinMeasures.draw
+shock = Shock.draw
+speed_gaits = SpeedGaits.draw
+gait_series = GaitSeries.draw
+gait_ramp = GaitRamp.draw
+nine_gaits = NineGaits.draw
+loading_rule = LoadingRule.draw
 
 
 def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
     """The figure of one kind from a table.
 
     Args:
-        kind: a key of KINDS.
+        kind: a key of FIGURES.
         table: a result table, as `gaitsweep.load` gives it.
         spec: the figure's own arguments.
 
     Raises:
         PlotError: kind is not known, or the table lacks what the figure names.
     """
-    if kind not in KINDS:
-        raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, KINDS)}")
-    return KINDS[kind](table, **spec)
+    if kind not in FIGURES:
+        raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")
+    return FIGURES[kind].draw(table, **spec)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model
-from gaitsweep.job import Job, plan
+from gaitsweep.job import Job
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.table import load
@@ -72,7 +72,7 @@ def read_motion(directory: str | Path, row: int) -> Motion:
         raise PlotError(f"{directory} holds {kind} rows, which have no motion: use a run of kind trace.")
     part = _samples(table, directory, row)
     # the job that was run, whatever `job.yaml` says by now
-    rows = plan(Job.model_validate(table.attrs["job"], context={"folder": directory}))
+    rows = Job.model_validate(table.attrs["job"], context={"folder": directory}).plan
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -21,36 +20,25 @@ from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import Progress
-from gaitsweep.job import Plan
-from gaitsweep.job.refined import refined_axes
-from gaitsweep.kinds.runs import Run, Settle
-from gaitsweep.runs.frames import settle_frame
+from gaitsweep.runs.figures import Progress as RunProgress
+from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load
-
-if TYPE_CHECKING:
-    from gaitsweep.runs.execute import Prepared
-    from gaitsweep.runs.execute import Progress as RunProgress
 
 FOLDER = "refinement"
 
 
-def refines(run: Run) -> bool:
-    """Whether a run simulates the edges of basins only."""
-    return isinstance(run, Settle) and run.refine is not None
-
-
-def grid_of(plan: Plan, run: Settle) -> Grid:
-    """How a job's rows lie for the refinement."""
-    return Grid(tuple(axis.length for axis in plan.axes), refined_axes(plan, run), run.coarse)
-
-
 def refine(
-    ready: Prepared, directory: ResultDirectory, progress: RunProgress | None, timings: Timings
+    ready: Prepared,
+    grid: Grid,
+    directory: ResultDirectory,
+    progress: RunProgress | None,
+    timings: Timings,
 ) -> None:
     """Run the rounds that a directory still lacks, and write the parts of its table.
 
     Args:
         ready: the job made ready.
+        grid: how its rows lie, and the axes that are refined.
         directory: its result directory.
         progress: told how many rows are decided; those of the round under way count once they are simulated.
         timings: added to as rounds go.
@@ -58,8 +46,6 @@ def refine(
     Raises:
         TableError: a round's folder is not this job's, or cannot be written.
     """
-    assert isinstance(ready.job.run, Settle)
-    grid = grid_of(ready.plan, ready.job.run)
     known = np.full(grid.lengths, UNKNOWN, np.int32)
     frames: list[pd.DataFrame] = []
     decided = 0.0
@@ -95,7 +81,7 @@ def _round(
         def write(block: int, result: BlockResult) -> None:
             stop = result.first + len(result.status)
             axes = plan.at(rows[result.first : stop], plan.names)
-            part.write_part(block, settle_frame(plan.model, axes, result))
+            part.write_part(block, ready.job.run.table(plan.model, axes, result))
 
         if missing := part.missing_blocks():
             spent = Timings()
@@ -135,21 +121,20 @@ def _write_parts(
     ready: Prepared, directory: ResultDirectory, simulated: pd.DataFrame, labels: np.ndarray
 ) -> None:
     """Write the parts that a directory lacks, of the rows that were simulated and the labels of all (n,)."""
-    plan = ready.plan
     at = simulated["row"].to_numpy()
     for number in directory.missing_blocks():
         start, stop = directory.rows_of(number)
         there = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
         others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), there["row"])
-        filled = _inferred_frame(plan, others, labels[others], simulated)
+        filled = _inferred_frame(ready, others, labels[others], simulated)
         parts: Sequence[pd.DataFrame] = [part for part in (there, filled) if len(part)]
         frame = parts[0] if len(parts) == 1 else pd.concat(parts)
         directory.write_part(number, frame.sort_values("row", ignore_index=True))
 
 
-def _inferred_frame(plan: Plan, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
+def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
-    model, n = plan.model, rows.size
+    plan, model, n = ready.plan, ready.plan.model, rows.size
     traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.traits}
     for trait in traits.values():
         if trait.dtype.kind == "f":
@@ -168,6 +153,6 @@ def _inferred_frame(plan: Plan, rows: np.ndarray, gaits: np.ndarray, like: pd.Da
         owner=np.zeros(0, np.int64),
         samples=np.zeros((0, 0)),
     )
-    frame = settle_frame(model, plan.at(rows, plan.names), nothing)
+    frame = ready.job.run.table(model, plan.at(rows, plan.names), nothing)
     frame["row"] = rows
     return frame

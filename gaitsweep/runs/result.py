@@ -13,7 +13,8 @@ import pandas as pd
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
-from gaitsweep.runs.execute import Progress, carry_out
+from gaitsweep.runs.execute import run_job
+from gaitsweep.runs.figures import Progress
 from gaitsweep.table import load
 
 
@@ -67,4 +68,4 @@ def run(
             "overrides are for a job that is read from a file: build the Job with them instead."
         )
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
-    return Result(carry_out(loaded, out, progress=progress, tell=warnings.warn, strict=strict))
+    return Result(run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict))

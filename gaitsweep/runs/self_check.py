@@ -11,7 +11,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -21,17 +21,14 @@ from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.poincare.maps import shorter
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.fixed_time import Hold
 from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, Settle
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import Progress, Work
 from gaitsweep.errors import UserError
 from gaitsweep.job import Plan
+from gaitsweep.runs.prepare import Prepared
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
-
-if TYPE_CHECKING:
-    from gaitsweep.runs.execute import Prepared
 
 # The sample's steps, as a share of the run's own.
 HALF = 0.5
@@ -143,11 +140,14 @@ def self_check(
     """
     if count == 0:
         return dict(OFF)
-    rows = sample_rows(ready.plan, count)
-    work, check = ready.work, SelfCheck(rows=rows.size)
-    if work.numerics.adaptive:
+    rows, compared = sample_rows(ready.plan, count), ready.job.run.compared
+    check = SelfCheck(rows=rows.size)
+    if compared == "starting_points":
+        _compare_starting_points(ready, rows, check)
+        return dataclasses.asdict(check.judged())
+    if ready.work.numerics.adaptive:
         check.half = "tolerances 32 times finer"
-    if isinstance(work.recorder, Settle | Hold):
+    if compared in ("settled", "ends"):
         resting = _compare_ends(ready, rows, check, progress)
         rows = rows[~resting]
     if rows.size:
@@ -217,7 +217,7 @@ def _compare_ends(
     resting = settled | (once.status != half.status) | _failed(once.status)
     # an orbit of several cycles may have been read at another of its points
     same = settled & ~other_gait & (once.period <= 1)
-    if isinstance(work.recorder, Hold):
+    if ready.job.run.compared == "ends":
         same = ~other_status & ~other_gait & ~_failed(once.status)
         resting = np.ones(rows.size, bool)
     change = changes(plan.model, once.last, half.last)
@@ -228,6 +228,18 @@ def _compare_ends(
         bound = np.asarray(jax.vmap(lambda last: recorder.bound(last[None, :]))(once.last[same]))
         check.moved += int(np.sum(np.any(change[same] > TOLERANCES / SETTLE_WINDOW * bound, axis=1)))
     return resting
+
+
+def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> None:
+    """Compare the starting points of rows (n,)."""
+    model = ready.plan.model
+    once, half = ready.job.run.starting_points(ready.plan, rows, ready.work.numerics, ready.engine)
+    both = once.found & half.found
+    check.status_differs = int(np.sum(once.found != half.found))
+    change = changes(model, once.observed, half.observed)
+    check.take_largest(model, change[both])
+    angles = change[:, circular(model)]
+    check.moved = int(np.sum(both & np.any(angles > TOLERANCES * TOLERANCE, axis=1)))
 
 
 def _failed(status: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ import yaml
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
+from gaitsweep.table.former_names import renamed
 from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
@@ -124,7 +125,9 @@ def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
     """Look at a directory, and read the records of its sound parts into `tables` where it is given."""
     manifest = read_manifest(path)
     examined = Examination(path, manifest)
-    job, written = _job_of(path, manifest, examined.digests.get(JOB))
+    run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
+    job = renamed(run)
+    written = job if on_disk is run else renamed(on_disk)
     for number, table in examined.parts(records=tables is not None):
         if tables is not None and table is not None:
             tables[number] = table

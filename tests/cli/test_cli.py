@@ -54,7 +54,7 @@ class FakeRunner(types.ModuleType):
         self.error: BaseException | None = None
         self.error_after_blocks = 0
 
-    def carry_out(
+    def run_job(
         self,
         job: Job,
         out: Path | None = None,
@@ -106,6 +106,7 @@ class FakeRunner(types.ModuleType):
 def runner(monkeypatch: pytest.MonkeyPatch) -> FakeRunner:
     fake = FakeRunner()
     monkeypatch.setitem(sys.modules, "gaitsweep.runs.execute", fake)
+    monkeypatch.setitem(sys.modules, "gaitsweep.runs.figures", fake)
     needs = types.ModuleType("gaitsweep.runs.estimate")
     needs.estimate = fake.estimate  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "gaitsweep.runs.estimate", needs)

@@ -25,7 +25,7 @@ from gaitsweep.contract import HybridModel, Status
 from gaitsweep.dynamics.plane_section import Plane
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.fixed_time import Hold
+from gaitsweep.engine.recorders.fixed_time import FixedTime
 from gaitsweep.engine.recorders.recorder import _packed, unpacked
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.engine.recorders.trace import Trace
@@ -130,7 +130,7 @@ def test_a_flow_without_guards_runs(engine: str) -> None:
     t, x, v = traced.samples.T
     np.testing.assert_allclose(x, np.cos(2.0 * t), rtol=0, atol=1e-10)
     np.testing.assert_allclose(v, -2.0 * np.sin(2.0 * t), rtol=0, atol=1e-10)
-    held = run_rows(model, Hold(model, 3.0), {"x_0": 1.0}, **options)
+    held = run_rows(model, FixedTime(model, 3.0), {"x_0": 1.0}, **options)
     assert (Status(held.status[0]).name, held.cycles[0], held.t_end[0]) == ("complete", 0, 3.0)
     # there is no section to settle on: the row comes to its limit of time
     never = run_rows(model, Settle(model, 5), {"x_0": 1.0}, **options)
@@ -201,9 +201,9 @@ def test_guards_without_names_are_told_by_their_numbers(tmp_path: Path) -> None:
     runs = {
         "return_map": {"crossings": 40},
         "trace": {"duration": 2.0, "every": 0.5},
-        "hold": {"duration": 2.0},
+        "fixed_time": {"duration": 2.0},
         "ramp": {"parameter": "stiffness", "path": [4.0, 4.1], "rate": 0.05},
-        "staircase": {"parameter": "stiffness", "path": [4.0, 4.1], "step": 0.1, "hold": 1.0},
+        "staircase": {"parameter": "stiffness", "path": [4.0, 4.1], "step": 0.1, "dwell": 1.0},
     }
     for kind, fields in runs.items():
         job = stalls("toy_model:Toy", run={"kind": kind, **fields})

@@ -25,7 +25,7 @@ def test_crossings_on_a_card_agree_with_solve_ivp() -> None:
     assert np.mean(worst < 1e-6) >= 0.95
 
 
-@pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("stabilised", 32e-3)])
+@pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("propagator6", 32e-3)])
 def test_kernels_on_a_card_agree_with_solve_ivp(method: str, dt: float) -> None:
     """One thread a trajectory, rows refilled and kept on the way: the bound of the XLA engine."""
     pytest.importorskip("numba_cuda")
@@ -44,7 +44,7 @@ def test_settling_on_a_card() -> None:
     pytest.importorskip("numba_cuda")
     random = np.random.default_rng(8)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 48) for i in (1, 2, 3)}
-    numerics = Numerics(dt=32e-3, method="stabilised")
+    numerics = Numerics(dt=32e-3, method="propagator6")
     recorder = Settle(Multilegged())
     kernel, xla = (
         run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=lanes, engine=engine)

@@ -25,7 +25,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu, lower
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.ramp import Path as RampPath
+from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.engine.recorders.trace import Trace
 from gaitsweep.engine.sweep.engines import EngineError, choose
@@ -109,7 +109,7 @@ def test_traces_and_ramps() -> None:
     trace = Trace(Toy(), duration=5.0, every=0.05, after_cycles=1)
     kernel, xla = both(trace, {"launch_1": LAUNCH[:5]}, lanes=4)
     agree(kernel, xla, 1e-10)
-    path = RampPath((1.0, 2.0, 1.0), rate=0.02)
+    path = RampSchedule((1.0, 2.0, 1.0), rate=0.02)
 
     def drive(values, t):
         return Toy().params({**values, "kick": path.at(t)})
@@ -134,7 +134,7 @@ def test_single_precision() -> None:
     np.testing.assert_allclose(kernel.last, xla.last, atol=1e-3)
 
 
-@pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("stabilised", 32e-3)])
+@pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("propagator6", 32e-3)])
 def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
     """1e-9 over ten crossings is what is promised; rounding alone grows to some 1e-11 on the way."""
     random = np.random.default_rng(3)

@@ -11,11 +11,11 @@ from job_files import refused, written
 from toy_model import Toy
 
 import gaitsweep as gs
-from gaitsweep.engine.recorders.ramp import Path as Way
+from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.job import Job
 
 TOY = f"{Toy.__module__}:{Toy.__name__}"
-WAY: dict[str, Any] = {"parameter": "kick", "path": [0.5, 2.0, 0.5], "rate": 0.1, "hold": 3}
+WAY: dict[str, Any] = {"parameter": "kick", "path": [0.5, 2.0, 0.5], "rate": 0.1, "initial_dwell": 3}
 TEXT = "name: a\nmodel: toy_model:Toy\nvary: {{launch_1: [1, 2]}}\nrun: {run}\n"
 
 
@@ -28,7 +28,7 @@ def test_a_trace_moves_as_the_ramp_does(tmp_path: Path) -> None:
     ramp = _table(tmp_path, "ramp", {"kind": "ramp", **WAY})
     trace = _table(tmp_path, "trace", {"kind": "trace", "duration": 30, "every": 0.01, **WAY})
     assert list(trace.columns[:5]) == ["row", "launch_1", "pass", "kick", "t"]
-    way = Way(tuple(WAY["path"]), WAY["rate"], WAY["hold"])
+    way = RampSchedule(tuple(WAY["path"]), WAY["rate"], WAY["initial_dwell"])
     np.testing.assert_allclose(trace["kick"], np.asarray(way.at(trace["t"].to_numpy())), atol=1e-12)
     assert set(trace["pass"]) == {0, 1}
     for row in (0, 1):
@@ -63,7 +63,7 @@ def test_a_trace_that_moves_nothing_keeps_its_hash() -> None:
         ("{kind: trace, duration: 3, every: 1, parameter: kick, path: [1, 2]}", ["run.rate is missing"]),
         (
             "{kind: trace, duration: 3, every: 1, parameter: kick, path: [1, 2], rate: 1, after_cycles: 4}",
-            ["run.after_cycles is 4", "use run.hold"],
+            ["run.after_cycles is 4", "use run.initial_dwell"],
         ),
         (
             "{kind: trace, duration: 3, every: 1, parameter: kik, path: [1, 2], rate: 1}",

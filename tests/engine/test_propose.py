@@ -20,7 +20,7 @@ from gaitsweep.contract import HybridModel, Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.section_map import next_crossing
 from gaitsweep.engine.propose import METHODS, refusal
-from gaitsweep.engine.propose.exponential import EXACT, STABILISED
+from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.models.multilegged.model import Multilegged
@@ -28,12 +28,12 @@ from gaitsweep.models.multilegged.model import Multilegged
 REFERENCE = Path(__file__).parents[1] / "reference" / "multilegged_crossings.csv"
 LINEAR = [cls() for cls in (*map(models.find, models.names()), Toy) if getattr(cls, "linear", False)]
 # dt (s) that leaves a third of the range of stability to rows with lighter masses
-LONG = {"rk4": 4e-3, "stabilised": 32e-3, "exact": 32e-3}
+LONG = {"rk4": 4e-3, "propagator6": 32e-3, "propagator": 32e-3}
 
 
 @pytest.mark.parametrize(
     ("name", "order", "counts"),
-    [("rk4", 4, (40, 50, 60, 80)), ("stabilised", 6, (7, 9, 12, 16)), ("exact", 8, (7, 9, 12, 16))],
+    [("rk4", 4, (40, 50, 60, 80)), ("propagator6", 6, (7, 9, 12, 16)), ("propagator", 8, (7, 9, 12, 16))],
 )
 def test_order_on_a_linear_flow(name: str, order: int, counts: tuple[int, ...]) -> None:
     """A free oscillation, w = 2 rad/s, over 4 s in so many steps, against its cosine."""
@@ -52,7 +52,9 @@ def test_order_on_a_linear_flow(name: str, order: int, counts: tuple[int, ...]) 
     assert abs(slope - order) < 0.2, (slope, errors)
 
 
-@pytest.mark.parametrize(("kept", "order"), [(STABILISED, 6), (EXACT, 8)], ids=["stabilised", "exact"])
+@pytest.mark.parametrize(
+    ("kept", "order"), [(PROPAGATOR6, 6), (PROPAGATOR, 8)], ids=["propagator6", "propagator"]
+)
 def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order: int) -> None:
     """No worse than a fit made anew, by more than a fiftieth; and bounded beyond the range of the fit."""
     z = -np.linspace(0.0, 20.0, 4001)
@@ -99,12 +101,12 @@ def crossings_of(chosen: str) -> np.ndarray:
     ("name", "chosen", "params", "bound"),
     [
         ("rk4", "base", {}, 1e-7),
-        ("stabilised", "base", {}, 2e-8),
-        ("exact", "base", {}, 3e-11),
-        ("stabilised", "masses", {"m_1": 0.85, "m_end": 0.95}, 1e-8),
-        ("exact", "beta", {"beta": 0.7}, 3e-11),
+        ("propagator6", "base", {}, 2e-8),
+        ("propagator", "base", {}, 3e-11),
+        ("propagator6", "masses", {"m_1": 0.85, "m_end": 0.95}, 1e-8),
+        ("propagator", "beta", {"beta": 0.7}, 3e-11),
         # the clamp's kink is not an event, and the step does not see it
-        ("stabilised", "clamp", {"clamp": 1.0}, 1e-4),
+        ("propagator6", "clamp", {"clamp": 1.0}, 1e-4),
     ],
 )
 def test_crossings_of_the_chain(name: str, chosen: str, params: dict[str, float], bound: float) -> None:
@@ -143,8 +145,8 @@ def test_labels_do_not_depend_on_the_method() -> None:
         )
         assert np.all(result.status == Status.settled)
         gaits[name] = result.labels["gait"]
-    assert np.sum(gaits["stabilised"] != gaits["rk4"]) <= 2
-    assert np.sum(gaits["exact"] != gaits["rk4"]) <= 2
+    assert np.sum(gaits["propagator6"] != gaits["rk4"]) <= 2
+    assert np.sum(gaits["propagator"] != gaits["rk4"]) <= 2
 
 
 @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.step is not None])
@@ -163,7 +165,7 @@ def test_derivatives_go_through_every_method(name: str) -> None:
 
 
 def test_methods_for_linear_flows_are_refused_elsewhere() -> None:
-    for name in ("stabilised", "exact"):
+    for name in ("propagator6", "propagator"):
         assert refusal(name, Multilegged(), "float64") is None
         assert "linear" in (refusal(name, Neuron(), "float64") or "")
         assert "float64" in (refusal(name, Multilegged(), "float32") or "")

@@ -10,8 +10,8 @@ from toy_model import Toy, bounce_times, launches
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.fixed_time import Hold
-from gaitsweep.engine.recorders.ramp import Path
+from gaitsweep.engine.recorders.fixed_time import FixedTime
+from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import Trace
 
 W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
@@ -42,7 +42,9 @@ def test_trace_counts_from_the_crossing_that_it_waits_for() -> None:
 
 def test_a_hold_ends_on_time_at_its_last_crossing() -> None:
     launch, duration = 1.3, 7.0
-    result = run_rows(Toy(), Hold(Toy(), duration), {"launch_1": [launch, 0.9]}, numerics=Numerics(dt=1e-3))
+    result = run_rows(
+        Toy(), FixedTime(Toy(), duration), {"launch_1": [launch, 0.9]}, numerics=Numerics(dt=1e-3)
+    )
     assert np.all(result.status == Status.complete)
     np.testing.assert_allclose(result.t_end, duration, rtol=0, atol=1e-12)
     bounces = bounce_times(launch, W, D, 0.5, 0.5, 40)
@@ -71,7 +73,7 @@ def test_crossings_after_some_cycles() -> None:
 
 def test_path_of_a_ramp() -> None:
     """Up, down and up again, with a hold at the start; passes are counted from zero."""
-    path = Path((2.0, 3.2, 2.0), rate=0.1, hold=5.0)
+    path = RampSchedule((2.0, 3.2, 2.0), rate=0.1, initial_dwell=5.0)
     assert abs(path.duration - 29.0) < 1e-12
     t = np.array([0.0, 5.0, 11.0, 17.0, 23.0, 29.0, 40.0])
     np.testing.assert_allclose(path.at(jnp.asarray(t)), [2.0, 2.0, 2.6, 3.2, 2.6, 2.0, 2.0], atol=1e-12)
@@ -81,7 +83,7 @@ def test_path_of_a_ramp() -> None:
 def test_a_slow_ramp_follows_the_fixed_point() -> None:
     """The launch speed follows kick/(1 - restitution) as the kick moves up and down; starts are forgotten."""
     model = Toy()
-    path = Path((0.5, 1.0, 0.5), rate=0.01, hold=10.0)
+    path = RampSchedule((0.5, 1.0, 0.5), rate=0.01, initial_dwell=10.0)
 
     def drive(values, t):
         return model.params({**values, "kick": path.at(t)})

@@ -53,7 +53,7 @@ def off(jacobian: np.ndarray, expected: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def chain() -> ReturnMap:
-    return return_map(Multilegged(), numerics=Numerics(dt=32e-3, method="stabilised"))
+    return return_map(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
 
 
 @pytest.fixture(scope="module")
@@ -225,7 +225,7 @@ def test_multipliers_of_the_reduced_chain_are_the_theorys() -> None:
 
     Their polynomials, since the double multiplier has one direction only; exact but for event location.
     """
-    mapping = return_map(MultileggedReduced(), numerics=Numerics(dt=0.1, method="exact"))
+    mapping = return_map(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
     points, _ = mapping.settled(GAITS, {}, 40)
     found = multipliers(mapping.linearised(points, {}).jacobian)
     for row, theory in zip(found, ([1, 2 / 3, 2 / 3], [1, 2 / 3, 2 / 3], [1, 2 / 3, 1 / 2]), strict=True):

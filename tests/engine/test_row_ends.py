@@ -17,7 +17,7 @@ from toy_model import Toy, bounce_times, launches
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.fixed_time import Hold
+from gaitsweep.engine.recorders.fixed_time import FixedTime
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.engine.recorders.trace import Trace
@@ -163,7 +163,7 @@ class Escaping(Logistic):
 
 RECORDERS = {
     "crossings": lambda model: Crossings(model, crossings=400),
-    "hold": lambda model: Hold(model, 400.0),
+    "hold": lambda model: FixedTime(model, 400.0),
     "trace": lambda model: Trace(model, duration=400.0, every=1.0),
 }
 
@@ -186,8 +186,8 @@ def test_divergence_is_told_from_far_to_near_the_bound(engine: str) -> None:
     model = Escaping()
     x_0 = np.array([0.9e9, -0.9e9, 1.1e9, -1.1e9])
     found = run_rows(
-        model, Hold(model, 100.0), {"x_0": x_0, "y_0": 0.5}, params={"r": 1.0, "angle": 1e300}, numerics=ONE,
-        engine=engine,
+        model, FixedTime(model, 100.0), {"x_0": x_0, "y_0": 0.5}, params={"r": 1.0, "angle": 1e300},
+        numerics=ONE, engine=engine,
     )  # fmt: skip
     assert names(found) == ["complete", "complete", "diverged", "diverged"]
     assert np.all(found.labels["gait"][2:] == -1)
@@ -251,7 +251,7 @@ def test_crossings_that_do_not_come_end_at_their_limit(engine: str) -> None:
         found = run_rows(model, recorder, {"x_0": [0.3]}, numerics=ONE, engine=engine)
         assert (names(found), found.t_end[0]) == (["time_limit"], limit)
         assert found.cycles[0] == 0
-    held = run_rows(model, Hold(model, 7.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
+    held = run_rows(model, FixedTime(model, 7.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
     assert (names(held), held.t_end[0], held.cycles[0]) == (["complete"], 7.0, 0)
     ramp = run_rows(model, Crossings(model, duration=9.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
     assert (names(ramp), ramp.t_end[0]) == (["complete"], 9.0)
@@ -294,7 +294,7 @@ def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
     model, end = Watched(), 3.7
     recorder = {
         "settle": Settle(model, 150, 1e-9, max_time=end),
-        "hold": Hold(model, end),
+        "hold": FixedTime(model, end),
         "crossings": Crossings(model, duration=end),
     }[kind]
     found = run_rows(model, recorder, {"launch_1": [1.3]}, numerics=Numerics(dt=1e-2), engine="kernel")

@@ -19,28 +19,28 @@ from toy_model import Toy
 
 from gaitsweep.contract import Quantity, Status, SteppedModel
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.staircase import Staircase
-from gaitsweep.engine.recorders.stairs import Stairs
+from gaitsweep.engine.recorders.staircase import StepRecorder
+from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.engine.sweep.block import BlockResult
 
 NUMERICS = Numerics(dt=1e-2)
 
 
-def climb(stairs: Stairs, parameter: str, starts: dict[str, Any], **options: Any) -> BlockResult:
+def climb(stairs: StepSchedule, parameter: str, starts: dict[str, Any], **options: Any) -> BlockResult:
     """Rows of the toy on a staircase of one of its parameters."""
 
     def drive(values: Any, t: jax.Array) -> Any:
         return Toy().params({**values, parameter: stairs.at(t)})
 
     options = {"numerics": NUMERICS, **options}
-    return run_rows(Toy(), Staircase(Toy(), stairs), starts, drive=drive, **options)
+    return run_rows(Toy(), StepRecorder(Toy(), stairs), starts, drive=drive, **options)
 
 
 # The path
 
 
 def test_each_pass_has_equal_stairs_and_holds_its_turning_value_once() -> None:
-    stairs = Stairs((2.0, 3.2, 2.7, 2.7001), step=0.4, hold=3.0, first_hold=5.0)
+    stairs = StepSchedule((2.0, 3.2, 2.7, 2.7001), step=0.4, dwell=3.0, first_dwell=5.0)
     assert stairs.lengths == [3, 2, 1]
     value = stairs.value(jnp.arange(7.0))
     np.testing.assert_allclose(value, [2.0, 2.4, 2.8, 3.2, 2.95, 2.7, 2.7001], rtol=1e-15)
@@ -48,20 +48,21 @@ def test_each_pass_has_equal_stairs_and_holds_its_turning_value_once() -> None:
     np.testing.assert_array_equal(stairs.passes(np.arange(7)), [0, 0, 0, 0, 1, 1, 2])
     np.testing.assert_array_equal(stairs.end(np.arange(3)), [5.0, 8.0, 11.0])
     assert stairs.duration == 23.0
-    assert len(Stairs((2.0, 3.2), 0.05, 1.0).value(jnp.arange(25.0))) == Stairs((2.0, 3.2), 0.05, 1.0).count
+    fine = StepSchedule((2.0, 3.2), 0.05, 1.0)
+    assert len(fine.value(jnp.arange(25.0))) == fine.count
 
 
 @settings(max_examples=60)
 @given(
     values=st.lists(st.floats(-9, 9), min_size=2, max_size=4, unique=True),
     step=st.floats(0.02, 9),
-    hold=st.floats(1e-2, 1e3),
+    dwell=st.floats(1e-2, 1e3),
     first=st.floats(0.01, 100),
     dtype=st.sampled_from([np.float64, np.float32]),
 )
-def test_a_stair_lasts_from_the_end_of_the_one_before(values, step, hold, first, dtype) -> None:
+def test_a_stair_lasts_from_the_end_of_the_one_before(values, step, dwell, first, dtype) -> None:
     """At the very time of a change the value is the new one, whatever rounding does; in between it stays."""
-    stairs = Stairs(tuple(values), step, hold, first * hold)
+    stairs = StepSchedule(tuple(values), step, dwell, first * dwell)
     # always as many, since JAX compiles anew for other shapes
     some = np.round(np.linspace(0, stairs.count - 1, 64)).astype(dtype)
     after = np.minimum(some + 1, stairs.count - 1)
@@ -74,7 +75,7 @@ def test_a_stair_lasts_from_the_end_of_the_one_before(values, step, hold, first,
 # Along trajectories
 
 
-def piecewise(launch: float, stairs: Stairs) -> np.ndarray:
+def piecewise(launch: float, stairs: StepSchedule) -> np.ndarray:
     """Crossings and the last launch speed at the end of each stair of the toy's stiffness, by SciPy."""
 
     def landing(t: float, y: np.ndarray) -> float:
@@ -100,7 +101,7 @@ def piecewise(launch: float, stairs: Stairs) -> np.ndarray:
 
 def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
     """The stiffness changes in mid-flight: the energy then depends on when it did, and on what it was."""
-    stairs = Stairs((4.0, 9.0, 3.0), step=1.7, hold=3.3, first_hold=4.1)
+    stairs = StepSchedule((4.0, 9.0, 3.0), step=1.7, dwell=3.3, first_dwell=4.1)
     kernel, xla = (
         climb(stairs, "stiffness", {"launch_1": [0.5, 2.0]}, engine=name) for name in ("kernel", "xla")
     )
@@ -122,7 +123,7 @@ def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
 
 def test_more_stairs_than_a_buffer_holds() -> None:
     """Each look finds another stair's end: the row waits until the host has read its buffer."""
-    stairs = Stairs((1.0, 3.0), step=0.01, hold=0.05)
+    stairs = StepSchedule((1.0, 3.0), step=0.01, dwell=0.05)
     result = climb(stairs, "kick", {"launch_1": [1.0, 0.7]}, lanes=2)
     assert np.all(result.status == Status.complete)
     for row in (0, 1):
@@ -137,15 +138,15 @@ def test_settled_takes_ten_crossings_of_its_own(crossings: tuple[int, int]) -> N
     # the change comes at the apex, from where the mass falls with the new preload
     apex = np.hypot(preload[0], kick / 2.0) - preload[0]
     fall = 0.5 * np.arccos(preload[1] / (apex + preload[1]))
-    first, hold = (crossings[0] + 0.5) * flight[0], fall + (crossings[1] - 0.5) * flight[1]
-    stairs = Stairs(preload, step=0.5, hold=float(hold), first_hold=float(first))
+    first, dwell = (crossings[0] + 0.5) * flight[0], fall + (crossings[1] - 0.5) * flight[1]
+    stairs = StepSchedule(preload, step=0.5, dwell=float(dwell), first_dwell=float(first))
     result = climb(stairs, "preload", {"launch_1": kick}, params={"restitution": 0.0, "kick": kick})
     assert np.diff(result.samples[:, 1], prepend=0.0).tolist() == list(crossings)
     assert result.samples[:, 3].tolist() == [n >= 10 for n in crossings]
 
 
 def test_an_observable_that_still_moves_is_not_settled() -> None:
-    stairs = Stairs((0.5, 1.0, 0.5), step=0.25, hold=25.0)
+    stairs = StepSchedule((0.5, 1.0, 0.5), step=0.25, dwell=25.0)
     slow = climb(stairs, "kick", {"launch_1": 0.5}, params={"restitution": 0.9})
     assert slow.samples[1:, 3].tolist() == [0.0] * 4
     assert climb(stairs, "kick", {"launch_1": 0.5}).samples[:, 3].tolist() == [1.0] * 5
@@ -158,13 +159,13 @@ def test_what_a_new_value_fires_is_fired_at_the_change() -> None:
     crossed, begun = np.divmod(first - np.arctan(2.0), period[0])
     crossed += 1  # the first firing, from the start
     assert 0.5 < np.tan(begun + np.arctan(-1.0)) < 2.0, "the potential at the change"
-    for hold, more in ((7.99 * period[1], 8), (8.01 * period[1], 9)):
-        stairs = Stairs((2.0, 0.5), step=2.0, hold=float(hold), first_hold=first)
+    for dwell, more in ((7.99 * period[1], 8), (8.01 * period[1], 9)):
+        stairs = StepSchedule((2.0, 0.5), step=2.0, dwell=float(dwell), first_dwell=first)
 
-        def drive(values: Any, t: jax.Array, stairs: Stairs = stairs) -> Any:
+        def drive(values: Any, t: jax.Array, stairs: StepSchedule = stairs) -> Any:
             return model.params({**values, "threshold": stairs.at(t)})
 
-        recorder = Staircase(model, stairs)
+        recorder = StepRecorder(model, stairs)
         result = run_rows(model, recorder, {"v_0": 0.0}, numerics=NUMERICS, drive=drive, engine="kernel")
         assert result.samples[:, 1].tolist() == [crossed, crossed + more]
 
@@ -224,22 +225,22 @@ class Turning(SteppedModel):
         return jnp.ones_like(params["rate"])
 
 
-@pytest.mark.parametrize("hold", [3.0, 2.6137, 0.004])
-def test_a_simulator_of_fixed_steps_changes_at_the_nearest_step_end(hold: float) -> None:
-    stairs, dt, model = Stairs((1.0, 2.0, 1.0), step=0.3, hold=hold), 0.01, Turning()
+@pytest.mark.parametrize("dwell", [3.0, 2.6137, 0.004])
+def test_a_simulator_of_fixed_steps_changes_at_the_nearest_step_end(dwell: float) -> None:
+    stairs, dt, model = StepSchedule((1.0, 2.0, 1.0), step=0.3, dwell=dwell), 0.01, Turning()
 
     def drive(values: Any, t: jax.Array) -> Any:
         return model.params({**values, "rate": stairs.at(t)})
 
     options: dict[str, Any] = {"numerics": Numerics(dt=dt), "drive": drive}
     results = [
-        run_rows(model, Staircase(model, stairs), {"angle": 0.0}, engine=name, **options)
+        run_rows(model, StepRecorder(model, stairs), {"angle": 0.0}, engine=name, **options)
         for name in ("kernel", "xla")
     ]
     angle, turned, steps, expected = 0.0, 0.0, 0, []
     for number in range(stairs.count):
         rate = float(stairs.value(jnp.asarray(float(number))))
-        while (steps + 0.5) * dt < (number + 1) * hold - 1e-9:
+        while (steps + 0.5) * dt < (number + 1) * dwell - 1e-9:
             before, angle, steps = angle, angle + rate * dt, steps + 1
             turned = angle if np.floor(angle) > np.floor(before) else turned
         expected.append([number, np.floor(angle), steps * dt, turned])

@@ -180,11 +180,11 @@ LINES: list[tuple[int, str, list[str]]] = [
     (
         6,
         "run: {kind: setle}",
-        ["line 6", "run.kind", "did you mean settle?", "settle, hold, trace, ramp, return_map"],
+        ["line 6", "run.kind", "did you mean settle?", "settle, fixed_time, trace, ramp, return_map"],
     ),
     (6, "run: {max_cycles: 3}", ["line 6", "run.kind is missing", "Allowed: settle"]),
     (6, "run: settle", ["line 6", 'run is "settle"', "kind among them"]),
-    (6, "run:", ["run is missing", "settle, hold, trace, ramp, return_map, staircase or continuation"]),
+    (6, "run:", ["run is missing", "settle, fixed_time, trace, ramp, return_map, staircase or continuation"]),
     (
         6,
         "run: {kind: settle, max_cycels: 3}",
@@ -234,7 +234,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (7, "numerics: {dt: small}", ["line 7", "numerics.dt", "small is not known here"]),
     (7, "numerics: {dT: 1e-3}", ["line 7", "numerics.dT", "did you mean dt?"]),
     (7, "numerics: {method: euler}", ["line 7", "numerics.method", "Allowed: auto, tsit5, rk4"]),
-    (7, "numerics: {method: stabilised}", ["line 7", "linear in the state", "Allowed: tsit5, rk4."]),
+    (7, "numerics: {method: propagator6}", ["line 7", "linear in the state", "Allowed: tsit5, rk4."]),
     (7, "numerics: {method: semi_implicit}", ["line 7", "toy does not have", "Allowed: tsit5, rk4."]),
     (7, "numerics: {precision: float16}", ["line 7", "numerics.precision", "Allowed: float64, float32"]),
     (
@@ -308,7 +308,7 @@ def test_a_line_that_is_wrong(tmp_path: Path, line: int, text: str, words: list[
 
 RUNS = [
     (TRACE, "{kind: footprints, panels: rwo}", ["figures[0].panels is rwo", "did you mean row?"]),
-    (TRACE, "{kind: basin, x: launch_1, y: row}", ["needs a run of settle or hold, not of trace"]),
+    (TRACE, "{kind: basin, x: launch_1, y: row}", ["needs a run of settle or fixed_time, not of trace"]),
     (MAP, "{kind: cycles, y: [lunch_1]}", ["figures[0].y[0] is lunch_1", "did you mean launch_1?"]),
     (MAP, "{kind: cycles, y: [launch_1], x: pass}", ["figures[0].x is pass", "not a column"]),
     (MAP, "{kind: cycles, y: []}", ["figures[0].y has 0 items"]),

@@ -11,9 +11,9 @@ from matplotlib import pyplot as plt
 from gaitsweep.analysis.gaits.loading_rule import MEASURES as ALL_MEASURES
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.figure_checks import MEASURES
 from gaitsweep.plot import draw
 from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.schemas.gaits import MEASURES
 
 GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
 MASSES = {"m_B": {"values": [0.85, 0.9]}}
@@ -74,7 +74,7 @@ def test_refused_before_rows_run(
     with pytest.raises(JobError, match=words) as error:
         job(figure, run, vary, model or "multilegged")
     assert "figures[0]" in str(error.value)
-    assert len(error.value.complaints) == 1
+    assert len(error.value.diagnostics) == 1
 
 
 DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [

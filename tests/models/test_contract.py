@@ -14,8 +14,8 @@ from toy_model import Toy
 
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Model, Status, SteppedModel, Steps, Verdict
-from gaitsweep.engine.sweep.labels import LABELLED
-from gaitsweep.runs.frames import STATUSES
+from gaitsweep.engine.recorders.recorder import LABELLED
+from gaitsweep.kinds.columns import STATUSES
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 

@@ -35,7 +35,7 @@ from gaitsweep.models.multilegged.theory.solution_sets import (
 from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
-LOCATED = Numerics(method="exact", dt=0.5)
+LOCATED = Numerics(method="propagator", dt=0.5)
 TURN = 2.0 * np.pi
 LEGS = (3, 4, 6, 9)
 
@@ -256,7 +256,7 @@ def test_labels_are_the_full_models() -> None:
     found = []
     for model, numerics in (
         (MultileggedReduced(), STEPS),
-        (Multilegged(), Numerics(method="stabilised", dt=32e-3)),
+        (Multilegged(), Numerics(method="propagator6", dt=32e-3)),
     ):
         run = run_rows(
             model, Settle(model), columns(psi), numerics=numerics, engine="kernel", lanes=256, devices=2
@@ -279,6 +279,6 @@ def test_legs_in_phase_are_where_the_models_differ() -> None:
     stays = np.array([GAITS[gait] == "none" for gait in run.labels["gait"]])
     assert stays.sum() >= 6
     assert np.all(run.last[stays, 3] == 0.0)  # leg 1 has not touched down: its phase passed 2 pi
-    numerics = Numerics(method="stabilised", dt=32e-3)
+    numerics = Numerics(method="propagator6", dt=32e-3)
     run = run_rows(full, Settle(full), columns(psi), numerics=numerics, engine="kernel", lanes=16)
     assert {GAITS[g] for g in run.labels["gait"]} <= {"direct", "source", "retrograde"}

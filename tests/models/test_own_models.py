@@ -14,7 +14,7 @@ from gaitsweep import models
 from gaitsweep.job import Job, load_job
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.runs import provenance
-from gaitsweep.runs.execute import prepare
+from gaitsweep.runs.prepare import prepare
 
 MODEL = """\
 import dataclasses

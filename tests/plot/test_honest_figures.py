@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import plot
-from gaitsweep.plot import KINDS
+from gaitsweep.plot import FIGURES
 from gaitsweep.plot.provenance_marks import remarks
 
 
@@ -55,8 +55,8 @@ def test_a_table_that_is_not_complete_is_marked(kind: str, table: pd.DataFrame, 
 
 
 def test_every_kind_is_marked() -> None:
-    assert all(hasattr(figure_of, "__wrapped__") for figure_of in KINDS.values())
-    assert all(getattr(plot, kind) is figure_of for kind, figure_of in KINDS.items())
+    assert all(hasattr(figure.draw, "__wrapped__") for figure in FIGURES.values())
+    assert all(getattr(plot, kind) is figure.draw for kind, figure in FIGURES.items())
 
 
 def test_remarks() -> None:

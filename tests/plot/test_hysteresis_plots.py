@@ -66,7 +66,7 @@ def test_arrows_are_along_a_row_that_stands_on_a_branch() -> None:
 def test_hysteresis_shows_a_ramp_and_holds_side_by_side() -> None:
     ramp, stairs = ramp_table(steps=1000), staircase_table(hold=20)
     ramp.attrs["job"]["run"] |= {"rate": 0.01}
-    stairs.attrs["job"]["run"] |= {"hold": 8.0}
+    stairs.attrs["job"]["run"] |= {"dwell": 8.0}
     figure = plot.hysteresis(ramp, y="delta_13", with_table=stairs)
     rendered(figure)
     left, right = figure.axes

@@ -58,5 +58,5 @@ def value(kept: list[float] | tuple[float, ...], z: Array) -> Array:
 
 
 if __name__ == "__main__":
-    for name, order, degree in (("STABILISED", 6, 14), ("EXACT", 8, 20)):
+    for name, order, degree in (("PROPAGATOR6", 6, 14), ("PROPAGATOR", 8, 20)):
         print(name, shares(order, degree, 20.0))

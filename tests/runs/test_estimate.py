@@ -10,7 +10,7 @@ import pytest
 
 from gaitsweep.job import Job
 from gaitsweep.runs.estimate import estimate
-from gaitsweep.runs.execute import carry_out
+from gaitsweep.runs.execute import run_job
 
 GRID = {"launch_1": {"linspace": [1, 2, 5]}, "preload": {"linspace": [0.5, 0.9, 4]}}
 FINE = {"launch_1": {"linspace": [1, 2, 33]}, "preload": {"linspace": [0.5, 0.9, 33]}}
@@ -22,12 +22,12 @@ KINDS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "settle": ({"kind": "settle"}, FINE),
     "settle a sample": ({"kind": "settle"}, BOX),
     "refine": ({"kind": "settle", "refine": "boundary", "over": ["launch_1", "preload"]}, FINE),
-    "hold": ({"kind": "hold", "duration": 3}, GRID),
+    "fixed time": ({"kind": "fixed_time", "duration": 3}, GRID),
     "trace": (TRACE, GRID),
     "trace that moves": ({**TRACE, **MOVED, "rate": 4}, GRID),
     "ramp": ({"kind": "ramp", **MOVED, "rate": 0.5}, GRID),
     "return map": ({"kind": "return_map", "crossings": 50, "after_cycles": 3}, GRID),
-    "staircase": ({"kind": "staircase", **MOVED, "step": 0.5, "hold": 2}, GRID),
+    "staircase": ({"kind": "staircase", **MOVED, "step": 0.5, "dwell": 2}, GRID),
     "continuation": (BRANCH, {"preload": [0.5, 0.9]}),
 }  # fmt: skip
 
@@ -37,7 +37,7 @@ def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) ->
     run, vary = KINDS[name]
     job = Job(name="x", model="toy_model:Toy", run=run, vary=vary, verify=0)
     needs = estimate(job)
-    folder = carry_out(job, tmp_path / "out") / "table"
+    folder = run_job(job, tmp_path / "out") / "table"
     parts = sorted(folder.glob("part-*.parquet"))
     records = sum(pq.read_metadata(part).num_rows for part in parts)
     written = sum(part.stat().st_size for part in parts)

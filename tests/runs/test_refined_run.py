@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -214,4 +213,4 @@ def test_jobs_that_do_not_refine_keep_their_hash() -> None:
     assert len(hashes) == 3
     again = gs.Job(**json.loads(json.dumps(job().resolved())))
     assert again.hash() == job().hash()
-    assert dataclasses.asdict(refinement.grid_of(job().plan, job().run))["wraps"] == {0: True, 2: True}
+    assert job().run.refined(job().plan).wraps == {0: True, 2: True}

@@ -97,7 +97,7 @@ def test_a_stopped_run_goes_on_and_gives_the_same_table(
         {"kind": "settle", "max_cycles": 400, "tolerance": 1e-6},
         {"kind": "return_map", "crossings": 40},
         {"kind": "trace", "duration": 20.0, "every": 0.25},
-        {"kind": "staircase", "parameter": "mass", "path": [1, 2], "step": 0.25, "hold": 4.0},
+        {"kind": "staircase", "parameter": "mass", "path": [1, 2], "step": 0.25, "dwell": 4.0},
     ],
     ids=lambda run: run["kind"],
 )
@@ -151,7 +151,7 @@ def test_a_run_killed_after_its_last_part_is_completed(
 
     out = tmp_path / "out"
     with monkeypatch.context() as patched:
-        patched.setattr(runner, "_sum_up", killed)
+        patched.setattr(runner, "sum_up", killed)
         with pytest.raises(KeyboardInterrupt):
             gs.run(job_file, out, overrides=small)
     assert Snapshot.of(out).complete

@@ -15,7 +15,7 @@ from gaitsweep.job import Job
 from gaitsweep.runs.self_check import sample_rows
 from gaitsweep.runs.self_check_report import sentence
 
-HOLD = {"kind": "hold", "duration": 40.0}
+HOLD = {"kind": "fixed_time", "duration": 40.0}
 SETTLE = {"kind": "settle", "max_cycles": 2000, "tolerance": 1e-4}
 
 
@@ -77,7 +77,7 @@ def test_strict_runs_fail_where_others_warn(tmp_path: Path, capsys: pytest.Captu
     file = tmp_path / "job.yaml"
     file.write_text(
         "name: wells\nmodel: double_well:DoubleWell\nparams: {lean: 1.0e-3}\nvary: {x_0: [-4.0e-5]}\n"
-        "run: {kind: hold, duration: 40}\n"
+        "run: {kind: fixed_time, duration: 40}\n"
     )
     options = ["run", str(file), "--out", str(tmp_path / "by command")]
     assert main(options) == 0

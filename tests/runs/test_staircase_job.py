@@ -12,9 +12,9 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.job import Job, JobError
 from gaitsweep.runs.estimate import estimate
-from gaitsweep.runs.execute import carry_out
+from gaitsweep.runs.execute import run_job
 
-STAIRS = {"kind": "staircase", "parameter": "stiffness", "path": [4, 9, 4], "step": 2.5, "hold": 12.0}
+STAIRS = {"kind": "staircase", "parameter": "stiffness", "path": [4, 9, 4], "step": 2.5, "dwell": 12.0}
 
 
 def job(**fields: Any) -> Job:
@@ -24,7 +24,7 @@ def job(**fields: Any) -> Job:
 
 def test_the_table_of_a_staircase(tmp_path: Path) -> None:
     """Formulas follow the moving parameter, labels are those at each stair's value."""
-    table = gs.run(job(run={**STAIRS, "hold": 25.0}), tmp_path / "out").table
+    table = gs.run(job(run={**STAIRS, "dwell": 25.0}), tmp_path / "out").table
     moved = ["stair", "pass", "stiffness", "t", "crossing", "settled", "slowest", "status", "stalled_by"]
     assert list(table.columns) == ["row", "launch_1", *moved, "launch_1_n", "gait", "apex"]
     assert table["stair"].dtype == np.int64
@@ -60,7 +60,7 @@ def test_rows_that_fall_keep_the_stairs_that_they_ended(tmp_path: Path) -> None:
 
 def test_a_stair_without_a_crossing_has_no_gait(tmp_path: Path) -> None:
     """The observables stand still where nothing crosses; what they were before is no gait of this stair."""
-    table = gs.run(job(run={**STAIRS, "hold": 0.1, "step": 0.5}), tmp_path / "out").table
+    table = gs.run(job(run={**STAIRS, "dwell": 0.1, "step": 0.5}), tmp_path / "out").table
     crossed = table.groupby("row")["crossing"].diff().fillna(table["crossing"]) > 0
     assert 0 < crossed.sum() < len(table)
     assert (table["gait"].notna() == crossed).all()
@@ -78,11 +78,11 @@ def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> N
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        carry_out(asked, tmp_path / "stopped", progress=stop)
+        run_job(asked, tmp_path / "stopped", progress=stop)
     assert 20 <= len(gs.load(tmp_path / "stopped")) < len(whole)
     assert shares == sorted(shares)
     assert any(share * 9 % 1.0 > 0.0 for share in shares), "running rows count in part"
-    carry_out(asked, tmp_path / "stopped")
+    run_job(asked, tmp_path / "stopped")
     pd.testing.assert_frame_equal(gs.load(tmp_path / "stopped"), whole, check_exact=True)
 
 
@@ -99,7 +99,7 @@ def test_a_staircase_is_a_job_like_others() -> None:
     asked = job()
     assert "stiffness" not in asked.resolved()["params"]
     assert Job(**asked.resolved()).hash() == asked.hash()
-    assert job(run={**STAIRS, "first_hold": 30.0}).hash() != asked.hash()
+    assert job(run={**STAIRS, "first_dwell": 30.0}).hash() != asked.hash()
 
 
 BAD = [
@@ -109,8 +109,8 @@ BAD = [
     ({}, {"vary": {"stiffness": [4, 5]}}, ["vary.stiffness varies, but run.parameter moves it"]),
     ({"step": 0}, {}, ["run.step is 0, but must be above 0"]),
     ({"step": -0.1}, {}, ["run.step is -0.1, but must be above 0"]),
-    ({"hold": 0}, {}, ["run.hold is 0, but must be above 0"]),
-    ({"first_hold": -1}, {}, ["run.first_hold is -1, but must be above 0"]),
+    ({"dwell": 0}, {}, ["run.dwell is 0, but must be above 0"]),
+    ({"first_dwell": -1}, {}, ["run.first_dwell is -1, but must be above 0"]),
     ({"tolerance": 0}, {}, ["run.tolerance is 0, but must be above 0"]),
     ({"path": [4]}, {}, ["run.path has 1 items, but takes at least 2"]),
     ({"path": [4, 9, 9, 4]}, {}, ["run.path[2] is 9, as the value before it is: leave one of the two out"]),
@@ -119,11 +119,11 @@ BAD = [
     ({}, {"params": {"kick": "8-stiffness"}}, ["params.kick is", "where the staircase has stiffness = 9"]),
     ({"step": 1e-4}, {}, ["run.step is 0.0001, which makes 100001 stairs; at most 10000 are made"]),
     ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are made"]),
-    ({"holds": 3}, {}, ["run.holds is not a field of run (staircase); did you mean hold?"]),
+    ({"dwells": 3}, {}, ["run.dwells is not a field of run (staircase); did you mean dwell?"]),
     (
         {},
         {"figures": [{"kind": "basin", "x": "launch_1", "y": "t"}]},
-        ["needs a run of settle or hold, not of stair"],
+        ["needs a run of settle or fixed_time, not of stair"],
     ),
 ]
 
@@ -138,7 +138,7 @@ def test_a_staircase_that_cannot_be_run(
         assert word in str(error.value)
 
 
-@pytest.mark.parametrize("missing", ["parameter", "path", "step", "hold"])
+@pytest.mark.parametrize("missing", ["parameter", "path", "step", "dwell"])
 def test_what_a_staircase_has_to_say(missing: str) -> None:
     with pytest.raises(JobError, match=rf"run\.{missing} is missing: "):
         job(run={name: value for name, value in STAIRS.items() if name != missing})

@@ -17,7 +17,7 @@ import yaml
 from toy_directories import block_frame, files_of, fill, open_toy
 
 from gaitsweep.cli.main import main
-from gaitsweep.runs.execute import draw_figures
+from gaitsweep.runs.figures import draw_figures
 from gaitsweep.runs.report import write_report
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.manifest import sealed

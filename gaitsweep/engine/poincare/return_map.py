@@ -24,7 +24,7 @@ from gaitsweep.engine.poincare.poincare_return import Way
 from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.sweep.leaves import numbers_of, with_numbers
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import evaluate, functions_of, names_in
+from gaitsweep.expression import functions_of, names_in, resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,9 +64,9 @@ class ReturnMap(Map):
     Args:
         model: the model.
         settings: (name, number or formula) of the parameters that are not at their defaults.
-        numerics: what the model recommends, where not given. With located events (tsit5, rk4, stabilised,
-            exact) the map has derivatives; in steps of fixed length it is a staircase of that step's size,
-            and derivatives are refused.
+        numerics: what the model recommends, where not given. With located events (tsit5, rk4, propagator6,
+            propagator) the map has derivatives; in steps of fixed length it is a staircase of that step's
+            size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
         cycles: crossings from a point to its image.
         share: by which steps are shorter than the numerics say, and tolerances finer.
@@ -99,11 +99,8 @@ class ReturnMap(Map):
     def params(self, values: Values) -> Params:
         """The model's parameters: those given, the settings, the defaults; formulas follow what they use."""
         known: dict[str, Any] = {name: jnp.asarray(value) for name, value in values.items()}
-        functions = functions_of(jnp)
-        for name in self._order:
-            if name not in known:
-                known[name] = evaluate(self._written[name], known, functions)
-        return self.model.params(known)
+        settings = {name: self._written[name] for name in self._order if name not in known}
+        return self.model.params(resolve(settings, known, functions_of(jnp)))
 
     def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
         unknown = [name for name in values if name not in self._written]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from gaitsweep.contract import HybridModel, Model, Steps
-from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
+from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
 from gaitsweep.engine.propose.tsit5 import tsit5
@@ -17,16 +17,16 @@ from gaitsweep.errors import ArgumentError
 METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
     "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
-    "stabilised": Method(
-        exponential(STABILISED),
+    "propagator6": Method(
+        exponential(PROPAGATOR6),
         first_step=1.0 / 32.0,
         growth=2.0,
         linear_only=True,
         limits=((0.0, 2.0), (0.26, 4.5), (0.5, 5.1), (0.71, 6.1), (0.87, 7.8), (0.966, 11.8), (0.985, 14.6),
                 (1.0, 20.0)),
     ),
-    "exact": Method(
-        exponential(EXACT),
+    "propagator": Method(
+        exponential(PROPAGATOR),
         first_step=1.0 / 32.0,
         growth=2.0,
         linear_only=True,

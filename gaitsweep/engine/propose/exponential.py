@@ -26,7 +26,7 @@ Shares = tuple[float, ...]
 
 # Order 6, 14 products: within 2.1e-3 of exp(z) on [-20, 0], |R| <= 1 down to z = -21.4; with z off the
 # negative axis by 15, 30 and 45 degrees while |z| < 17, 12, 8.9.
-STABILISED: Shares = (
+PROPAGATOR6: Shares = (
     *(1.0,) * 6,
     0.9837727362578907,
     0.9075049629828137,
@@ -40,7 +40,7 @@ STABILISED: Shares = (
 
 # Order 8, 20 products: within 8.1e-7 of exp(z) on [-20, 0], |R| <= 1 down to z = -23.2. What is left of
 # the error on the multi-legged chain is that of locating events to 1e-12 s.
-EXACT: Shares = (
+PROPAGATOR: Shares = (
     *(1.0,) * 8,
     0.9997009633863908,
     0.9968399635972519,

@@ -29,8 +29,8 @@ class Crossings(Recorder):
     duration: float | None = None
 
     @property
-    def width(self) -> int:
-        return 2 + len(self.model.observables)
+    def names(self) -> tuple[str, ...]:
+        return ("crossing", "t", *(f"{q.name}_n" for q in self.model.observables))
 
     def stop(self, params: Params) -> jax.Array:
         period = self.model.period(params)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,14 +10,12 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import Record, Recorder
+from gaitsweep.engine.recorders.recorder import Readings, Record, Recorder, RowEnds, readings_at_the_end
 
 
 @dataclasses.dataclass(frozen=True)
-class Hold(Recorder):
+class FixedTime(Recorder):
     """The last crossing before `duration` (s), for models that do not come to rest on the section."""
-
-    labelled: ClassVar[bool] = True
 
     model: Model
     duration: float
@@ -39,6 +36,9 @@ class Hold(Recorder):
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
+
+    def readings(self, block: RowEnds) -> Readings:
+        return readings_at_the_end(block)
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return t / self.duration

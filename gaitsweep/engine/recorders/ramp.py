@@ -1,4 +1,4 @@
-"""A parameter that moves slowly along a path, up and down."""
+"""A parameter that moves at a constant rate along a path."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ PARTS = 4
 
 
 @dataclasses.dataclass(frozen=True)
-class Path:
-    """Straight passes between the `values`, at `rate` (units of the parameter a second), after `hold` s."""
+class RampSchedule:
+    """Straight passes between the `values` at `rate` (units of the parameter per second).
+
+    The first value is kept for `initial_dwell` s before the first pass.
+    """
 
     values: tuple[float, ...]
     rate: float
-    hold: float = 0.0
+    initial_dwell: float = 0.0
 
     @property
     def knots(self) -> np.ndarray:
         """Times (s) at which a pass begins or ends, one for each value."""
         lengths = [abs(b - a) / self.rate for a, b in itertools.pairwise(self.values)]
-        return self.hold + np.concatenate([[0.0], np.cumsum(lengths)])
+        return self.initial_dwell + np.concatenate([[0.0], np.cumsum(lengths)])
 
     @property
     def duration(self) -> float:
@@ -47,5 +50,5 @@ class Path:
         return value
 
     def passes(self, t: np.ndarray) -> np.ndarray:
-        """The pass (0, 1, ...) in which each time falls; the hold belongs to pass 0."""
+        """The pass (0, 1, ...) in which each time falls; the initial dwell belongs to pass 0."""
         return np.clip(np.searchsorted(self.knots[1:-1], t, side="right"), 0, len(self.values) - 2)

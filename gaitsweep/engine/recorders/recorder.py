@@ -11,13 +11,13 @@ from __future__ import annotations
 import abc
 import dataclasses
 from functools import partial
-from typing import ClassVar
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import HybridModel, Model, Params, State, Status
+from gaitsweep.contract import HybridModel, Model, Params, State, Status, Verdict
 from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
 
 # Attempts between two looks at a trajectory. It is part of the results (a failed row's end time is a
@@ -33,6 +33,8 @@ SPARE_CYCLES = 10
 ATTEMPTS_PER_STEP = 8.0
 # Guards in one number of `Record.fired`: a slot of a kernel is a float64, which holds 53 bits.
 GUARDS_A_WORD = 32
+# How a row may end and still have a last section crossing at which its gait can be read.
+LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
 # What of a record stays on the device.
 UNSEEN = ("window", "moves")
 
@@ -77,20 +79,58 @@ class Record:
     fired: jax.Array
 
 
+class RowEnds(Protocol):
+    """How the rows of a block ended: (n,) each, `last` the observables (n, k) at the last crossing."""
+
+    rows: int
+    status: np.ndarray
+    cycles: np.ndarray
+    t_end: np.ndarray
+    last: np.ndarray
+
+    def kept(self) -> tuple[np.ndarray, np.ndarray]:
+        """The row in the block (m,) and the numbers (m, width) of each buffered row."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Readings:
+    """Where gaits are read: `rows` (n,) in the block, times `t` (n,) s, `observed` (n, k), `readable` (n,).
+
+    `batch`: readings in one call of the model's `label`; None for the rows of a block.
+    """
+
+    rows: np.ndarray
+    t: np.ndarray
+    observed: np.ndarray
+    readable: np.ndarray
+    batch: int | None = None
+
+
+def readings_at_the_end(block: RowEnds) -> Readings:
+    """The readings of rows that are labelled where they end."""
+    readable = np.isin(block.status, LABELLED) & (block.cycles > 0)
+    return Readings(np.arange(block.rows), block.t_end, block.last, readable)
+
+
 class Recorder(abc.ABC):
     """What all kinds of runs share: health, the count of cycles, emptying of buffers."""
 
     model: Model
-    labelled: ClassVar[bool] = False  # whether rows end where their gait can be read
 
     @property
     def window(self) -> int:
         return 0
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the numbers in a buffered row, in their order; none where the kind keeps no rows."""
+        return ()
+
+    @property
     def width(self) -> int:
-        """Numbers in a buffered row; 0 where the kind keeps none."""
-        return 0
+        """Numbers in a buffered row."""
+        return len(self.names)
 
     @abc.abstractmethod
     def stop(self, params: Params) -> jax.Array:
@@ -131,6 +171,10 @@ class Recorder(abc.ABC):
             fired=jnp.zeros_like(_packed(fired_last(carry))),
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
+
+    def readings(self, block: RowEnds) -> Readings | None:
+        """Where the gaits of a block's rows are read; None where this recorder keeps no gaits."""
+        return None
 
     @abc.abstractmethod
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:

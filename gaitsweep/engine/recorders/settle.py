@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,14 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder
+from gaitsweep.engine.recorders.recorder import (
+    SPARE_CYCLES,
+    Readings,
+    Record,
+    Recorder,
+    RowEnds,
+    readings_at_the_end,
+)
 
 # Crossings over which a settled state must not move.
 SETTLE_WINDOW = 10
@@ -42,8 +48,6 @@ class Settle(Recorder):
     period p: see `_period`. `tolerance` is one for all observables, or one for each. `max_time` (s) defaults
     to four nominal periods for each cycle allowed.
     """
-
-    labelled: ClassVar[bool] = True
 
     model: Model
     max_cycles: int = 150
@@ -134,6 +138,9 @@ class Settle(Recorder):
             holds = slow & (APART * now < way) & (dies_away | rests)
             found = jnp.where(holds, p, found)
         return found
+
+    def readings(self, block: RowEnds) -> Readings:
+        return readings_at_the_end(block)
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return np.minimum(np.asarray(record.cycles) / (typical_cycles or 0.4 * self.max_cycles), 0.95)

@@ -1,9 +1,8 @@
-"""Runs in which a parameter moves in stairs: a record at the end of each."""
+"""Runs in which a parameter moves in steps: a record at the end of each stair."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,13 +10,25 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, GOING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP, BUFFER, Record, Recorder, counted
+from gaitsweep.engine.recorders.recorder import (
+    ATTEMPTS_PER_STEP,
+    BUFFER,
+    Readings,
+    Record,
+    Recorder,
+    RowEnds,
+    counted,
+)
 from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, TOLERANCE, bounds, change, slowest
-from gaitsweep.engine.recorders.stairs import Stairs
+from gaitsweep.engine.recorders.stairs import StepSchedule
+
+_HEAD = ("stair", "crossing", "t", "settled", "slowest")  # what stands before the observables
+# Stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
+BATCH = 1024
 
 
 @dataclasses.dataclass(frozen=True)
-class Staircase(Recorder):
+class StepRecorder(Recorder):
     """The end of each stair: stair, crossings, t, settled, slowest, the observables at the last crossing.
 
     Settled: no observable is farther from its value at any of the last `SETTLE_WINDOW` crossings than
@@ -27,10 +38,8 @@ class Staircase(Recorder):
     its state goes on from stair to stair.
     """
 
-    HEAD: ClassVar[int] = 5  # numbers before the observables
-
     model: Model
-    stairs: Stairs
+    stairs: StepSchedule
     tolerance: float | tuple[float, ...] = TOLERANCE
 
     @property
@@ -38,8 +47,14 @@ class Staircase(Recorder):
         return SETTLE_WINDOW + 1  # the last crossing and those before it
 
     @property
-    def width(self) -> int:
-        return self.HEAD + len(self.model.observables)
+    def names(self) -> tuple[str, ...]:
+        return (*_HEAD, *(f"{q.name}_n" for q in self.model.observables))
+
+    def readings(self, block: RowEnds) -> Readings:
+        rows, samples = block.kept()
+        samples = samples.reshape(-1, self.width)
+        observed = samples[:, len(_HEAD) :]
+        return Readings(rows, self.stairs.middle(samples[:, 0]), observed, _readable(samples), BATCH)
 
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.stairs.first)
@@ -105,7 +120,7 @@ class Staircase(Recorder):
         return jnp.where(self._slot(record.cycles)[:, None], record.last, jnp.nan)
 
 
-def readable(samples: np.ndarray) -> np.ndarray:
+def _readable(samples: np.ndarray) -> np.ndarray:
     """Which of a block's records (n, width), in the order of rows, stand on the section: those with a
     crossing on their own stair."""
     stair, crossing = samples[:, 0], samples[:, 1]

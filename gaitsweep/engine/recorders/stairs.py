@@ -1,4 +1,4 @@
-"""A parameter that moves in stairs along a path and is held on each."""
+"""A parameter that moves in steps along a path and is constant between them."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ _SLACK = 16
 
 
 @dataclasses.dataclass(frozen=True)
-class Stairs:
-    """The values of a parameter between `values`, `step` apart or less, `hold` s on each.
+class StepSchedule:
+    """Stairs between the `values` of a parameter, at most `step` apart, each kept for `dwell` s.
 
-    Each pass from one of `values` to the next is divided in equal stairs; a turning value is held once and
-    belongs to the pass that reaches it, the first value to pass 0. `first_hold` s on stair 0 (None: `hold`).
+    Each pass from one of `values` to the next is divided into equal stairs. A turning value is one stair and
+    belongs to the pass that reaches it; the first value belongs to pass 0. Stair 0 is kept for
+    `first_dwell` s (None: `dwell`).
     """
 
     values: tuple[float, ...]
     step: float
-    hold: float
-    first_hold: float | None = None
+    dwell: float
+    first_dwell: float | None = None
 
     @property
     def lengths(self) -> list[int]:
@@ -44,25 +45,25 @@ class Stairs:
     @property
     def first(self) -> float:
         """Seconds on stair 0."""
-        return self.hold if self.first_hold is None else self.first_hold
+        return self.dwell if self.first_dwell is None else self.first_dwell
 
     @property
     def duration(self) -> float:
-        return self.first + (self.count - 1) * self.hold
+        return self.first + (self.count - 1) * self.dwell
 
     def end(self, stair: jax.Array | np.ndarray) -> jax.Array:
         """The time (s) at which a stair ends; the dtype is that of `stair`."""
-        return jnp.asarray(self.first + stair * self.hold)
+        return jnp.asarray(self.first + stair * self.dwell)
 
     def middle(self, stair: np.ndarray) -> np.ndarray:
         """A time (s) well inside a stair."""
-        return np.where(stair == 0, 0.5 * self.first, self.first + (stair - 0.5) * self.hold)
+        return np.where(stair == 0, 0.5 * self.first, self.first + (stair - 0.5) * self.dwell)
 
     def stair(self, t: jax.Array) -> jax.Array:
         """The stair at time `t` (s), a whole number in the dtype of `t`; a change counts as after it."""
         # the end of a stair is a product, so that this quotient may lie by rounding below the whole number
-        slack = _SLACK * float(jnp.finfo(t.dtype).eps) * self.duration / self.hold
-        begun = jnp.floor((t - self.first) / self.hold + slack)
+        slack = _SLACK * float(jnp.finfo(t.dtype).eps) * self.duration / self.dwell
+        begun = jnp.floor((t - self.first) / self.dwell + slack)
         return jnp.clip(begun + 1.0, 0.0, self.count - 1.0)
 
     @property

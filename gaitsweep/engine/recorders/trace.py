@@ -34,8 +34,8 @@ class Trace(Recorder):
         return int(self.duration / self.every * (1.0 + 1e-12)) + 1
 
     @property
-    def width(self) -> int:
-        return 1 + len(self.model.signals)
+    def names(self) -> tuple[str, ...]:
+        return ("t", *(q.name for q in self.model.signals))
 
     def stop(self, params: Params) -> jax.Array:
         """The first sample at once, or the limit of the cycles to let pass."""

@@ -10,15 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Model, Status, Verdict
-from gaitsweep.engine.recorders.staircase import Staircase, readable
+from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.sweep_spec import Work
-
-# How a row may end and still have a last section crossing at which its gait can be read.
-LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
-# Records of stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
-BATCH = 1024
 
 
 class Labels:
@@ -30,18 +24,11 @@ class Labels:
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
         """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
-        recorder = self.work.recorder
-        if isinstance(recorder, Staircase):
-            rows, samples = block.kept()
-            samples = samples.reshape(-1, recorder.width)
-            t = recorder.stairs.middle(samples[:, 0])
-            observed = samples[:, recorder.HEAD :]
-            return self._read(block, BATCH, rows, t, observed, readable(samples))
-        if not recorder.labelled:
+        found = self.work.recorder.readings(block)
+        if found is None:
             return {}
-        good = np.isin(block.status, LABELLED) & (block.cycles > 0)
-        width = min(self.work.block, self.work.n_rows)
-        return self._read(block, width, np.arange(block.rows), block.t_end, block.last, good)
+        width = found.batch or min(self.work.block, self.work.n_rows)
+        return self._read(block, width, found.rows, found.t, found.observed, found.readable)
 
     def _read(
         self,

@@ -252,7 +252,7 @@ class Multilegged(HybridModel):
 
     @property
     def recommended(self) -> Recommended:
-        return Recommended("stabilised")
+        return Recommended("propagator6")
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
         """Those of the masses on springs and ground; the lag decays at 1 / tau, the phases turn evenly."""

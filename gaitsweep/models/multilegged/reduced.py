@@ -6,8 +6,8 @@ other legs say so: with z the chain's shape less that of the chain hanging free,
 times (least slope to a leg before it - greatest slope to a leg behind it), slopes of z between leg tips, and
 is in the air where that number is negative. That is the obstacle problem, leg by leg and with a sign.
 
-Two ways to run it. With events located (`method: exact`) times are exact and derivatives can be had. In steps
-of its own (`method: semi_implicit`) every step goes to the next event at most, found without search.
+Two ways to run it. With events located (`method: propagator`) times are exact and derivatives can be had.
+In steps of its own (`method: semi_implicit`) every step goes to the next event at most, found without search.
 """
 
 from __future__ import annotations

@@ -159,7 +159,7 @@ def _pace(table: pd.DataFrame) -> str:
     run = _run_of(table)
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
-        return f"held {run['hold']:g} s at each value" if "hold" in run else "held at each value"
+        return f"held {run['dwell']:g} s at each value" if "dwell" in run else "held at each value"
     rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if "rate" in run else ""
     return f"moved slowly{rate}"
 

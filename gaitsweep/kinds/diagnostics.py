@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
+from gaitsweep.kinds.part import Part
+from gaitsweep.table import former_names
 
 Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
 
@@ -23,7 +25,7 @@ _DEEPEST = 4  # lists inside lists that are quoted
 
 
 @dataclasses.dataclass(frozen=True)
-class Complaint:
+class Diagnostic:
     """One thing that is wrong: the field's path, the sentence's end, and where it is written, if known."""
 
     path: Path
@@ -45,17 +47,17 @@ class Complaint:
 
 
 class JobError(UserError):
-    """A job that cannot be run: `complaints` has all that is wrong, the message the first few."""
+    """A job that cannot be run: `diagnostics` has all that is wrong, the message the first few."""
 
-    def __init__(self, complaints: Sequence[Complaint]) -> None:
-        self.complaints = tuple(dict.fromkeys(complaints))
-        lines = [str(complaint) for complaint in self.complaints[:_SHOWN]]
-        if len(self.complaints) > _SHOWN:
-            lines.append(f"... and {len(self.complaints) - _SHOWN} more.")
+    def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
+        self.diagnostics = tuple(dict.fromkeys(diagnostics))
+        lines = [str(diagnostic) for diagnostic in self.diagnostics[:_SHOWN]]
+        if len(self.diagnostics) > _SHOWN:
+            lines.append(f"... and {len(self.diagnostics) - _SHOWN} more.")
         super().__init__("\n".join(lines))
 
-    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Complaint, ...]]]:
-        return JobError, (self.complaints,)
+    def __reduce__(self) -> tuple[type[JobError], tuple[tuple[Diagnostic, ...]]]:
+        return JobError, (self.diagnostics,)
 
 
 def printable(text: str) -> str:
@@ -122,11 +124,15 @@ def _some(texts: Iterator[str]) -> Iterator[str]:
             return
 
 
-def unknown_field(path: Path, owner: str, allowed: Iterable[str]) -> Complaint:
-    """The complaint about a field that its owner does not have."""
+def unknown_field(
+    path: Path, owner: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
+) -> Diagnostic:
+    """The diagnostic of a field that its owner does not have; `former`: names that fields had before."""
     field = str(path[-1])
     of = f" of {owner}" if owner else ""
-    return Complaint(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
+    if former and field in former:
+        return Diagnostic(path, f"is not a field{of} any more: it is called {former[field]} now.")
+    return Diagnostic(path, f"is not a field{of}{near_miss.suggestion(field, allowed)}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,7 +140,7 @@ class Owner:
     """A part of a job: how a sentence calls it, its class, and the field whose union it belongs to."""
 
     words: str
-    part: type[BaseModel]
+    part: type[Part]
     union: str = ""
 
     @property
@@ -144,7 +150,7 @@ class Owner:
 
 def from_pydantic(
     error: ValidationError, owners: dict[str, Owner], top: str, prefix: Path = ()
-) -> list[Complaint]:
+) -> list[Diagnostic]:
     """Our sentence for each thing that pydantic refused.
 
     Args:
@@ -156,43 +162,46 @@ def from_pydantic(
     return [_from_details(details, owners, top, prefix) for details in error.errors(include_url=False)]
 
 
-def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, prefix: Path) -> Complaint:
+def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, prefix: Path) -> Diagnostic:
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, owners))
     sort, value, context = details["type"], details["input"], details.get("ctx", {})
     owner = owners.get(_key(loc, -2) if len(loc) > 1 else top, owners[top])
     if sort == "gaitsweep":
-        return Complaint(path, context["text"])
+        return Diagnostic(path, context["text"])
     if sort == "extra_forbidden":
-        return unknown_field(path, owner.words, owner.fields)
+        return unknown_field(path, owner.words, owner.fields, owner.part.former_fields)
     if sort == "missing":
-        return Complaint(path, f"is missing: {owner.part.model_fields[str(path[-1])].description}.")
+        return Diagnostic(path, f"is missing: {owner.part.model_fields[str(path[-1])].description}.")
     if sort in ("union_tag_invalid", "union_tag_not_found"):
         return _about_kind(path, value, owners)
     if sort in ("too_short", "too_long"):
         end, limit = ("at least", "min_length") if sort == "too_short" else ("at most", "max_length")
-        return Complaint(path, f"has {context['actual_length']} items, but takes {end} {context[limit]}.")
+        return Diagnostic(path, f"has {context['actual_length']} items, but takes {end} {context[limit]}.")
     if sort == "list_type":
-        return Complaint(path, f"is {found(value)}, but takes a list in brackets.")
+        return Diagnostic(path, f"is {found(value)}, but takes a list in brackets.")
     if sort == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",)):
         return _about_kind(path, value, owners)
     if sort in ("model_type", "dict_type", "model_attributes_type"):
         inner = owners.get(_key(loc, -1) if loc else "")
         fields = f" {near_miss.allowing(inner.fields)}" if inner else ""
-        return Complaint(path, f"is {found(value)}, but takes fields (key: value).{fields}")
-    return Complaint(path, f"is {found(value)}, which this field does not take.")
+        return Diagnostic(path, f"is {found(value)}, but takes fields (key: value).{fields}")
+    return Diagnostic(path, f"is {found(value)}, which this field does not take.")
 
 
-def _about_kind(path: Path, value: object, owners: dict[str, Owner]) -> Complaint:
+def _about_kind(path: Path, value: object, owners: dict[str, Owner]) -> Diagnostic:
     kinds = [tag.rpartition(".")[2] for tag, owner in owners.items() if owner.union == path[0]]
     if not isinstance(value, dict):
-        return Complaint(
+        return Diagnostic(
             path, f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
         )
     if "kind" not in value:
-        return Complaint((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
+        return Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
     kind = value["kind"]
-    return Complaint(
+    former = former_names.RUN_KINDS.get(kind) if path[0] == "run" and isinstance(kind, str) else None
+    if former is not None:
+        return Diagnostic((*path, "kind"), f"is {kind}, which is called {former} now: write {former}.")
+    return Diagnostic(
         (*path, "kind"), f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
     )
 

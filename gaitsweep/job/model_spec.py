@@ -12,15 +12,15 @@ from typing import Any
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
-from gaitsweep.kinds.complaints import Complaint, Path, found
-from gaitsweep.kinds.numbers import Refused, read_flag, read_number, read_real, read_text, read_whole
+from gaitsweep.kinds.diagnostics import Diagnostic, Path, found
+from gaitsweep.kinds.numbers import InvalidValue, read_flag, read_number, read_real, read_text, read_whole
 from gaitsweep.models.conformity import fault
 
 _RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
 
 
 @dataclasses.dataclass(frozen=True)
-class Subject:
+class ModelSpec:
     """A model's instance with the quantities that a job may set, by name."""
 
     model: Model
@@ -59,42 +59,42 @@ class Subject:
         return f"is not {noun} of {self.model.name}{near_miss.suggestion(name, here)}"
 
 
-def read_subject(
+def read_model_spec(
     name: Any, structure: Any, params: Any, folders: Sequence[FilePath]
-) -> tuple[Subject | None, list[Complaint]]:
+) -> tuple[ModelSpec | None, list[Diagnostic]]:
     """The model that a job names, its structure taken from `structure` and from what `params` has of it.
 
     Returns:
-        The subject, or None where the complaints stand in its way.
+        The spec, or None where the diagnostics stand in its way.
     """
     try:
         found_class = models.find(read_text(name), folders)
-    except (models.ModelError, Refused) as error:
-        return None, [Complaint(("model",), str(error))]
+    except (models.ModelError, InvalidValue) as error:
+        return None, [Diagnostic(("model",), str(error))]
     written = [(("structure", key), key, value) for key, value in _items(structure)]
     fields = {field.name: field for field in dataclasses.fields(found_class) if field.init}  # type: ignore[arg-type]
     written += [(("params", key), key, value) for key, value in _items(params) if key in fields]
-    complaints: list[Complaint] = []
+    diagnostics: list[Diagnostic] = []
     shape: dict[str, Any] = {key: field.default for key, field in fields.items()}
     seen: dict[str, Any] = {}
     for path, key, value in written:
         if key not in fields:
             text = f"is not part of the structure of {name}{near_miss.suggestion(str(key), fields)}"
-            complaints.append(Complaint(path, text))
+            diagnostics.append(Diagnostic(path, text))
             continue
         try:
             shape[key] = _read_size(value, fields[key], typing.get_type_hints(found_class).get(key))
-        except Refused as error:
-            complaints.append(Complaint(path, str(error)))
+        except InvalidValue as error:
+            diagnostics.append(Diagnostic(path, str(error)))
         if seen.setdefault(key, shape[key]) != shape[key]:
-            complaints.append(
-                Complaint(path, f"is {found(value)}, but structure.{key} is {found(seen[key])}.")
+            diagnostics.append(
+                Diagnostic(path, f"is {found(value)}, but structure.{key} is {found(seen[key])}.")
             )
     for key, value in shape.items():
         if value is dataclasses.MISSING:
-            complaints.append(Complaint(("structure", key), f"is missing: {name} has no default for it."))
-    if complaints:
-        return None, complaints
+            diagnostics.append(Diagnostic(("structure", key), f"is missing: {name} has no default for it."))
+    if diagnostics:
+        return None, diagnostics
     return _instance(str(name), found_class, shape)
 
 
@@ -116,52 +116,52 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
 def _read_word(value: Any, allowed: Sequence[str] | None) -> str:
     word = read_text(value)
     if allowed is not None and word not in allowed:
-        raise Refused(f"is {found(value)}{near_miss.suggestion(word, allowed)}")
+        raise InvalidValue(f"is {found(value)}{near_miss.suggestion(word, allowed)}")
     return word
 
 
 def _instance(
     name: str, model_class: type[Model], shape: dict[str, Any]
-) -> tuple[Subject | None, list[Complaint]]:
+) -> tuple[ModelSpec | None, list[Diagnostic]]:
     try:
         model = model_class(**shape)
         parameters = {quantity.name: quantity for quantity in model.parameters}
         starts = {quantity.name: quantity for quantity in model.starts}
     except Exception as error:  # a user's model may refuse its structure in any way
-        return None, [Complaint(("structure",), f"is refused by {name}: {error}.")]
+        return None, [Diagnostic(("structure",), f"is refused by {name}: {error}.")]
     names = [*parameters, *starts, *shape]
     for each in names:
         if each in _RESERVED or names.count(each) > 1:
             reason = "which jobs read otherwise" if each in _RESERVED else "twice"
             return None, [
-                Complaint(("model",), f"is {name}, which has a quantity named {each}, {reason}: rename it.")
+                Diagnostic(("model",), f"is {name}, which has a quantity named {each}, {reason}: rename it.")
             ]
     if name not in models.names() and (wrong := fault(model)) is not None:
-        return None, [Complaint(("model",), f"is {name}, {wrong}")]
-    return Subject(model, shape, parameters, starts), []
+        return None, [Diagnostic(("model",), f"is {name}, {wrong}")]
+    return ModelSpec(model, shape, parameters, starts), []
 
 
-def read_settings(raw: Any, field: str, subject: Subject) -> tuple[dict[str, float | str], list[Complaint]]:
+def read_settings(raw: Any, field: str, spec: ModelSpec) -> tuple[dict[str, float | str], list[Diagnostic]]:
     """The numbers and formulas under `params` or `start`, less the structure, and what is wrong there."""
     if raw is None:
         return {}, []
     if not isinstance(raw, Mapping):
-        return {}, [Complaint((field,), f"is {found(raw)}, but takes numbers by name (name: number).")]
+        return {}, [Diagnostic((field,), f"is {found(raw)}, but takes numbers by name (name: number).")]
     settings: dict[str, float | str] = {}
-    complaints: list[Complaint] = []
+    diagnostics: list[Diagnostic] = []
     for key, value in raw.items():
         name = str(key)
         path: Path = (field, name)
-        if field == "params" and name in subject.structure:
+        if field == "params" and name in spec.structure:
             continue
-        if (reason := subject.unknown(name, field)) is not None:
-            complaints.append(Complaint(path, reason))
+        if (reason := spec.unknown(name, field)) is not None:
+            diagnostics.append(Diagnostic(path, reason))
             continue
         try:
-            settings[name] = _read_setting(value, subject.quantities[name])
-        except Refused as error:
-            complaints.append(Complaint(path, str(error)))
-    return settings, complaints
+            settings[name] = _read_setting(value, spec.quantities[name])
+        except InvalidValue as error:
+            diagnostics.append(Diagnostic(path, str(error)))
+    return settings, diagnostics
 
 
 def _read_setting(value: Any, quantity: Quantity) -> float | str:
@@ -169,7 +169,7 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
     if switch and isinstance(value, bool):
         return float(value)
     if switch and isinstance(value, str) and value.lower() in ("yes", "no", "on", "off"):
-        raise Refused(f"is {found(value)}, but takes true, false or a number from 0 to 1.")
+        raise InvalidValue(f"is {found(value)}, but takes true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
-        raise Refused(f"is {found(value)}, but takes one number; what varies goes under vary.")
+        raise InvalidValue(f"is {found(value)}, but takes one number; what varies goes under vary.")
     return read_number(value)

@@ -1,0 +1,76 @@
+"""The numerics and the engine of a job, as it writes them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PlainValidator, WithJsonSchema
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.numerics import Numerics as EngineNumerics
+from gaitsweep.kinds.numbers import Count, LaneCount, Positive, checked, read_real, word
+from gaitsweep.kinds.part import Part
+from gaitsweep.table import former_names
+
+METHOD_NAMES = ("auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit")
+
+
+def _step(value: Any) -> float | str:
+    return "auto" if value == "auto" else read_real(value, low=0.0, open_ends=True)
+
+
+class Numerics(Part):
+    """How a trajectory is integrated; what is left out is what the model recommends."""
+
+    method: Annotated[
+        Literal["auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit"],
+        word(*METHOD_NAMES, former=former_names.METHODS),
+    ] = Field(
+        default="auto",
+        description="auto: what the model recommends; tsit5: Runge-Kutta pair of orders 5 and 4, whose steps "
+        "follow from rtol and atol; rk4: classic Runge-Kutta, 4th order; for flows that are linear between "
+        "events, propagator6: long steps over stiff contacts, 6th order; propagator: the same to 1e-6 of any "
+        "transient; semi_implicit: steps of fixed length with events inside them, for models that have such "
+        "steps",
+    )
+    dt: Annotated[
+        float | Literal["auto"],
+        PlainValidator(checked(_step)),
+        WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
+    ] = Field(
+        default="auto",
+        description="longest step, in s; auto: as long as is right for the parameters of each row. A longer "
+        "one is refused.",
+    )
+    rtol: Positive | None = Field(
+        default=None, description="relative tolerance of a step's error, for tsit5; the model's if not given"
+    )
+    atol: Positive | None = Field(
+        default=None, description="absolute tolerance of a step's error, for tsit5; the model's if not given"
+    )
+    precision: Annotated[Literal["float64", "float32", "mixed"], word("float64", "float32", "mixed")] = Field(
+        default="float64",
+        description="float64; where a model allows it, float32, or mixed: forces in float32, the state and "
+        "time in float64",
+    )
+    event_tolerance: Positive = Field(default=1e-12, description="error of an event's time, in s")
+
+    def engine(self, model: Model) -> EngineNumerics:
+        """The engine's numerics for a model, the method and the tolerances resolved."""
+        fields = self.model_dump()
+        return EngineNumerics(**{**fields, "dt": None if self.dt == "auto" else self.dt}).of(model)
+
+
+class EngineChoice(Part):
+    """On what the rows run."""
+
+    name: Annotated[Literal["auto", "xla", "kernel"], word("auto", "xla", "kernel")] = Field(
+        default="auto",
+        description="kernel: compiled scalar kernels, the fastest; xla: JAX's own compiler; auto: kernel "
+        "where the model and the machine allow it",
+    )
+    lanes: LaneCount | None = Field(
+        default=None, description="trajectories advanced at once; chosen for the device if not given"
+    )
+    block: Count = Field(default=1024, description="rows of one part of the table")
+    devices: Count | None = Field(default=None, description="devices to use; all if not given")

@@ -1,0 +1,169 @@
+"""Columns of a table: each is declared once, and frames are built from the declarations by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import HybridModel, Model, Quantity, Status
+from gaitsweep.engine.recorders.recorder import unpacked
+from gaitsweep.engine.sweep.block import BlockResult
+
+STATUSES = [status.name for status in Status if status is not Status.running]
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Args:
+        name: its name in the table.
+        read: its values (n,) from the `Records`; by default the recorder's number of the same name.
+        quantity: the model's quantity that it holds, for its unit and meaning.
+        repeats: whether many records have the same value, so that the column needs little room on disk.
+    """
+
+    name: str
+    read: Callable[[Records], Any] | None = None
+    quantity: Quantity | None = None
+    repeats: bool = True
+
+    def of(self, records: Records) -> Any:
+        """The values of the column, (n,)."""
+        return records[self.name] if self.read is None else self.read(records)
+
+
+@dataclasses.dataclass(frozen=True)
+class Records:
+    """The records of a block of rows.
+
+    `rows` (n,) the row of each record; `place` (n,) where its numbers are among the block's samples, -1 where
+    a row left none, None where a row has one record and no samples; `samples` (n, names) the recorder's
+    numbers, NaN where there are none.
+    """
+
+    model: Model
+    block: BlockResult
+    rows: np.ndarray
+    place: np.ndarray | None
+    names: tuple[str, ...]
+    samples: np.ndarray
+
+    @classmethod
+    def one_a_row(cls, model: Model, block: BlockResult) -> Records:
+        """One record for each row of a block."""
+        rows = block.first + np.arange(len(block.status), dtype=np.int64)
+        return cls(model, block, rows, None, (), np.zeros((rows.size, 0)))
+
+    @classmethod
+    def one_a_sample(cls, model: Model, block: BlockResult, names: tuple[str, ...]) -> Records:
+        """One record for each sample of a block; a row without samples keeps one record without numbers."""
+        rows = block.first + np.arange(len(block.status), dtype=np.int64)
+        without = np.setdiff1d(rows, block.owner)
+        owner = np.concatenate([block.owner, without]).astype(np.int64)
+        place = np.concatenate([np.arange(block.owner.size), np.full(without.size, -1)])
+        order = np.argsort(owner, kind="stable")
+        place = place[order]
+        samples = _placed(block.samples.reshape(-1, len(names)), place, np.nan)
+        return cls(model, block, owner[order], place, names, samples)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A number of the recorder's by its name, (n,)."""
+        return self.samples[:, self.names.index(name)]
+
+    @property
+    def recorded(self) -> np.ndarray:
+        """Which records have numbers, (n,)."""
+        return np.ones(self.rows.size, bool) if self.place is None else self.place >= 0
+
+    def of_row(self, values: np.ndarray) -> np.ndarray:
+        """The value of each record's row (n, ...), from those of the block's rows."""
+        return values if self.place is None else values[self.rows - self.block.first]
+
+    def label(self, name: str, absent: float | None = None) -> np.ndarray:
+        """A gait's number or a trait (n,); `absent` where it was not read: by default 0 or NaN."""
+        labels = self.block.labels[name]
+        if self.place is None:
+            return labels
+        if absent is None:
+            absent = 0 if labels.dtype.kind in "iu" else np.nan
+        return _placed(labels, self.place, absent)
+
+
+def observed(model: Model, suffix: str) -> list[Column]:
+    """The observables at a crossing: `psi_1_n`; those where a row ended: `psi_1_end`."""
+    if suffix == "n":
+        return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
+    return [
+        Column(f"{q.name}_{suffix}", lambda records, i=i: records.block.last[:, i], q, False)
+        for i, q in enumerate(model.observables)
+    ]
+
+
+def traits(model: Model) -> list[Column]:
+    """What the model reads together with the gait."""
+    return [Column(q.name, lambda records, q=q: records.label(q.name), q, False) for q in model.traits]
+
+
+def signals(model: Model) -> list[Column]:
+    """The signals of a sample; whether a foot is down repeats itself."""
+    return [Column(q.name, None, q, q.name.startswith("contact_")) for q in model.signals]
+
+
+def _status(records: Records) -> pd.Categorical:
+    codes = records.of_row(records.block.status)
+    return pd.Categorical([Status(code).name for code in codes], categories=STATUSES)
+
+
+def _crossing(records: Records) -> np.ndarray:
+    # a row that kept no crossing has the number of those that it made
+    cycles = records.of_row(records.block.cycles)
+    return np.where(records.recorded, records["crossing"], cycles).astype(np.int64)
+
+
+def _gait(records: Records) -> pd.Categorical:
+    return gaits(records.model, records.label("gait", -1))
+
+
+def _stalled_by(records: Records) -> pd.Categorical:
+    """The guards that stalled each row, by their names; missing where none did."""
+    model = records.model
+    names = model.guard_names if isinstance(model, HybridModel) else ()
+    told = [
+        " and ".join(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row)) or None
+        for row in unpacked(records.of_row(records.block.fired))
+    ]
+    return pd.Categorical(told, categories=sorted({each for each in told if each is not None}))
+
+
+STATUS = Column("status", _status)
+STALLED_BY = Column("stalled_by", _stalled_by)
+CROSSING = Column("crossing", _crossing)
+GAIT = Column("gait", _gait)
+
+
+def slowest(read: Callable[[Records], np.ndarray]) -> Column:
+    """The observable that kept a row or a stair from settling, from its number; missing below zero."""
+
+    def named(records: Records) -> pd.Categorical:
+        names = [q.name for q in records.model.observables]
+        return pd.Categorical.from_codes(read(records).astype(int).tolist(), categories=names)
+
+    return Column("slowest", named)
+
+
+def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:
+    """Gaits by their numbers (n,); a gait that was not read is "none" where the model has that."""
+    names = list(model.gaits)
+    unread = names.index("none") if "none" in names else -1
+    return pd.Categorical.from_codes(np.where(codes < 0, unread, codes).tolist(), categories=names)
+
+
+def _placed(values: np.ndarray, place: np.ndarray, absent: float) -> np.ndarray:
+    """The value at each place, `absent` where the place is -1."""
+    last = np.full((1, *values.shape[1:]), absent, values.dtype)
+    return np.concatenate([values, last])[place]

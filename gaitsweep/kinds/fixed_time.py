@@ -1,0 +1,41 @@
+"""Run kind `fixed_time`: each row is followed for a given time and read where it ends."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.recorders.fixed_time import FixedTime as Recorder
+from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, traits
+from gaitsweep.kinds.numbers import Positive
+from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+
+
+class FixedTime(RunKind):
+    """Follow each row for a given time; one row a start, read at its last section crossing."""
+
+    compared: ClassVar = "ends"
+    one_a_row: ClassVar[bool] = True
+
+    kind: Literal["fixed_time"] = Field(description="fixed_time: a given time, each row read where it ends")
+    duration: Positive = Field(description="simulated time, in s")
+
+    def recorder(self, model: Model) -> Recorder:
+        return Recorder(model, self.duration)
+
+    def columns(self, model: Model) -> list[Column]:
+        return [
+            STATUS,
+            Column("cycles", lambda records: records.block.cycles),
+            Column("t_end", lambda records: records.block.t_end, repeats=False),
+            STALLED_BY,
+            *observed(model, "end"),
+            GAIT,
+            *traits(model),
+        ]
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        attempts = self.duration / period * cycle
+        return Cost(attempts, attempts)

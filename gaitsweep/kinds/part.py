@@ -1,0 +1,110 @@
+"""Parts of a job: pydantic models, and registries of them whose members a field `kind` selects."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import operator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, ClassVar, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+
+class Part(BaseModel):
+    """A part of a job: it has no field but its own and is frozen; its numbers may be expressions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    former_fields: ClassVar[Mapping[str, str]] = {}  # old name -> the name that a field has now
+
+
+def kind_of(part: type[Part]) -> str:
+    """The value of the field `kind` that selects a part.
+
+    Raises:
+        TypeError: the part has no field `kind: Literal["..."]`.
+    """
+    field = part.model_fields.get("kind")
+    values = getattr(field and field.annotation, "__args__", ())
+    if len(values) != 1 or not isinstance(values[0], str):
+        raise TypeError(f'{part.__name__} needs a field kind: Literal["its_name"].')
+    return values[0]
+
+
+PartT = TypeVar("PartT", bound=Part)
+
+
+class Registry(Mapping[str, type[PartT]]):
+    """Parts by their kind, in the order in which they were registered.
+
+    Args:
+        noun: what a sentence calls a member, such as "run".
+        parts: the members that are always there.
+    """
+
+    def __init__(self, noun: str, parts: Iterable[type[PartT]]) -> None:
+        self.noun = noun
+        self._parts: dict[str, type[PartT]] = {}
+        for part in parts:
+            self.register(part)
+
+    def register(self, part: type[PartT]) -> type[PartT]:
+        """Add a part; usable as a decorator.
+
+        Raises:
+            TypeError: the part has no field `kind: Literal["its_name"]`.
+            ValueError: the registry has another part of this kind.
+        """
+        kind = kind_of(part)
+        if self._parts.setdefault(kind, part) is not part:
+            raise ValueError(f"There is a kind of {self.noun} named {kind}: give this one another name.")
+        return part
+
+    def unregister(self, kind: str) -> None:
+        """Remove a part by its kind.
+
+        Raises:
+            KeyError: the registry has no such part.
+        """
+        del self._parts[kind]
+
+    def __getitem__(self, kind: str) -> type[PartT]:
+        return self._parts[kind]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parts)
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+
+@dataclasses.dataclass(frozen=True)
+class OneOf:
+    """The annotation of a field that takes any part of a registry, those registered later too."""
+
+    registry: Registry[Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        # pydantic would fix the members of a discriminated union when the class of the job is made
+        return core_schema.no_info_plain_validator_function(self._read)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return handler(self._adapter.core_schema)
+
+    def _read(self, value: Any) -> Any:
+        return self._adapter.validate_python(value)
+
+    @property
+    def _adapter(self) -> TypeAdapter[Any]:
+        return _union(tuple(self.registry.values()))
+
+
+@functools.lru_cache(maxsize=8)
+def _union(parts: tuple[type[Part], ...]) -> TypeAdapter[Any]:
+    union: Any = Annotated[functools.reduce(operator.or_, parts), Field(discriminator="kind")]
+    return TypeAdapter(union)

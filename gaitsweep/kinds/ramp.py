@@ -1,0 +1,61 @@
+"""Run kind `ramp`: a parameter moves slowly along a path, and every crossing of the section is recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.ramp import RampSchedule
+from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, Records, observed
+from gaitsweep.kinds.numbers import NotNegative, Positive, Real, Text
+from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.table import former_names
+
+
+class Ramp(RunKind):
+    """Move one parameter slowly along a path and record every section crossing."""
+
+    former_fields: ClassVar[Mapping[str, str]] = former_names.RUN_FIELDS["ramp"]
+
+    kind: Literal["ramp"] = Field(description="ramp: a parameter moved slowly, every crossing recorded")
+    parameter: Text = Field(description="the model's parameter that moves")
+    path: list[Real] = Field(
+        min_length=2, max_length=1000, description="values between which it moves, in order"
+    )
+    rate: Positive = Field(description="its speed, in its unit a second")
+    initial_dwell: NotNegative = Field(
+        default=0.0, description="time at the first value before it moves, in s"
+    )
+
+    def schedule(self) -> RampSchedule:
+        return RampSchedule(tuple(self.path), self.rate, self.initial_dwell)
+
+    def recorder(self, model: Model) -> Crossings:
+        return Crossings(model, duration=self.schedule().duration)
+
+    def columns(self, model: Model) -> list[Column]:
+        moving = moving_columns(self.parameter, self.schedule(), repeats=False)
+        return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed(model, "n")]
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        crossings = self.schedule().duration / period
+        return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
+
+
+def moving_columns(parameter: str, schedule: RampSchedule, repeats: bool) -> list[Column]:
+    """The pass and the value of a parameter that moves, at the time `t` of each record."""
+
+    def value(records: Records) -> np.ndarray:
+        t = records["t"]
+        return np.where(np.isnan(t), np.nan, np.asarray(schedule.at(jnp.asarray(np.nan_to_num(t)))))
+
+    return [
+        Column("pass", lambda records: schedule.passes(np.nan_to_num(records["t"]))),
+        Column(parameter, value, repeats=repeats),
+    ]

@@ -1,0 +1,31 @@
+"""Run kind `return_map`: successive crossings of the section of each row."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, observed
+from gaitsweep.kinds.numbers import Count, CountOrZero
+from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+
+
+class ReturnMap(RunKind):
+    """Record successive section values of each row."""
+
+    kind: Literal["return_map"] = Field(description="return_map: successive section values")
+    crossings: Count = Field(description="section crossings to record")
+    after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
+
+    def recorder(self, model: Model) -> Crossings:
+        return Crossings(model, self.crossings, self.after_cycles)
+
+    def columns(self, model: Model) -> list[Column]:
+        return [CROSSING, Column("t", repeats=False), STATUS, STALLED_BY, *observed(model, "n")]
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        attempts = float(self.after_cycles + self.crossings) * cycle
+        return Cost(attempts, attempts, max(float(self.crossings), 1.0))

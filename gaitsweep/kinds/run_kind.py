@@ -1,0 +1,229 @@
+"""What every run kind gives: its fields, recorder, schedule, table, checks and cost."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Literal, Protocol
+
+import jax
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import Model, Status
+from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.refine import Grid
+from gaitsweep.kinds.columns import Column, Records
+from gaitsweep.kinds.diagnostics import Diagnostic
+from gaitsweep.kinds.part import Part
+
+
+class Axis(Protocol):
+    """What varies together, and the number of its points."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def length(self) -> int: ...
+
+
+class Rows(Protocol):
+    """The rows of a job, as a run kind and a figure see them."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def n_rows(self) -> int: ...
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names that vary."""
+        ...
+
+    @property
+    def axes(self) -> Sequence[Axis]: ...
+    @property
+    def grids(self) -> Mapping[str, GridAxis]:
+        """The axes of equal steps that move alone, by name."""
+        ...
+
+    def following(self, parameter: str) -> Mapping[str, str]:
+        """The formulas of the parameters that move with another, in the order of their evaluation."""
+        ...
+
+    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
+        """What varies, by name, in rows start..stop-1."""
+        ...
+
+    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """All parameters and all starts in `rows` (n,)."""
+        ...
+
+    def in_cells(self, name: str) -> bool:
+        """Whether the points of a name are sure to be drawn as cells."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class GridAxis:
+    """The place of an axis among a job's, and whether its last cell is next to its first."""
+
+    place: int
+    closed: bool
+
+
+class Schedule(Protocol):
+    """The values of a parameter that moves: `times` (s) between which the length of steps is chosen."""
+
+    @property
+    def times(self) -> tuple[float, ...]: ...
+
+    def at(self, t: jax.Array) -> jax.Array:
+        """The parameter at time `t` (s)."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Cost:
+    """Attempts that a row is likely to make and makes at most, and the records that it leaves."""
+
+    likely: float
+    most: float
+    records: float = 1.0
+
+
+class RunKind(Part):
+    """What a job does with each of its rows.
+
+    A kind has a field `kind: Literal["its_name"]` and gives `recorder`, `columns` and `cost`. A kind that
+    moves a parameter has the fields `parameter` and `path`, and gives `schedule`. A kind that does not use
+    the sweep engine sets `own_blocks` and gives `block_table`.
+    """
+
+    # how the self-check compares a sample of rows with the same rows at half the step: by their fixed point
+    # where they settle, by where they end, by their first crossings, or by `starting_points`
+    compared: ClassVar[Literal["settled", "ends", "crossings", "starting_points"]] = "crossings"
+    one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
+    own_blocks: ClassVar[bool] = False  # whether `block_table` makes the table, not the sweep engine
+    figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
+    good_end: ClassVar[Status] = Status.complete  # how a row of it should end
+
+    @classmethod
+    def moves(cls) -> bool:
+        """Whether a run of this kind may move a parameter."""
+        return "parameter" in cls.model_fields
+
+    @property
+    def kind_name(self) -> str:
+        """The value of its field `kind`."""
+        return str(getattr(self, "kind"))  # noqa: B009 - each kind declares the field with its own literal
+
+    @property
+    def moved(self) -> str | None:
+        """The parameter that it moves, where there is one."""
+        return getattr(self, "parameter", None)
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """The values between which it moves its parameter, in order; none where it moves nothing."""
+        return tuple(getattr(self, "path", None) or ())
+
+    def values_between(self) -> Iterator[float]:
+        """Values of the parameter that it moves: those of its path, and three in each pass."""
+        return path_values(self.turns)
+
+    def recorder(self, model: Model) -> Recorder:
+        """What is kept of each trajectory, and when it ends."""
+        raise NotImplementedError
+
+    def schedule(self) -> Schedule | None:
+        """How the parameter moves; None where nothing does."""
+        return None
+
+    def columns(self, model: Model) -> list[Column]:
+        """The columns of its table after `row` and what varies, in their order."""
+        raise NotImplementedError
+
+    def table(self, model: Model, axes: Mapping[str, np.ndarray], block: BlockResult) -> pd.DataFrame:
+        """The records of a block of rows.
+
+        Args:
+            model: the rows' model.
+            axes: what varies, (n,) each.
+            block: the results of the n rows.
+        """
+        if self.one_a_row:
+            records = Records.one_a_row(model, block)
+        else:
+            records = Records.one_a_sample(model, block, self.recorder(model).names)
+        found: dict[str, Any] = {"row": records.rows}
+        found |= {name: records.of_row(values) for name, values in axes.items()}
+        found |= {column.name: column.of(records) for column in self.columns(model)}
+        return pd.DataFrame(found)
+
+    def block_table(
+        self,
+        rows: Rows,
+        first: int,
+        last: int,
+        numerics: Numerics,
+        engine: str,
+        between: Callable[[], None] | None = None,
+    ) -> pd.DataFrame:
+        """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
+        raise NotImplementedError
+
+    def starting_points(
+        self, rows: Rows, sample: np.ndarray, numerics: Numerics, engine: str
+    ) -> tuple[StartingPoints, StartingPoints]:
+        """Where a sample of rows (n,) starts, at its own step and at half of it, for the self-check."""
+        raise NotImplementedError
+
+    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+        """What is wrong with its fields, by themselves and for these rows.
+
+        Args:
+            rows: the job's rows.
+            method: the integration method that the job uses.
+        """
+        return []
+
+    def refined(self, rows: Rows) -> Grid | None:
+        """How it refines the edges between gaits; None where all rows are simulated."""
+        return None
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        """What a row takes.
+
+        Args:
+            rows: the job's rows.
+            cycle: attempts in a cycle.
+            period: length of a cycle, s.
+        """
+        raise NotImplementedError
+
+    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Those of its fields that decide the numbers of its table."""
+        return fields
+
+
+def path_values(path: Sequence[float]) -> Iterator[float]:
+    """The values of a path, and three between each and the next."""
+    yield path[0]
+    for a, b in itertools.pairwise(path):
+        yield from (a + (b - a) * share for share in (0.25, 0.5, 0.75, 1.0))
+
+
+@dataclasses.dataclass(frozen=True)
+class StartingPoints:
+    """Whether each row has a starting point (n,), and the observables there (n, k)."""
+
+    found: np.ndarray
+    observed: np.ndarray
+
+
+def table_columns(rows: Rows, run: RunKind) -> list[str]:
+    """The columns of the table that a run makes, in their order."""
+    return ["row", *rows.names, *(column.name for column in run.columns(rows.model))]

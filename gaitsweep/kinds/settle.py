@@ -1,0 +1,155 @@
+"""Run kind `settle`: each row is followed until the state on its section stops moving, or repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, PlainValidator, WithJsonSchema
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Model, Status
+from gaitsweep.engine.recorders.settle import Settle as Recorder
+from gaitsweep.engine.recorders.settle import tolerances
+from gaitsweep.engine.sweep.refine import Grid
+from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, slowest, traits
+from gaitsweep.kinds.diagnostics import Diagnostic
+from gaitsweep.kinds.numbers import (
+    Count,
+    InvalidValue,
+    Positive,
+    PositiveOrEach,
+    Text,
+    checked,
+    read_whole,
+    word,
+)
+from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+
+MOST_COARSE = 1024  # cells a side
+# Of the cycles that a settling row may take, the share that one takes on the whole; the chain's own is 0.37.
+LIKELY_SHARE = 0.4
+_REFINING = ("refine", "over", "coarse")  # fields that say which rows are simulated
+
+
+def _power_of_two(value: Any) -> int:
+    whole = read_whole(value, low=2, high=MOST_COARSE)
+    if whole & (whole - 1):
+        below = 1 << (whole.bit_length() - 1)
+        raise InvalidValue(f"is {whole}, but takes a power of two; did you mean {below} or {2 * below}?")
+    return whole
+
+
+class Settle(RunKind):
+    """Follow each row until its section's state stops moving, or repeats; one row a start."""
+
+    compared: ClassVar = "settled"
+    one_a_row: ClassVar[bool] = True
+    good_end: ClassVar[Status] = Status.settled
+
+    kind: Literal["settle"] = Field(
+        description="settle: until the section's state stops moving, or repeats every 2 to 8 crossings"
+    )
+    max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
+    tolerance: PositiveOrEach = Field(
+        default=1e-3,
+        description="change a cycle below which a row has settled: of angles in rad, of other observables as "
+        "a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
+    )
+    max_time: Positive | None = Field(
+        default=None, description="simulated time after which a row is given up, in s"
+    )
+    refine: Annotated[Literal["boundary"], word("boundary")] | None = Field(
+        default=None,
+        description="boundary: of a grid, only cells next to another gait are simulated; "
+        "the others are inferred",
+    )
+    over: list[Text] | None = Field(
+        default=None,
+        min_length=1,
+        description="axes that refine; all linspace and logspace axes of starts if not given",
+    )
+    coarse: Annotated[int, PlainValidator(checked(_power_of_two)), WithJsonSchema({"type": "integer"})] = (
+        Field(
+            default=8,
+            description="cells between the first starts that refine simulates: a power of two; "
+            "what is narrower may be missed",
+        )
+    )
+
+    def recorder(self, model: Model) -> Recorder:
+        return Recorder(model, self.max_cycles, tolerances(model, self.tolerance), self.max_time)
+
+    def columns(self, model: Model) -> list[Column]:
+        return [
+            STATUS,
+            Column("cycles", lambda records: records.block.cycles),
+            Column("t_end", lambda records: records.block.t_end, repeats=False),
+            slowest(lambda records: records.block.slowest),
+            STALLED_BY,
+            *observed(model, "end"),
+            GAIT,
+            Column("attractor_period", lambda records: records.block.period.astype(np.int8)),
+            *traits(model),
+        ]
+
+    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+        return [*check_tolerance(self.tolerance, rows.model), *self._check_refinement(rows)]
+
+    def refined(self, rows: Rows) -> Grid | None:
+        if self.refine is None:
+            return None
+        starts = {quantity.name for quantity in rows.model.starts}
+        wanted = starts if self.over is None else set(self.over)
+        axes = {axis.place: axis.closed for name, axis in rows.grids.items() if name in wanted}
+        return Grid(tuple(axis.length for axis in rows.axes), axes, self.coarse)
+
+    def _check_refinement(self, rows: Rows) -> list[Diagnostic]:
+        """Diagnostics about a run that refines what is no grid."""
+        if self.refine is None:
+            if self.over is not None:
+                return [Diagnostic(("run", "over"), "names axes that refine, but run.refine is not given.")]
+            return []
+        grids, over = rows.grids, self.over or []
+        wrong = []
+        for place, name in enumerate(over):
+            if name in over[:place]:
+                wrong.append(Diagnostic(("run", "over", place), f"is {name}, which is named twice."))
+            elif name in rows.names and name not in grids:
+                text = f"is {name}, whose points are no grid: only a linspace or logspace of its own refines."
+                wrong.append(Diagnostic(("run", "over", place), text))
+            elif name not in grids:
+                near = near_miss.suggestion(name, grids) if grids else ": no axis of this job is a grid."
+                wrong.append(Diagnostic(("run", "over", place), f"is {name}, which does not vary{near}"))
+        grid = self.refined(rows)
+        if not wrong and grid is not None and not grid.wraps:
+            text = "needs a grid: a linspace or logspace of a start under vary"
+            others = f", or run.over with some of {', '.join(grids)}" if grids else ""
+            wrong.append(Diagnostic(("run", "refine"), f"{text}{others}."))
+        return wrong
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        cycles = float(self.max_cycles)
+        if self.max_time is not None:
+            cycles = min(cycles, self.max_time / period)
+        return Cost(LIKELY_SHARE * cycles * cycle, cycles * cycle)
+
+    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
+        # a run of every row is the same one whatever a refined one would do
+        return {k: v for k, v in fields.items() if self.refine is not None or k not in _REFINING}
+
+
+def check_tolerance(tolerance: float | Mapping[str, float], model: Model) -> list[Diagnostic]:
+    """Diagnostics about tolerances of what the model does not observe."""
+    if not isinstance(tolerance, Mapping):
+        return []
+    names = [quantity.name for quantity in model.observables]
+    return [
+        Diagnostic(
+            ("run", "tolerance", name),
+            f"is not an observable of {model.name}{near_miss.suggestion(name, names)}",
+        )
+        for name in tolerance
+        if name not in names
+    ]

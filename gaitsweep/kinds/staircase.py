@@ -1,0 +1,113 @@
+"""Run kind `staircase`: a parameter moves in steps along a path, and the end of each stair is recorded."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.recorders.settle import tolerances
+from gaitsweep.engine.recorders.staircase import StepRecorder
+from gaitsweep.engine.recorders.stairs import StepSchedule
+from gaitsweep.kinds.columns import (
+    CROSSING,
+    GAIT,
+    STALLED_BY,
+    STATUS,
+    Column,
+    Records,
+    observed,
+    slowest,
+    traits,
+)
+from gaitsweep.kinds.diagnostics import Diagnostic
+from gaitsweep.kinds.numbers import Positive, PositiveOrEach, Real, Text
+from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.kinds.settle import check_tolerance
+from gaitsweep.table import former_names
+
+MOST_STAIRS = 10_000  # of a staircase
+
+
+class Staircase(RunKind):
+    """Move one parameter in stairs along a path, keep it constant on each, and record the end of each."""
+
+    former_fields: ClassVar[Mapping[str, str]] = former_names.RUN_FIELDS["staircase"]
+
+    kind: Literal["staircase"] = Field(
+        description="staircase: a parameter moved in stairs and kept on each, the end of each recorded"
+    )
+    parameter: Text = Field(description="the model's parameter that moves")
+    path: list[Real] = Field(
+        min_length=2,
+        max_length=1000,
+        description="values between which it moves, in order; each is one stair",
+    )
+    step: Positive = Field(
+        description="largest distance between stairs, in its unit; each pass has equal stairs"
+    )
+    dwell: Positive = Field(description="time on each stair, in s")
+    first_dwell: Positive | None = Field(
+        default=None, description="time on the first stair, in s; as on the others if not given"
+    )
+    tolerance: PositiveOrEach = Field(
+        default=1e-3,
+        description="change a cycle below which a stair has settled: of angles in rad, of other observables "
+        "as a share of their scale; one for all, or by the names of observables (the others keep 1e-3)",
+    )
+
+    def schedule(self) -> StepSchedule:
+        return StepSchedule(tuple(self.path), self.step, self.dwell, self.first_dwell)
+
+    def recorder(self, model: Model) -> StepRecorder:
+        return StepRecorder(model, self.schedule(), tolerances(model, self.tolerance))
+
+    def columns(self, model: Model) -> list[Column]:
+        schedule = self.schedule()
+
+        def stair(records: Records) -> np.ndarray:
+            return np.where(records.recorded, records["stair"], 0.0).astype(np.float64)
+
+        def value(records: Records) -> np.ndarray:
+            values = np.asarray(schedule.value(jnp.asarray(stair(records))))
+            return np.where(records.recorded, values, np.nan)
+
+        return [
+            Column("stair", lambda records: stair(records).astype(np.int64)),
+            Column("pass", lambda records: schedule.passes(stair(records))),
+            Column(self.parameter, value),
+            Column("t"),
+            CROSSING,
+            Column("settled", lambda records: records["settled"] == 1.0),
+            slowest(lambda records: np.where(records.recorded, records["slowest"], -1.0)),
+            STATUS,
+            STALLED_BY,
+            *observed(model, "n"),
+            GAIT,
+            *traits(model),
+        ]
+
+    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+        return [*self._check_stairs(), *check_tolerance(self.tolerance, rows.model)]
+
+    def _check_stairs(self) -> list[Diagnostic]:
+        pairs = list(itertools.pairwise(self.path))
+        for index, (before, value) in enumerate(pairs, start=1):
+            if value == before:
+                text = f"is {value:g}, as the value before it is: leave one of the two out."
+                return [Diagnostic(("run", "path", index), text)]
+        stairs = 1.0 + sum(max(1.0, abs(b - a) / self.step) for a, b in pairs)
+        if stairs > MOST_STAIRS:
+            text = f"is {self.step:g}, which makes {stairs:.6g} stairs; at most {MOST_STAIRS} are made."
+            return [Diagnostic(("run", "step"), text)]
+        return []
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        schedule = self.schedule()
+        attempts = schedule.duration / period * cycle + schedule.count
+        return Cost(attempts, attempts, float(schedule.count))

@@ -1,0 +1,81 @@
+"""Run kind `trace`: the signals of each row at equal intervals of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.recorders.ramp import RampSchedule
+from gaitsweep.engine.recorders.trace import Trace as Recorder
+from gaitsweep.kinds.columns import STALLED_BY, STATUS, Column, signals
+from gaitsweep.kinds.diagnostics import Diagnostic
+from gaitsweep.kinds.numbers import CountOrZero, NotNegative, Positive, Real, Text
+from gaitsweep.kinds.ramp import moving_columns
+from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
+from gaitsweep.table import former_names
+
+MOST_SAMPLES = 10_000_000  # of a row's trace
+_MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how a parameter moves
+
+
+class Trace(RunKind):
+    """Record the signals of each row at equal intervals of time, a parameter moving if one is named."""
+
+    former_fields: ClassVar[Mapping[str, str]] = former_names.RUN_FIELDS["trace"]
+
+    kind: Literal["trace"] = Field(description="trace: a time series of each row")
+    duration: Positive = Field(description="length of the recording, in s")
+    every: Positive = Field(description="interval between samples, in s")
+    after_cycles: CountOrZero = Field(
+        default=0, description="section crossings to let pass first; t counts from there"
+    )
+    parameter: Text | None = Field(default=None, description="the model's parameter that moves meanwhile")
+    path: list[Real] | None = Field(
+        default=None, min_length=2, max_length=1000, description="values between which it moves, in order"
+    )
+    rate: Positive | None = Field(default=None, description="its speed, in its unit a second")
+    initial_dwell: NotNegative = Field(
+        default=0.0, description="time at the first value before it moves, in s"
+    )
+
+    def recorder(self, model: Model) -> Recorder:
+        return Recorder(model, self.duration, self.every, self.after_cycles)
+
+    def schedule(self) -> RampSchedule | None:
+        if self.parameter is None or self.path is None or self.rate is None:
+            return None
+        return RampSchedule(tuple(self.path), self.rate, self.initial_dwell)
+
+    def columns(self, model: Model) -> list[Column]:
+        schedule = self.schedule()
+        moving = [] if schedule is None else moving_columns(str(self.parameter), schedule, repeats=True)
+        return [*moving, Column("t"), *signals(model), STATUS, STALLED_BY]
+
+    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+        if self.every > self.duration:
+            text = f"is {self.every:g} s, but must not be longer than run.duration, {self.duration:g} s."
+            return [Diagnostic(("run", "every"), text)]
+        if self.duration / self.every > MOST_SAMPLES:
+            text = f"makes {self.duration / self.every:.3g} samples a row; at most {MOST_SAMPLES} are kept."
+            return [Diagnostic(("run", "every"), text)]
+        if self.parameter is None:
+            given = [name for name in _MOVING if name in self.model_fields_set and getattr(self, name)]
+            return [Diagnostic(("run", name), "moves nothing: name its run.parameter.") for name in given]
+        for name in ("path", "rate"):
+            if getattr(self, name) is None:
+                return [Diagnostic(("run", name), f"is missing, but {self.parameter} moves along it.")]
+        if self.after_cycles:
+            text = f"is {self.after_cycles}, but {self.parameter} moves from the start: "
+            return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell.")]
+        return []
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        samples = self.recorder(rows.model).samples
+        attempts = (self.after_cycles + self.duration / period) * cycle + samples
+        return Cost(attempts, attempts, float(samples))
+
+    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
+        return {k: v for k, v in fields.items() if self.parameter is not None or k not in _MOVING}

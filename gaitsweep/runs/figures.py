@@ -1,0 +1,166 @@
+"""The figures of a result directory, drawn from its table."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from gaitsweep.errors import FAILED, UserError
+from gaitsweep.job import JobError, read_figures
+from gaitsweep.job.document import read_document
+from gaitsweep.plot import draw
+from gaitsweep.table import (
+    ResultDirectory,
+    Snapshot,
+    TableError,
+    load_with_snapshot,
+    not_written,
+    own_folder,
+    read_file,
+    reason,
+    replace_file,
+)
+from gaitsweep.table.manifest import FIGURES, JOB
+from gaitsweep.version import version
+
+
+class FigureError(UserError):
+    """Some of a table's figures could not be drawn; `drawn` has the files of the others."""
+
+    exit_code = FAILED
+
+    def __init__(self, message: str, drawn: Sequence[Path]) -> None:
+        self.drawn = tuple(drawn)
+        super().__init__(message)
+
+    def __reduce__(self) -> tuple[type[FigureError], tuple[str, tuple[Path, ...]]]:
+        return FigureError, (str(self), self.drawn)
+
+
+class Progress(Protocol):
+    """Told now and then how far a run is."""
+
+    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        """Rows done and in all, rows a second, the share done (running rows count in part), a remark."""
+
+
+def draw_of_complete(
+    directory: ResultDirectory,
+    specs: list[dict[str, Any]],
+    progress: Progress | None,
+    tell: Callable[[str], None] | None,
+) -> None:
+    """Draw the figures that a complete table lacks, none of which may hide by failing that it is complete."""
+    rows = directory.n_rows
+    safe = f"The run is complete ({rows} row{'s' * (rows != 1)} in {directory.path})"
+    try:
+        _draw_missing_figures(directory, specs, progress)
+    except FigureError as error:
+        raise FigureError(f"{safe}, but a figure is not drawn. {error}", error.drawn) from error
+    except UserError as error:
+        raise FigureError(f"{safe}, but its figures are not drawn. {error}", ()) from error
+    except Exception:
+        if tell is not None:
+            tell(f"{safe}. What follows is a fault in drawing its figures.")
+        raise
+
+
+def _draw_missing_figures(
+    directory: ResultDirectory, specs: list[dict[str, Any]], progress: Progress | None
+) -> None:
+    """Draw the figures that a complete directory lacks; those that stand were drawn of the same rows."""
+    drawn = directory.manifest.get("figures_drawn", {})
+    by_name = {f"{spec.get('name') or spec['kind']}.png": spec for spec in specs}
+    wanted = {
+        name
+        for name, spec in by_name.items()
+        # one that shows another table too may have changed with that
+        if spec.get("with_table")
+        or name not in drawn
+        or drawn[name] != _figure_digest(directory.path / FIGURES / name, spec)
+    }
+    if not wanted:
+        return
+
+    def between(number: int) -> None:
+        if progress is not None:
+            progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
+
+    _draw(directory.path, wanted, between)
+    now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
+    directory.update_manifest(figures_drawn={name: digest for name, digest in now.items() if digest})
+
+
+def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
+    """What tells a figure that was drawn as asked from another, None where there is none."""
+    try:
+        drawn = read_file(file)
+    except OSError:
+        return None
+    return hashlib.sha256(json.dumps([spec, version()], sort_keys=True).encode() + drawn).hexdigest()
+
+
+def draw_figures(path: str | Path) -> list[Path]:
+    """Draw the figures of a result directory from its table, without simulating.
+
+    They are those of its `job.yaml`, where their titles and columns may be edited.
+
+    Returns:
+        The files, in the job's order.
+
+    Raises:
+        TableError: there is no table yet, or what `job.yaml` asks for is no figure.
+        WriteError: a figure cannot be written; the old one stands.
+        FigureError: the table does not give what some of them show; the others are drawn.
+    """
+    return _draw(Path(path))
+
+
+def _draw(
+    path: Path, names: set[str] | None = None, between: Callable[[int], None] | None = None
+) -> list[Path]:
+    """Draw the figures of a directory, or those with these file names; `between` is called before each."""
+    snapshot, table = load_with_snapshot(path)
+    specs = _figures_of(snapshot)
+    if not specs:
+        return []
+    folder = path / FIGURES
+    try:
+        own_folder(folder)
+    except OSError as error:
+        raise not_written(f"{folder} cannot be made: {reason(error)}.", error) from error
+    files, refused = [], []
+    for number, spec in enumerate(specs):
+        file = folder / f"{spec.get('name') or spec['kind']}.png"
+        if names is not None and file.name not in names:
+            continue
+        if between is not None:
+            between(len(files) + 1)
+        given = {key: value for key, value in spec.items() if key not in ("kind", "name")}
+        try:
+            figure = draw(spec["kind"], table, **given)
+        except UserError as error:
+            refused.append(f"figures[{number}] ({spec['kind']}): {error}")
+            continue
+        try:
+            replace_file(file, lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=150))
+        except OSError as error:
+            raise not_written(f"{file} could not be written: {reason(error)}.", error) from error
+        files.append(file)
+    if refused:
+        raise FigureError("\n".join(refused), files)
+    return files
+
+
+def _figures_of(snapshot: Snapshot) -> list[dict[str, Any]]:
+    file = snapshot.path / JOB
+    try:
+        asked = snapshot.job.get("figures", [])
+        if snapshot.job_edited or "job" not in snapshot.manifest:
+            asked = read_document(file).data.get("figures", []) if file.exists() else []
+        return read_figures(asked, str(file))
+    except JobError as error:
+        raise TableError(str(error)) from None

@@ -1,0 +1,148 @@
+"""A job made ready: its engine, devices and lanes, and the hash that its directory carries."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import inspect
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import pandas as pd
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
+from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.xla import local_devices
+from gaitsweep.errors import UserError
+from gaitsweep.expression import functions_of, resolve
+from gaitsweep.job import Job, Plan
+from gaitsweep.job.steps import RowSteps, row_steps, values_with_right_steps
+from gaitsweep.kinds.run_kind import Schedule
+from gaitsweep.models.own_modules import modules_beside
+from gaitsweep.table import WriteError, reason
+
+
+class RunError(UserError):
+    """A job cannot run here; the message is a sentence that says why and what to do."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A job made ready: its rows, the engine's work, and the hash that its directory carries.
+
+    `note` says why the engine is another than the one preferred, if it is.
+    """
+
+    job: Job
+    plan: Plan
+    work: Work
+    note: str | None
+    job_hash: str
+    steps: RowSteps
+
+    def table(self, block: BlockResult) -> pd.DataFrame:
+        """The records of a block of rows."""
+        axes = self.plan.columns(block.first, block.first + len(block.status))
+        return self.job.run.table(self.plan.model, axes, block)
+
+    @property
+    def engine(self) -> str:
+        return self.work.engine
+
+    @property
+    def device(self) -> str:
+        first = self.work.devices[0]
+        return f"{len(self.work.devices)} x {first.platform} ({first.device_kind})"
+
+
+def prepare(job: Job) -> Prepared:
+    """Choose engine, devices and lanes for a job.
+
+    Raises:
+        RunError: the job asks for what is not here.
+    """
+    try:
+        devices = local_devices(job.engine.devices)
+    except ValueError as error:
+        raise RunError(str(error)) from error
+    rows = job.plan
+    numerics = job.integration
+    recorder, schedule, moved = job.run.recorder(rows.model), job.run.schedule(), job.run.moved
+    drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
+    try:
+        engine, note = choose(job.engine.name, devices[0], rows.model, recorder, numerics, drive)
+    except EngineError as error:
+        raise RunError(str(error)) from error
+    lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
+    lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
+    steps = row_steps(rows, job.run, numerics)
+    work = Work(
+        model=rows.model,
+        recorder=recorder,
+        numerics=numerics,
+        n_rows=rows.n_rows,
+        block=job.engine.block,
+        lanes=lanes,
+        devices=devices,
+        values=values_with_right_steps(rows, job.run, numerics, steps),
+        drive=drive,
+        engine=engine,
+    )
+    digest = steps.digest if numerics.dt is None else None
+    job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
+    return Prepared(job, rows, work, note, job_hash, steps)
+
+
+class Drive:
+    """The parameters at a time, `(values, t) -> params`; formulas that use the moving parameter follow it.
+
+    `times` (s): where its passes begin and end, and some between, by which the length of steps is chosen.
+    """
+
+    def __init__(self, rows: Plan, moved: str, schedule: Schedule) -> None:
+        self._rows, self._moved, self._schedule = rows, moved, schedule
+        self._following = rows.following(moved)
+        self.times = schedule.times
+
+    def __call__(self, values: Any, t: jax.Array) -> Any:
+        moved = {**values, self._moved: self._schedule.at(t)}
+        return self._rows.model.params(resolve(self._following, moved, functions_of(jnp)))
+
+
+@contextlib.contextmanager
+def naming_the_file() -> Iterator[None]:
+    """What the operating system refuses, as a sentence that names the file."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            raise
+        raise WriteError(f"{error.filename} cannot be used: {reason(error)}.") from error
+
+
+def _hash(job: Job, model: Model, **chosen: Any) -> str:
+    """The job's hash, with the sources of a user's own model and run kind: edited, it is another job."""
+    return _with_source(_with_source(job.hash(**chosen), type(model)), type(job.run))
+
+
+def _with_source(job_hash: str, own: type) -> str:
+    """A hash with the source of the user's module that defines a class, and of the modules beside it."""
+    module = inspect.getmodule(own)
+    if module is None or module.__name__.startswith("gaitsweep."):
+        return job_hash
+    try:
+        source = inspect.getsource(module)
+    except (OSError, TypeError):
+        return job_hash
+    beside = modules_beside(module)
+    beside.pop(module.__name__, None)
+    found = hashlib.sha256((job_hash + source).encode(errors="replace"))
+    with naming_the_file():
+        for name in sorted(beside):
+            found.update(f"\n# {name}\n".encode() + beside[name].read_bytes())
+    return found.hexdigest()

@@ -1,0 +1,134 @@
+"""A run kind and a figure from outside the package: registered, run, drawn, and removed again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+from pydantic import Field
+
+import gaitsweep as gs
+from gaitsweep import kinds, plot
+from gaitsweep.contract import Model
+from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.job import Job, JobError, schema
+from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed
+from gaitsweep.kinds.numbers import Count, Text
+from gaitsweep.kinds.run_kind import Cost, Rows
+from gaitsweep.runs.estimate import estimate
+
+
+class Doublings(kinds.RunKind):
+    """Record crossings, and the time of each twice over."""
+
+    figures: ClassVar[tuple[str, ...]] = ("cycles",)
+    kind: Literal["doublings"] = Field(description="doublings: crossings, and twice their times")
+    crossings: Count = Field(default=3, description="section crossings to record")
+
+    def recorder(self, model: Model) -> Crossings:
+        return Crossings(model, self.crossings)
+
+    def columns(self, model: Model) -> list[Column]:
+        twice = Column("twice", lambda records: 2.0 * records["t"], repeats=False)
+        return [CROSSING, Column("t", repeats=False), twice, STATUS, *observed(model, "n")]
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        return Cost(self.crossings * cycle, self.crossings * cycle, self.crossings)
+
+
+class Times(plot.FigureKind):
+    """The time of each crossing."""
+
+    runs: ClassVar[tuple[str, ...]] = ("doublings", "return_map")
+    column_fields: ClassVar[tuple[str, ...]] = ("y",)
+    kind: Literal["times"] = Field(description="times: the time of each crossing")
+    y: Text = Field(default="t", description="column along the vertical axis")
+
+    @staticmethod
+    def draw(table: pd.DataFrame, y: str = "t") -> Figure:
+        figure = Figure()
+        figure.subplots().plot(table["crossing"], table[y])
+        return figure
+
+
+@pytest.fixture
+def registered() -> Iterator[None]:
+    kinds.register(Doublings)
+    plot.register(Times)
+    yield
+    kinds.unregister("doublings")
+    plot.unregister("times")
+
+
+def job(figures: list[dict[str, Any]] | None = None, **run: Any) -> Job:
+    run = {"kind": "doublings", **run}
+    vary = {"launch_1": [1.0, 1.5]}
+    return Job(name="x", model="toy_model:Toy", vary=vary, run=run, verify=2, figures=figures or [])  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_kind_and_a_figure_from_outside_run(tmp_path: Path) -> None:
+    figures = [{"kind": "times", "y": "twice"}, {"kind": "cycles", "y": ["launch_1"]}]
+    asked = job(figures, crossings=4)
+    result = gs.run(asked, tmp_path / "out")
+    table = result.table
+    assert list(table.columns) == ["row", "launch_1", "crossing", "t", "twice", "status", "launch_1_n"]
+    np.testing.assert_array_equal(table["twice"], 2.0 * table["t"])
+    assert len(table) == 2 * 5  # the start is crossing 0
+    assert [path.stem for path in result.figures] == ["cycles", "times"]
+    assert result.manifest["self_check"]["verdict"] == "passed"
+    assert estimate(asked).records == 2 * 4
+    assert asked.resolved()["run"] == {"kind": "doublings", "crossings": 4}
+    assert Job(**asked.resolved()).hash() == asked.hash() != job(figures, crossings=5).hash()
+
+
+@pytest.mark.usefixtures("registered")
+def test_the_schema_and_the_refusals_name_them() -> None:
+    described = schema()
+    assert "doublings" in described["properties"]["run"]["discriminator"]["mapping"]
+    assert "times" in described["properties"]["figures"]["items"]["discriminator"]["mapping"]
+    with pytest.raises(JobError, match=r"run\.crosings is not a field of run \(doublings\)"):
+        job(crosings=3)
+    with pytest.raises(JobError, match="is none; did you mean doublings"):
+        job(kind="doubling")
+    with pytest.raises(JobError, match=r"figures\[0\]\.y is tt, which is not a column of this job's table"):
+        job([{"kind": "times", "y": "tt"}])
+    with pytest.raises(JobError, match="needs a run of doublings or return_map, not of settle"):
+        job([{"kind": "times"}], kind="settle")
+    with pytest.raises(JobError, match="needs a run of return_map or ramp or doublings, not of settle"):
+        job([{"kind": "cycles", "y": ["launch_1"]}], kind="settle")
+
+
+def test_what_is_not_registered_is_refused() -> None:
+    with pytest.raises(JobError, match=r"run\.kind is \"doublings\", which is none"):
+        job()
+    with pytest.raises(JobError, match=r"figures\[0\]\.kind is \"times\", which is none"):
+        job([{"kind": "times"}], kind="return_map", crossings=3)
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_name_is_given_once() -> None:
+    class Another(Doublings):
+        """Another kind with the same name."""
+
+    assert kinds.register(Doublings) is Doublings
+    with pytest.raises(ValueError, match="There is a kind of run named doublings"):
+        kinds.register(Another)
+
+    class Nameless(kinds.RunKind):
+        """A kind without a name."""
+
+    with pytest.raises(TypeError, match="Nameless needs a field kind"):
+        kinds.register(Nameless)
+
+
+@pytest.mark.parametrize("kind", list(kinds.RUN_KINDS))
+def test_every_kind_describes_itself(kind: str) -> None:
+    part = kinds.RUN_KINDS[kind]
+    assert str(part.model_fields["kind"].description).startswith(f"{kind}: ")
+    assert part.__doc__
