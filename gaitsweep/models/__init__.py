@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
@@ -58,11 +58,13 @@ class ModelError(UserError, LookupError):
         return f"The model {self}"
 
 
-def __getattr__(name: str) -> Any:
-    """A registered class by its own name, imported when it is first used."""
-    if name in _CLASSES:
-        return find(_CLASSES[name])
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # a type checker would take any name for one of ours
+
+    def __getattr__(name: str) -> type[Model]:
+        """A registered class by its own name, imported when it is first used."""
+        if name in _CLASSES:
+            return find(_CLASSES[name])
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
