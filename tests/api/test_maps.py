@@ -83,9 +83,7 @@ def test_refusals() -> None:
         mapping(np.zeros(7))
     with pytest.raises(gs.ArgumentError, match="lanch_1 is not a start value of toy; did you mean launch_1"):
         mapping.settled({"lanch_1": 1.0})
-    with pytest.raises(
-        gs.ArgumentError, match="kick is 0.3 at the map's points, but the range is from 1 to 2"
-    ):
+    with pytest.raises(gs.ArgumentError, match=r"kick is 0\.3 at the map's points, but the range is"):
         mapping.continue_({"launch_1": 1.0}, "kick", (1, 2))
     with pytest.raises(gs.ArgumentError, match="kik is not a parameter of toy; did you mean kick"):
         mapping.continue_({"launch_1": 1.0}, "kik", (1, 2))
