@@ -13,6 +13,7 @@ from gaitsweep.analysis.chain.gait_shares import gait_shares
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
 from gaitsweep.analysis.gaits.loading_rule import loading_rule
 from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.gaits.repertoire import repertoire
 from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
 from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, edges_by_gait, loop_area
 from gaitsweep.analysis.transitions.return_map import fixed_points
@@ -29,6 +30,7 @@ __all__ = [
     "gaits_in",
     "hysteresis",
     "loading_rule",
+    "repertoire",
     "spells",
 ]
 
