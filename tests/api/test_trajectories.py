@@ -23,6 +23,7 @@ KINDS = {
     "trace": gs.Trace(duration=1.0, every=0.1),
     "ramp": gs.Ramp(parameter="stiffness", path=[4, 5], rate=0.5),
     "return_map": gs.ReturnMap(crossings=3),
+    "continuation": gs.Continuation(parameter="kick", path=[0.2, 0.5]),
     "staircase": gs.Staircase(parameter="stiffness", path=[4, 5, 4], step=0.5, hold=3.0),
 }
 
