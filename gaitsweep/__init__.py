@@ -1,9 +1,11 @@
-"""Parameter sweeps of legged locomotion models: jobs in YAML, thousands of trajectories at once, tables.
+"""Parameter sweeps of legged locomotion models: thousands of trajectories at once, tables and figures.
 
-import gaitsweep as gs
-result = gs.run("sweeps/quick_basins.yaml")
-table = gs.load(result.path)
-gs.plot.basin(table, x="psi_1", y="psi_2", panels="psi_3")
+import numpy as np, gaitsweep as gs
+chain = gs.models.MultileggedReduced(N=3)
+axis = np.linspace(0.1, 6.2, 33)
+result = gs.sweep(chain, psi_1=axis, psi_2=axis, psi_3=3.1, run=gs.Settle(max_cycles=150))
+result.plot.basin(x="psi_1", y="psi_2")
+stored = gs.run("sweeps/quick_basins.yaml")
 """
 
 from __future__ import annotations
@@ -14,48 +16,130 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gaitsweep import plot
+    from gaitsweep import contract, models, plot
+    from gaitsweep.analysis.basins.measures import basins
+    from gaitsweep.api import analyses, theory
+    from gaitsweep.api.analyses import hysteresis
+    from gaitsweep.api.maps import PoincareMap, return_map
+    from gaitsweep.api.run_kinds import (
+        Continuation,
+        FixedTime,
+        Ramp,
+        ReturnMap,
+        Settle,
+        Staircase,
+        Trace,
+    )
+    from gaitsweep.api.trajectories import simulate, sweep
+    from gaitsweep.contract import HybridModel, Quantity, Status, SteppedModel
+    from gaitsweep.errors import ArgumentError, UserError
     from gaitsweep.job import Job, JobError, load_job
+    from gaitsweep.runs.movie import write_movie, write_still
     from gaitsweep.runs.prepare import RunError
     from gaitsweep.runs.result import Result, run
     from gaitsweep.runs.self_check import SelfCheckError
     from gaitsweep.table import TableError, load
+
+    __version__: str
 
 # float64 is the default of every model here; JAX reads this when it is first imported
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", os.environ["JAX_ENABLE_X64"] not in ("0", "false"))
 
-# what is imported when it is first used, so that `gaitsweep --help` need not wait for JAX
-_ROOMS = {
-    "Job": "gaitsweep.job",
-    "JobError": "gaitsweep.job",
-    "load_job": "gaitsweep.job",
-    "Result": "gaitsweep.runs.result",
-    "run": "gaitsweep.runs.result",
-    "RunError": "gaitsweep.runs.prepare",
-    "SelfCheckError": "gaitsweep.runs.self_check",
-    "TableError": "gaitsweep.table",
-    "load": "gaitsweep.table",
+# The module of each name. It is imported when the name is first used, so `gaitsweep --help` needs no JAX.
+_MODULES = {
+    "ArgumentError": "errors",
+    "Continuation": "api.run_kinds",
+    "FixedTime": "api.run_kinds",
+    "HybridModel": "contract",
+    "Job": "job",
+    "JobError": "job",
+    "PoincareMap": "api.maps",
+    "Quantity": "contract",
+    "Ramp": "api.run_kinds",
+    "Result": "runs.result",
+    "ReturnMap": "api.run_kinds",
+    "RunError": "runs.prepare",
+    "SelfCheckError": "runs.self_check",
+    "Settle": "api.run_kinds",
+    "Staircase": "api.run_kinds",
+    "Status": "contract",
+    "SteppedModel": "contract",
+    "TableError": "table",
+    "Trace": "api.run_kinds",
+    "UserError": "errors",
+    "basins": "analysis.basins.measures",
+    "hysteresis": "api.analyses",
+    "load": "table",
+    "load_job": "job",
+    "return_map": "api.maps",
+    "run": "runs.result",
+    "simulate": "api.trajectories",
+    "sweep": "api.trajectories",
+    "write_movie": "runs.movie",
+    "write_still": "runs.movie",
+}
+# Names that are modules themselves.
+_NAMESPACES = {
+    "analyses": "api.analyses",
+    "contract": "contract",
+    "models": "models",
+    "plot": "plot",
+    "theory": "api.theory",
 }
 
 __all__ = [
+    "ArgumentError",
+    "Continuation",
+    "FixedTime",
+    "HybridModel",
     "Job",
     "JobError",
+    "PoincareMap",
+    "Quantity",
+    "Ramp",
     "Result",
+    "ReturnMap",
     "RunError",
     "SelfCheckError",
+    "Settle",
+    "Staircase",
+    "Status",
+    "SteppedModel",
     "TableError",
+    "Trace",
+    "UserError",
+    "__version__",
+    "analyses",
+    "basins",
+    "contract",
+    "hysteresis",
     "load",
     "load_job",
+    "models",
     "plot",
+    "return_map",
     "run",
+    "simulate",
+    "sweep",
+    "theory",
+    "write_movie",
+    "write_still",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name == "plot":
-        return importlib.import_module("gaitsweep.plot")
-    if name in _ROOMS:
-        return getattr(importlib.import_module(_ROOMS[name]), name)
-    raise AttributeError(f"module 'gaitsweep' has no attribute {name!r}")
+if not TYPE_CHECKING:  # a type checker would take any name for one of ours
+
+    def __getattr__(name: str) -> Any:
+        if name in _NAMESPACES:
+            return importlib.import_module(f"{__name__}.{_NAMESPACES[name]}")
+        if name in _MODULES:
+            return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+        if name == "__version__":
+            return importlib.import_module(f"{__name__}.version").version()
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

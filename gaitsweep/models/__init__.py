@@ -11,11 +11,28 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.errors import UserError
 from gaitsweep.models.own_modules import Stamp, installed, modules_beside, stamp_of
+
+if TYPE_CHECKING:
+    from gaitsweep.models.multilegged.model import Multilegged
+    from gaitsweep.models.multilegged.reduced import MultileggedReduced
+    from gaitsweep.models.planar_quadruped import PlanarQuadruped
+    from gaitsweep.models.waist_quadruped import WaistQuadruped
+
+__all__ = [
+    "ModelError",
+    "Multilegged",
+    "MultileggedReduced",
+    "PlanarQuadruped",
+    "WaistQuadruped",
+    "find",
+    "names",
+]
 
 _REGISTRY = {
     "multilegged": "gaitsweep.models.multilegged.model:Multilegged",
@@ -23,7 +40,11 @@ _REGISTRY = {
     "planar_quadruped": "gaitsweep.models.planar_quadruped:PlanarQuadruped",
     "waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped",
 }
+_CLASSES = {path.rpartition(":")[2]: name for name, path in _REGISTRY.items()}
 _OWN = "a model of your own is written package.module:attribute"
+# classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
+_SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
+_OF_SESSION = "session:"
 # when the files of users' modules were written, and their sizes, as they were loaded
 _WRITTEN: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
 
@@ -37,9 +58,48 @@ class ModelError(UserError, LookupError):
         return f"The model {self}"
 
 
+if not TYPE_CHECKING:  # a type checker would take any name for one of ours
+
+    def __getattr__(name: str) -> type[Model]:
+        """A registered class by its own name, imported when it is first used."""
+        if name in _CLASSES:
+            return find(_CLASSES[name])
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 def names() -> tuple[str, ...]:
     """The registered names."""
     return tuple(_REGISTRY)
+
+
+def name_of(model_class: type[Model]) -> str:
+    """The name with which `find` gives this class.
+
+    It is the registered name, or "package.module:attribute". A class that cannot be imported again, such as
+    one of a notebook's cell, has a name that holds in this Python process only (see `importable`).
+    """
+    name = _CLASSES.get(model_class.__qualname__)
+    if name is not None and find(name) is model_class:
+        return name
+    own = f"{model_class.__module__}:{model_class.__qualname__}"
+    if model_class.__module__ != "__main__":
+        try:
+            if find(own) is model_class:
+                return own
+        except ModelError:
+            pass
+    name = f"{_OF_SESSION}{model_class.__name__}"
+    _SESSION[name] = model_class
+    return name
+
+
+def importable(name: str) -> bool:
+    """Whether another Python process finds the model of this name."""
+    return not name.startswith(_OF_SESSION)
 
 
 def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
@@ -53,6 +113,8 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         ModelError: an unknown name (with the near miss), a module that does not import, or an attribute
             that is missing or is not a model.
     """
+    if name in _SESSION:
+        return _as_model(name, _SESSION[name])
     own = name not in _REGISTRY
     path = _REGISTRY.get(name, name)
     if ":" not in path:

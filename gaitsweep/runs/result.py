@@ -1,43 +1,154 @@
-"""What a notebook holds of a job that was run: its directory, table and figures."""
+"""The result of a run: its table, its figures, and the job that makes it again."""
 
 from __future__ import annotations
 
-import dataclasses
+import functools
+import html
 import json
+import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
 
 import pandas as pd
+import yaml
+from matplotlib.figure import Figure
 
+from gaitsweep import plot
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
+from gaitsweep.models import importable
+from gaitsweep.runs.dataset import dataset_of
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.figures import Progress
+from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.table import load
+from gaitsweep.table.manifest import FIGURES, MANIFEST
+
+if TYPE_CHECKING:
+    import xarray  # pyright: ignore[reportMissingImports]
+
+_SHOWN_ROWS = 5
+Spec = ParamSpec("Spec")
 
 
-@dataclasses.dataclass(frozen=True)
+def _method(
+    figure_of: Callable[Concatenate[pd.DataFrame, Spec], Figure],
+) -> Callable[Concatenate[FiguresOfTable, Spec], Figure]:
+    """A figure's function of a table as a method of `FiguresOfTable`."""
+
+    @functools.wraps(figure_of)
+    def draw(self: FiguresOfTable, *args: Spec.args, **spec: Spec.kwargs) -> Figure:
+        return figure_of(self.table, *args, **spec)
+
+    return draw
+
+
+class FiguresOfTable:
+    """The figures of one table: each function of `gaitsweep.plot` without its first argument."""
+
+    def __init__(self, table: pd.DataFrame) -> None:
+        self.table = table
+
+    basin = _method(plot.basin)
+    solution_set = _method(plot.solution_set)
+    cycles = _method(plot.cycles)
+    footprints = _method(plot.footprints)
+    hysteresis = _method(plot.hysteresis)
+    return_map = _method(plot.return_map)
+    branches = _method(plot.branches)
+    continuation = _method(plot.continuation)
+    stable_ranges = _method(plot.stable_ranges)
+    gait_map = _method(plot.gait_map)
+    drift_law = _method(plot.drift_law)
+    gait_shares = _method(plot.gait_shares)
+    basin_measures = _method(plot.basin_measures)
+    shock = _method(plot.shock)
+    speed_gaits = _method(plot.speed_gaits)
+    gait_series = _method(plot.gait_series)
+    gait_ramp = _method(plot.gait_ramp)
+    nine_gaits = _method(plot.nine_gaits)
+    loading_rule = _method(plot.loading_rule)
+
+
 class Result:
-    """A result directory."""
+    """A run's table, in a result directory or in memory."""
 
-    path: Path
+    def __init__(self, path: Path | None = None, table: pd.DataFrame | None = None) -> None:
+        """Take the directory, or the table where there is none."""
+        self._path, self._table = path, table
+
+    @property
+    def path(self) -> Path:
+        """The result directory.
+
+        Raises:
+            ArgumentError: the result is in memory.
+        """
+        if self._path is None:
+            raise ArgumentError("This result is in memory, without a directory: give out= to keep one.")
+        return self._path
 
     @property
     def table(self) -> pd.DataFrame:
-        """The table, read anew each time."""
-        return load(self.path)
+        """The table, with units and provenance in `.attrs`; read anew each time from a directory."""
+        return load(self.path) if self._table is None else self._table
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """Hash, versions, device, timings, counts by status."""
-        return json.loads((self.path / "manifest.json").read_text(encoding="utf-8"))
+        """Job, hash, versions, device, timings, counts by status, self-check."""
+        if self._table is not None:
+            return self._table.attrs["manifest"]
+        return json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
 
     @property
     def figures(self) -> list[Path]:
-        """The figures' files."""
-        return sorted((self.path / "figures").glob("*.png"))
+        """The files of the figures that the job asked for."""
+        return [] if self._path is None else sorted((self._path / FIGURES).glob("*.png"))
+
+    @property
+    def plot(self) -> FiguresOfTable:
+        """The figures of `gaitsweep.plot` for this table: `result.plot.basin(x="psi_1", y="psi_2")`."""
+        return FiguresOfTable(self.table)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The table as a dataset whose dimensions are the axes; see `gaitsweep.runs.dataset.dataset_of`."""
+        return dataset_of(self.table)
+
+    def job(self) -> str:
+        """The job file, as YAML text, whose run gives the same table.
+
+        Raises:
+            ArgumentError: the model's class belongs to this session, and no file can name it.
+        """
+        job = self.manifest["job"]
+        if not importable(job["model"]):
+            raise ArgumentError(
+                f"{job['model'].partition(':')[2]} is a class of this session, which a job file cannot name: "
+                "write the class into a module (hopper.py) and import it from there."
+            )
+        return yaml.safe_dump(job, sort_keys=False, allow_unicode=True, width=100)
+
+    def __repr__(self) -> str:
+        where = "in memory" if self._path is None else f"in {self._path}"
+        return f"Result({'; '.join(self._summary())}; {where})"
+
+    def _repr_html_(self) -> str:
+        """Counts, self-check and the first records, for a notebook."""
+        lines = "<br>".join(html.escape(line) for line in self._summary())
+        return f"<p>{lines}</p>{self.table.head(_SHOWN_ROWS).to_html()}"
+
+    def _summary(self) -> list[str]:
+        known = self.manifest
+        counts = {"rows": {"": known["rows"]}, "status": known.get("counts"), "gait": known.get("gaits")}
+        lines = [
+            f"{name}: {', '.join(f'{key} {count}'.strip() for key, count in each.items())}"
+            for name, each in counts.items()
+            if each
+        ]
+        check = known.get("self_check")
+        return [*lines, sentence(check)] if isinstance(check, dict) else lines
 
 
 def run(
@@ -48,7 +159,7 @@ def run(
     progress: Progress | None = None,
     strict: bool = False,
 ) -> Result:
-    """Run a job, or what is left of it, and draw its figures.
+    """Run a job in its result directory, or what is left of it, and draw its figures.
 
     Args:
         job: a job, or the path of its YAML file.
@@ -60,7 +171,8 @@ def run(
     Raises:
         SelfCheckError: as above; the table is complete.
         JobError: the job is bad, with a sentence for each thing that is wrong.
-        ValueError: overrides of a job that is not read from a file.
+        ArgumentError: overrides of a job that is not read from a file; a directory for a model whose class
+            belongs to this session, of which no later run could tell whether it is the same.
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
     """
     if isinstance(job, Job) and overrides:
@@ -68,4 +180,24 @@ def run(
             "overrides are for a job that is read from a file: build the Job with them instead."
         )
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
+    if not importable(loaded.model):
+        raise ArgumentError(
+            f"{loaded.model.partition(':')[2]} is a class of this session, and a result directory needs a "
+            "model that a file gives: leave out= away, or write the class into a module and import it."
+        )
     return Result(run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict))
+
+
+def run_in_memory(job: Job) -> Result:
+    """Run a job and keep its table in memory.
+
+    The same code as `run` writes the table, into a temporary folder that is removed afterwards, so both give
+    the same values and types. Ctrl-C loses the rows that have ended.
+
+    Raises:
+        TableError, RunError: the temporary disk is full, a device is missing.
+    """
+    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+        table = load(run_job(job, folder, tell=warnings.warn, figures=False))
+    del table.attrs["path"]
+    return Result(table=table)

@@ -1,0 +1,101 @@
+"""Analyses of result tables: `gs.analyses.attractors(table)`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import pandas as pd
+
+from gaitsweep.analysis.attractors.attractors import agreement, attractors
+from gaitsweep.analysis.basins.measures import basins
+from gaitsweep.analysis.chain.gait_shares import gait_shares
+from gaitsweep.analysis.gaits.gait_tables import gaits_in
+from gaitsweep.analysis.gaits.loading_rule import loading_rule
+from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.gaits.repertoire import repertoire
+from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, edges_by_gait, loop_area
+from gaitsweep.analysis.transitions.return_map import fixed_points
+
+__all__ = [
+    "Hysteresis",
+    "agreement",
+    "attractors",
+    "basins",
+    "edges_by_gait",
+    "fixed_points",
+    "gait_shares",
+    "gaits_along",
+    "gaits_in",
+    "hysteresis",
+    "loading_rule",
+    "repertoire",
+    "spells",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Hysteresis:
+    """Where a state is lost as a parameter rises and falls, and the area between the branches.
+
+    `transition_points`: one record a pass (direction, low, high, size, rows, ...), or a gait for settled
+    rows. `loops`: one record a row and pair of passes (area, signed, low, high); areas are in the parameter's
+    unit times the observable's. Of ramps and staircases both have the column `observable`.
+    """
+
+    transition_points: pd.DataFrame
+    loops: pd.DataFrame
+
+
+def hysteresis(
+    table: pd.DataFrame,
+    observable: str | None = None,
+    parameter: str | None = None,
+    *,
+    start: str | None = None,
+    least: float = LEAST,
+    by: Sequence[str] = (),
+) -> Hysteresis:
+    """Measure the hysteresis of a ramp, of a staircase, or of settled rows.
+
+    Args:
+        table: a table of one of these runs.
+        observable: the section observable that jumps; each of the table's in turn by default.
+        parameter: the parameter's column; the one that the run moved by default.
+        start: of settled rows, the column of the start value that chooses the branch.
+        least: smallest change that counts as a jump, in the observable's unit.
+        by: columns of what varies; rows that share them are taken together.
+
+    Raises:
+        AnalysisError: a column is not there, or has to be named.
+    """
+    run = table.attrs.get("job", {}).get("run", {})
+    parameter = parameter or run.get("parameter")
+    if parameter is None:
+        raise AnalysisError("This run moved no parameter: name the column as parameter=.")
+    if "pass" not in table.columns:
+        if start is None:
+            raise AnalysisError(
+                "These rows have no passes up and down: name the column of the start value that chooses the "
+                "branch as start=."
+            )
+        return Hysteresis(edges_by_gait(table, parameter, start, by=by), pd.DataFrame())
+    names = [observable] if observable is not None else _observables(table)
+    points = [edges(table, name, parameter, least, by).assign(observable=name) for name in names]
+    loops = [loop_area(table, name, parameter).assign(observable=name) for name in names]
+    return Hysteresis(_joined(points), _joined(loops))
+
+
+def _observables(table: pd.DataFrame) -> list[str]:
+    """The section observables of a table, by their own names."""
+    columns = table.columns[table.columns.str.endswith("_n")]
+    return [str(name).removesuffix("_n") for name in columns if pd.api.types.is_numeric_dtype(table[name])]
+
+
+def _joined(parts: list[pd.DataFrame]) -> pd.DataFrame:
+    """The frames under each other, `observable` first; of empty ones only the columns."""
+    full = [part for part in parts if len(part)] or parts[:1]
+    joined = pd.concat(full, ignore_index=True) if full else pd.DataFrame({"observable": []})
+    joined.insert(0, "observable", joined.pop("observable"))
+    return joined

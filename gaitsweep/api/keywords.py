@@ -1,0 +1,155 @@
+"""A job from a model and keywords: arrays are axes, which multiply; numbers are constants."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from gaitsweep import models, near_miss
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job
+from gaitsweep.job.model_spec import ModelSpec, read_subject
+
+AnyModel = Model | type[Model] | str
+# Keywords of the API's functions. A quantity with such a name is set by `params={}` or `start={}`.
+RESERVED = ("out", "engine", "numerics", "params", "start", "verify", "client", "run")
+# Groups of `vary` that move several names together.
+_GROUPS = ("zip", "sample")
+
+
+def job_of(
+    model: AnyModel,
+    values: Mapping[str, Any],
+    *,
+    run: BaseModel | Mapping[str, Any],
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    any_start: bool = False,
+    **fields: Any,
+) -> Job:
+    """The job that runs a model with these keywords.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        values: by the name of a parameter or start value: a constant (number or formula), an axis (a list, a
+            one-dimensional array, or a mapping as under `vary` of a job file), or one of `zip` and `sample`
+            with a group as in a job file.
+        run: a run kind, or its fields.
+        params, start: constants and axes by name, whatever the names are.
+        any_start: give a value within its bounds to each start that has neither a value nor a default.
+        fields: other fields of the job.
+
+    Raises:
+        ArgumentError: a name that the model does not have, or an array of several dimensions.
+        JobError: other things that are wrong with the job.
+    """
+    name, structure = _named(model)
+    given = dict(values)
+    for field, more in (("params", params), ("start", start)):
+        repeated = next((key for key in more or {} if key in given), None)
+        if repeated is not None:
+            raise ArgumentError(f"{repeated} is given twice, once in {field}.")
+        given |= more or {}
+    fields_of_model = _structure_of(name)
+    sizes = {key: value for key, value in given.items() if key in fields_of_model}
+    if structure is None:
+        structure = sizes
+    elif sizes:
+        size = next(iter(sizes))
+        raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
+    subject, complaints = read_subject(name, structure, None, [])
+    if subject is None:
+        raise ArgumentError("\n".join(map(str, complaints)))
+    vary: dict[str, Any] = {}
+    constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}
+    for key, value in given.items():
+        if key in sizes:
+            continue
+        if key in _GROUPS:
+            vary[key] = _plain(value)
+            continue
+        _check_name(key, subject)
+        if _is_axis(key, value):
+            vary[key] = _plain(value)
+        else:
+            constants["params" if key in subject.parameters else "start"][key] = _plain(value)
+    if any_start:
+        for key, quantity in subject.starts.items():
+            if key not in given and quantity.default is None:
+                constants["start"][key] = _allowed(quantity)
+    return Job.model_validate(
+        {
+            "name": re.sub(r"\W", "_", subject.model.name) or "model",
+            "model": name,
+            "structure": structure,
+            **constants,
+            "vary": vary,
+            "run": run,
+            **{key: value for key, value in fields.items() if value is not None},
+        }
+    )
+
+
+def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
+    """The name of a model, and its structure where it is an instance."""
+    if isinstance(model, str):
+        return model, None
+    if isinstance(model, type) and issubclass(model, Model):
+        return models.name_of(model), None
+    if isinstance(model, Model):
+        name = models.name_of(type(model))
+        return name, {field: getattr(model, field) for field in _structure_of(name)}
+    raise ArgumentError(f"A model is an instance, a class or a name, not {type(model).__name__}.")
+
+
+def _structure_of(name: str) -> list[str]:
+    """The names of a model's structure."""
+    try:
+        found = models.find(name)
+    except models.ModelError as error:
+        raise ArgumentError(error.sentence) from None
+    if not dataclasses.is_dataclass(found):
+        raise ArgumentError(f"The model {found.__name__} is not a dataclass: write @dataclass(frozen=True).")
+    return [field.name for field in dataclasses.fields(found) if field.init]
+
+
+def _check_name(name: str, subject: ModelSpec) -> None:
+    if name in subject.quantities:
+        return
+    if name in RESERVED:
+        raise ArgumentError(f"{name} is a reserved keyword, which this function does not take.")
+    near = near_miss.suggestion(name, subject.quantities)
+    raise ArgumentError(f"{name} is neither a parameter nor a start value of {subject.model.name}{near}")
+
+
+def _allowed(quantity: Quantity) -> float:
+    """A value within the bounds of a quantity."""
+    low, high = quantity.low, quantity.high
+    if math.isfinite(low):
+        return 0.5 * (low + high) if math.isfinite(high) else low + 1.0
+    return high - 1.0 if math.isfinite(high) else 0.0
+
+
+def _is_axis(name: str, value: Any) -> bool:
+    if isinstance(value, Mapping | list | tuple | range):
+        return True
+    dimensions = np.ndim(value)
+    if dimensions > 1:
+        raise ArgumentError(f"{name} has {dimensions} dimensions, but an axis is a list of numbers.")
+    return dimensions == 1
+
+
+def _plain(value: Any) -> Any:
+    """Lists and Python's numbers for arrays, series and NumPy's numbers, in mappings too."""
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [_plain(each) for each in value]
+    return value.tolist() if hasattr(value, "tolist") else value

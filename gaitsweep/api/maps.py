@@ -1,0 +1,281 @@
+"""The return map of a model at given parameters: images, derivative, fixed points and branches."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, overload
+
+import jax
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from gaitsweep import near_miss
+from gaitsweep.analysis.continuation import floquet
+from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.newton import FixedPoints, newton
+from gaitsweep.api.keywords import AnyModel, job_of
+from gaitsweep.api.run_kinds import ReturnMap
+from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.return_map import return_map as map_of
+from gaitsweep.engine.propose import own_steps
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job
+
+# Points of the section: their coordinates, start values by name, or what these methods return.
+SectionPoints = Points | FixedPoints | Mapping[str, Any]
+
+
+class PoincareMap:
+    """The map from a state just after one section crossing to the state just after the next.
+
+    Coordinates are those of the model's chart (`coordinates`), or all numbers of a state. Where parameters
+    were given as arrays, there is one map for each of their combinations, and points belong to them in order.
+
+    Points are given as one of
+    - an array of coordinates (size,) or (n, size). Its discrete modes (contacts, leg segments) are those of
+      the map's own start, so it has to be near that;
+    - start values by name, numbers or (n,): the section state with which a run begins;
+    - the points that `settled`, `fixed_points` or the map itself returned, with their modes.
+    """
+
+    def __init__(self, job: Job, cycles: int, without_start: Sequence[str]) -> None:
+        """Use `gaitsweep.return_map`; `without_start` are the start values that were not given."""
+        plan = job.plan
+        names = [quantity.name for quantity in plan.model.parameters]
+        parameters, starts = plan.values(0, plan.n_rows)
+        moving = {name for name in names if plan.spans(name)}
+        # parameters that follow others by a formula stay formulas, so that a branch moves them too
+        settings = {name: plan.derived.get(name, plan.settings[name]) for name in names if name not in moving}
+        settings |= {name: plan.derived[name] for name in moving if name in plan.derived}
+        settings |= {name: 0.0 for name in moving if name not in plan.derived}
+        self.model = plan.model
+        self.mapping = map_of(
+            plan.model, settings, numerics=job.integration, engine=job.engine.name, cycles=cycles
+        )
+        self._values = {name: parameters[name] for name in moving if name not in plan.derived}
+        self._parameters = parameters
+        self._without_start = tuple(without_start)
+        self._starts = {
+            name: value
+            for name, value in starts.items()
+            if name not in without_start and not np.isnan(value).all()
+        }
+
+    @property
+    def coordinates(self) -> list[str]:
+        """The names of the coordinates, in their order."""
+        return [quantity.name for quantity in self.mapping.coordinates]
+
+    @property
+    def conserved(self) -> list[str]:
+        """The names of what the map conserves."""
+        return [quantity.name for quantity in self.mapping.conserved]
+
+    @overload
+    def __call__(self, x: SectionPoints) -> Points: ...
+    @overload
+    def __call__(self, x: ArrayLike) -> np.ndarray: ...
+    def __call__(self, x: Any) -> Any:
+        """The images of points: coordinates for coordinates, else points with their modes.
+
+        Coordinates are NaN where a trajectory falls or does not come back to the section.
+        """
+        points, single = self._points(x)
+        images = self.mapping.images(points, self._values)
+        at = np.where(images.sound[:, None], images.points.at, np.nan)
+        if isinstance(x, Points | FixedPoints | Mapping):
+            return Points(at, images.points.like)
+        return at[0] if single else at
+
+    def jacobian(self, x: SectionPoints | ArrayLike) -> np.ndarray:
+        """The derivative of the map over the coordinates, (n, size, size); (size, size) of one array (size,).
+
+        Raises:
+            ArgumentError: the map has no derivative.
+        """
+        self._require_derivative()
+        points, single = self._points(x)
+        found = self.mapping.linearised(points, self._values).jacobian
+        return found[0] if single else found
+
+    def multipliers(self, x: SectionPoints | ArrayLike) -> np.ndarray:
+        """The Floquet multipliers of fixed points, complex (n, size), largest in size first.
+
+        Raises:
+            ArgumentError: the map has no derivative.
+        """
+        return floquet.multipliers(self.jacobian(x))
+
+    def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
+        """The section points that start values come to after so many crossings.
+
+        Args:
+            starts: numbers or (n,) by name; the others as given to `return_map`, else the model's defaults.
+            cycles: crossings, 0 or more. A trajectory that fails stays where it failed, with a warning.
+        """
+        given = {**self._starts, **self._checked(starts or {})}
+        missing = [name for name in self._without_start if name not in given]
+        if missing:
+            raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
+        points, way = self.mapping.settled(given, self._values, cycles)
+        failed = int(np.count_nonzero(way))
+        if failed:
+            warnings.warn(
+                f"{failed} of {len(points)} starts did not cross the section {cycles} times.", stacklevel=2
+            )
+        return points
+
+    def fixed_points(
+        self,
+        x: SectionPoints | ArrayLike,
+        *,
+        fix: Sequence[str] | None = None,
+        tolerance: float = 1e-9,
+        most: int = 20,
+    ) -> FixedPoints:
+        """Fixed points near points, stable or not, by Newton's method.
+
+        Args:
+            x: the points at which the searches begin.
+            fix: conserved quantities that are held; all of `conserved` by default.
+            tolerance: residual of a fixed point, relative to the size of each coordinate.
+            most: Newton steps.
+
+        Returns:
+            For each point: `converged`, `outcome`, `points` (`points.at` are coordinates), `residual`,
+            `iterations`, `images` with their derivatives.
+
+        Raises:
+            ArgumentError: the map has no derivative; `fix` names what it does not conserve.
+        """
+        self._require_derivative()
+        points, held = self._points(x)[0], self.conserved if fix is None else fix
+        return newton(self.mapping, points, self._values, fix=held, tolerance=tolerance, most=most)
+
+    def continue_(
+        self,
+        x: SectionPoints | ArrayLike,
+        parameter: str,
+        within: Sequence[float],
+        *,
+        towards: int | None = None,
+        fix: Sequence[str] | None = None,
+    ) -> pd.DataFrame:
+        """Follow the branches of fixed points through points along a parameter, around folds.
+
+        Args:
+            x: points near fixed points at the map's own value of the parameter.
+            parameter: its name.
+            within: the range of it, two numbers.
+            towards: 1 or -1, the direction in which a branch begins; both by default.
+            fix: conserved quantities that are held; all of `conserved` by default.
+
+        Returns:
+            One record a point of a branch, as `analysis.continuation.continuation` says; `row` is the place
+            of its start, and `direction` the one in which the branch began.
+
+        Raises:
+            ArgumentError: the map has no derivative, the parameter is not the model's, or its value is
+                outside the range.
+        """
+        self._require_derivative()
+        if parameter not in self._parameters:
+            self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
+        begin = self._parameters[parameter]
+        begin = begin if parameter in self._values else begin[:1]
+        low, high = min(within), max(within)
+        if not (low <= begin.min() and begin.max() <= high):
+            raise ArgumentError(
+                f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
+            )
+        points = self._points(x)[0]
+        values = {name: value for name, value in self._values.items() if name != parameter}
+        held = self.conserved if fix is None else fix
+        found = []
+        for direction in (1, -1) if towards is None else (towards,):
+            if np.all(begin == (high if direction > 0 else low)) and towards is None:
+                continue
+            branches = continuation(
+                self.mapping,
+                points,
+                values,
+                parameter=parameter,
+                within=within,
+                begin=np.broadcast_to(begin, (len(points),)),
+                towards=direction,
+                fix=held,
+            )
+            found.append(branches.assign(direction=direction))
+        return pd.concat(found, ignore_index=True)
+
+    def _points(self, x: Any) -> tuple[Points, bool]:
+        """Points, and whether they were one array of coordinates (size,)."""
+        if isinstance(x, FixedPoints):
+            return x.points, False
+        if isinstance(x, Points):
+            return x, False
+        if isinstance(x, Mapping):
+            return self.settled(x, 0), False
+        at = np.asarray(x, np.float64)
+        size = len(self.coordinates)
+        if at.ndim not in (1, 2) or at.shape[-1] != size:
+            raise ArgumentError(
+                f"Points have the shape {at.shape}, but the map has {size} coordinates: give (n, {size})."
+            )
+        rows = np.atleast_2d(at)
+        like = jax.tree.map(lambda leaf: np.repeat(leaf[:1], len(rows), axis=0), self._start.like)
+        return Points(rows, like), at.ndim == 1 and not self._values
+
+    @cached_property
+    def _start(self) -> Points:
+        return self.settled({}, 0)
+
+    def _checked(self, starts: Mapping[str, Any]) -> Mapping[str, Any]:
+        known = [quantity.name for quantity in self.model.starts]
+        for name in starts:
+            if name not in known:
+                near = near_miss.suggestion(name, known)
+                raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
+        return starts
+
+    def _require_derivative(self) -> None:
+        method = self.mapping.numerics.of(self.model).method
+        if own_steps(method, self.model) is not None:
+            raise ArgumentError(
+                f"The return map of {self.model.name} by {method} has no derivative: steps have a fixed "
+                "length, and the section is met at the end of one. Give numerics={'method': 'rk4'} where "
+                "the model allows it."
+            )
+
+
+def return_map(
+    model: AnyModel,
+    *,
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    numerics: Mapping[str, Any] | None = None,
+    engine: str = "auto",
+    cycles: int = 1,
+    **values: Any,
+) -> PoincareMap:
+    """The return map of a model's Poincare section.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        params, start, numerics: as for `sweep`.
+        engine: auto, kernel or xla.
+        cycles: crossings from a point to its image.
+        values: parameters, and start values at which points begin unless they are given.
+
+    Raises:
+        ArgumentError: a name that the model does not have.
+        JobError: other things that are wrong, a sentence each.
+    """
+    fields = {"numerics": numerics, "engine": {"name": engine}}
+    run = ReturnMap(crossings=1)
+    job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
+    without = [q.name for q in job.plan.model.starts if q.default is None]
+    return PoincareMap(job, cycles, [name for name in without if name not in {**values, **(start or {})}])

@@ -1,0 +1,119 @@
+"""Runs from keywords: one trajectory, or a grid of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import pandas as pd
+from pydantic import BaseModel
+
+from gaitsweep.api.keywords import AnyModel, job_of
+from gaitsweep.api.run_kinds import Settle, Trace
+from gaitsweep.contract import Status, Verdict
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job
+from gaitsweep.runs.result import Result, run_in_memory
+from gaitsweep.runs.result import run as run_job
+
+SAMPLES_PER_CYCLE = 100
+
+
+def sweep(
+    model: AnyModel,
+    *,
+    run: BaseModel | Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    numerics: Mapping[str, Any] | None = None,
+    engine: str | Mapping[str, Any] | None = None,
+    verify: int | None = None,
+    **values: Any,
+) -> Result:
+    """Run a model over the grid that the keywords span.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        run: what is done with each row, `Settle()` by default; a run kind, or its fields as in a job file.
+        out: the result directory. Without it the table is in memory, and Ctrl-C loses all its rows; with it
+            the same call continues where it was stopped.
+        params, start: parameters and start values by name, for names that are keywords here.
+        numerics: method, dt and the other fields of a job's `numerics`; what the model recommends by default.
+        engine: auto, kernel or xla, or the fields of a job's `engine`.
+        verify: rows that are repeated at half the step when the run is complete; 32 by default, 0: none.
+        values: parameters and start values by name. A number or a formula is a constant; a list or an array
+            (n,) is an axis, and axes multiply, the last varying fastest. `zip` and `sample` take groups as in
+            a job file.
+
+    Raises:
+        ArgumentError: a name that the model does not have; `out` for a class of this session.
+        JobError: other things that are wrong, a sentence each.
+        TableError, RunError: as for `gaitsweep.run`.
+    """
+    fields = {"numerics": numerics, "engine": _engine(engine), "verify": verify}
+    job = job_of(model, values, run=Settle() if run is None else run, params=params, start=start, **fields)
+    return run_in_memory(job) if out is None else run_job(job, out)
+
+
+def simulate(
+    model: AnyModel,
+    *,
+    duration: float,
+    every: float | None = None,
+    after_cycles: int = 0,
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    numerics: Mapping[str, Any] | None = None,
+    engine: str | Mapping[str, Any] | None = None,
+    **values: Any,
+) -> pd.DataFrame:
+    """Simulate one trajectory and record its signals.
+
+    Args:
+        model: an instance, a class, a registered name, or "package.module:attribute".
+        duration: length of the recording, s.
+        every: interval between samples, s; a hundredth of the model's nominal cycle by default.
+        after_cycles: section crossings before the recording, whose time then begins at 0.
+        params, start, numerics, engine: as for `sweep`.
+        values: parameters and start values by name, numbers or formulas.
+
+    Returns:
+        One record a sample: t (s) and the model's signals. `.attrs` has `units` by column, `status` (how the
+        trajectory ended), `job`, `manifest` and `quantities`.
+
+    Raises:
+        ArgumentError: a name that the model does not have, or an array.
+        JobError: other things that are wrong, a sentence each.
+    """
+    fields = {"numerics": numerics, "engine": _engine(engine), "verify": 0}
+
+    def job_with(interval: float) -> Job:
+        trace = Trace(duration=duration, every=interval, after_cycles=after_cycles)
+        return job_of(model, values, run=trace, params=params, start=start, **fields)
+
+    job = job_with(duration if every is None else every)
+    if job.plan.groups:
+        raise ArgumentError(f"{job.plan.names[0]} is an axis, but one trajectory takes a number: use sweep.")
+    if every is None:
+        parameters, _ = job.plan.values(0, 1)
+        chosen = job.plan.model
+        known = {name: jnp.asarray(value[0]) for name, value in chosen.on_host(parameters).items()}
+        cycle = float(chosen.period(chosen.params(known)))
+        job = job_with(min(cycle / SAMPLES_PER_CYCLE, duration))
+    recorded = run_in_memory(job).table
+    status = Status[str(recorded["status"].iloc[-1])]
+    if status.verdict is Verdict.failed:
+        warnings.warn(f"The trajectory ended as {status.name}: {status.sentence}", stacklevel=2)
+    signals = recorded.drop(columns=["row", "status", "stalled_by"])
+    quantities = recorded.attrs["quantities"]
+    units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}
+    signals.attrs = {**recorded.attrs, "units": units, "status": status.name}
+    return signals
+
+
+def _engine(engine: str | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    return {"name": engine} if isinstance(engine, str) else engine

@@ -1,0 +1,151 @@
+"""A table as an xarray dataset: dimensions are the axes of the job."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.errors import UserError
+
+if TYPE_CHECKING:
+    import xarray  # pyright: ignore[reportMissingImports]
+
+RECORD = "record"  # the dimension of several records of one row: crossings, samples, steps of a staircase
+POINT = "point"  # the dimension of a `zip` or a `sample`, which moves several names
+
+
+class MissingPackageError(UserError, ImportError):
+    """An optional package is not installed; the message names the extra that installs it."""
+
+
+def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
+    """The table as a dataset on the grid of its job.
+
+    Args:
+        table: a whole table, as `load` gives it, with its `.attrs`.
+
+    Returns:
+        Dimensions: each axis by its name, `point` (`point_2`, ...) for each `zip` or `sample`, and `record`
+        where rows have several records. Coordinates: what varies. Variables have `units` and `long_name`.
+        Names (`status`, `gait`) are integers with `flag_values` and `flag_meanings`, -1 where there is none.
+        Where rows or records are missing, numbers are NaN.
+
+    Raises:
+        MissingPackageError: xarray is not installed.
+
+    Source: flags follow the CF conventions 1.11, sec. 3.5.
+    """
+    try:
+        import xarray  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise MissingPackageError(
+            "to_xarray needs the package xarray: install it with pip install 'gaitsweep[xarray]'."
+        ) from None
+    job, manifest = table.attrs["job"], table.attrs["manifest"]
+    axes = _axes(job.get("vary", {}))
+    lengths = {dimension: length for dimension, _, length in axes}
+    row = table["row"].to_numpy(np.int64)
+    record = table.groupby("row").cumcount().to_numpy()
+    records = int(record.max(initial=0)) + 1
+    several = records > 1 or job["run"]["kind"] not in ("settle", "hold", "fixed_time")
+    shape = (*lengths.values(), *((records,) if several else ()))
+    dimensions = (*lengths, *((RECORD,) if several else ()))
+    place = row * records + record if several else row
+    quantities = table.attrs.get("quantities", {})
+
+    def variable(name: str) -> tuple[tuple[str, ...], np.ndarray, dict[str, Any]]:
+        values, attributes = _numbers(table[name])
+        known = quantities.get(name, {})
+        for key, field in (("units", "unit"), ("long_name", "meaning")):
+            if known.get(field):
+                attributes[key] = known[field]
+        return dimensions, _spread(values, place, shape, "flag_values" in attributes), attributes
+
+    names = [str(name) for name in table.columns if name != "row"]
+    variables = {name: variable(name) for name in names}
+    coordinates = {}
+    for dimension, moved, _ in axes:
+        for name in moved:
+            _, values, attributes = variables.pop(name)
+            along = _along(values, dimensions.index(dimension))
+            if along is None:  # an axis whose points follow another one
+                coordinates[name] = (dimensions, values, attributes)
+            else:
+                coordinates[name] = ((dimension,), along, attributes)
+    for name in [name for name in variables if name in dimensions]:
+        variables[f"{name}_value"] = variables.pop(name)  # xarray keeps a dimension's name for its coordinate
+    for dimension in [name for name in coordinates if name in dimensions and len(coordinates[name][0]) > 1]:
+        coordinates[f"{dimension}_value"] = coordinates.pop(dimension)
+    about = {"name": job["name"], "model": job["model"], "job": json.dumps(job)}
+    about |= {key: manifest[key] for key in ("gaitsweep", "job_hash", "created") if key in manifest}
+    return xarray.Dataset(variables, coordinates, about)
+
+
+def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
+    """The dimension, the names that move along it, and its length, of each axis of a resolved job."""
+    return list(_named(_groups(vary)))
+
+
+def _groups(vary: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
+    for name, value in vary.items():
+        if name not in ("zip", "sample"):
+            yield (name,), _length(value)
+            continue
+        for group in value if isinstance(value, list) else [value]:
+            if name == "sample":
+                yield tuple(group["of"]), int(group["n"])
+            else:
+                yield tuple(group), _length(next(iter(group.values())))
+
+
+def _named(groups: Iterator[tuple[tuple[str, ...], int]]) -> Iterator[tuple[str, tuple[str, ...], int]]:
+    several = 0
+    for names, length in groups:
+        if len(names) == 1:
+            yield names[0], names, length
+        else:
+            several += 1
+            yield POINT if several == 1 else f"{POINT}_{several}", names, length
+
+
+def _length(axis: Mapping[str, Any]) -> int:
+    if "values" in axis:
+        return len(axis["values"])
+    kind = next(kind for kind in ("linspace", "logspace", "random", "sobol") if kind in axis)
+    return int(axis[kind][2])
+
+
+def _numbers(column: Any) -> tuple[np.ndarray, dict[str, Any]]:
+    """A column as numbers, with the attributes that say what integers stand for."""
+    if not isinstance(column.dtype, pd.CategoricalDtype):
+        if not pd.api.types.is_numeric_dtype(column.dtype):
+            return _numbers(column.astype("category"))
+        return column.to_numpy(), {}
+    codes = column.cat.codes.to_numpy()
+    meanings = [str(name).replace(" ", "_") for name in column.cat.categories]
+    flags = np.arange(len(meanings), dtype=codes.dtype)
+    return codes, {"flag_values": flags, "flag_meanings": " ".join(meanings)}
+
+
+def _spread(values: np.ndarray, place: np.ndarray, shape: tuple[int, ...], flags: bool) -> np.ndarray:
+    """Values (n,) at their places of the grid; NaN, or -1 for flags, where there is none."""
+    size = int(np.prod(shape))
+    if not flags and values.size < size:
+        values = values.astype(np.float64)
+    grid = np.full(size, -1 if flags else 0 if values.size == size else np.nan, values.dtype)
+    grid[place] = values
+    return grid.reshape(shape)
+
+
+def _along(values: np.ndarray, axis: int) -> np.ndarray | None:
+    """Values (n,) along one axis, where they are the same along all others; NaN stands for no record."""
+    moved = np.moveaxis(values, axis, 0).reshape(values.shape[axis], -1)
+    low, high = (
+        each(moved, axis=1, initial=end, where=~np.isnan(moved))
+        for each, end in ((np.min, np.inf), (np.max, -np.inf))
+    )
+    return low if np.array_equal(low, high) else None

@@ -1,0 +1,91 @@
+"""The return map from Python, against the toy model's map in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import toy_model
+
+import gaitsweep as gs
+
+KICK, R = 0.3, 0.4
+FIXED = KICK / (1 - R)  # launch speed of the fixed point of u -> r u + kick
+TOY = toy_model.Toy()
+
+
+def launch(points: np.ndarray, mapping: gs.PoincareMap) -> np.ndarray:
+    return points[..., mapping.coordinates.index("launch_1")]
+
+
+def test_images_jacobian_and_multipliers() -> None:
+    """Bounds are those of the fixed numerics' own error, 1e-8 a flight."""
+    mapping = gs.return_map(TOY, kick=KICK, restitution=R)
+    starts = {"launch_1": np.array([0.5, 1.0, 2.0])}
+    images = mapping(starts)
+    np.testing.assert_allclose(launch(images.at, mapping), R * starts["launch_1"] + KICK, atol=1e-7)
+    points = mapping.settled(starts, 2)
+    np.testing.assert_allclose(mapping(points).at, mapping(points.at), atol=1e-12)
+    single = mapping(points.at[0])
+    assert single.shape == (len(mapping.coordinates),)
+    found = mapping.fixed_points(mapping.settled({"launch_1": 1.0}, 3))
+    assert found.converged.all()
+    np.testing.assert_allclose(launch(found.points.at, mapping), FIXED, atol=1e-7)
+    np.testing.assert_allclose(np.abs(mapping.multipliers(found))[0, 0], R, atol=1e-5)
+    assert mapping.jacobian(found).shape == (1, *2 * (len(mapping.coordinates),))
+    assert mapping.jacobian(found.points.at[0]).ndim == 2
+
+
+def test_many_maps_at_once() -> None:
+    """An array of a parameter: a map for each value, and points belong to them in order."""
+    kicks = np.array([0.2, 0.3, 0.4])
+    mapping = gs.return_map(TOY, kick=kicks, restitution=R, start={"launch_1": 1.0})
+    found = mapping.fixed_points(mapping.settled(cycles=3))
+    np.testing.assert_allclose(launch(found.points.at, mapping), kicks / (1 - R), atol=1e-7)
+
+
+def test_a_branch() -> None:
+    """u* = kick / (1 - r), on both sides of the kick at which it begins."""
+    mapping = gs.return_map(TOY, kick=KICK, restitution=R)
+    found = mapping.fixed_points(mapping.settled({"launch_1": 1.0}, 3))
+    branch = mapping.continue_(found, "kick", (0.2, 0.5))
+    assert branch["kick"].min() == pytest.approx(0.2)
+    assert branch["kick"].max() == pytest.approx(0.5)
+    np.testing.assert_allclose(branch["launch_1"], branch["kick"] / (1 - R), atol=1e-6)
+    assert set(mapping.continue_(found, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
+
+
+def test_conserved_quantities_are_held() -> None:
+    """E of the chain is held unless `fix` says otherwise; Newton's equations are singular without."""
+    chain = gs.models.Multilegged(N=3)
+    mapping = gs.return_map(chain, beta=0.8)
+    assert mapping.conserved == ["E"]
+    points = mapping.settled({"psi_1": 1.13, "psi_2": 0.98, "psi_3": 1.5}, 30)
+    held = mapping.fixed_points(points)
+    assert held.converged.all()
+    energy = held.points.at[0, :3].sum() - points.at[0, :3].sum()
+    assert abs(energy) < 1e-8
+    assert not mapping.fixed_points(points, fix=()).converged.any()
+
+
+def test_refusals() -> None:
+    reduced = gs.return_map(gs.models.MultileggedReduced(N=3))
+    starts = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0}
+    assert np.isfinite(reduced(starts).at).all()
+    for refused in (reduced.jacobian, reduced.multipliers, reduced.fixed_points):
+        with pytest.raises(gs.ArgumentError, match="by semi_implicit has no derivative"):
+            refused(starts)
+    with pytest.raises(gs.ArgumentError, match="has no derivative"):
+        reduced.continue_(starts, "beta", (0.7, 0.9))
+    with pytest.raises(gs.ArgumentError, match="psi_1 of multilegged_reduced has no default"):
+        reduced(np.zeros(3))
+    mapping = gs.return_map(TOY, kick=KICK)
+    with pytest.raises(gs.ArgumentError, match=r"shape \(7,\), but the map has"):
+        mapping(np.zeros(7))
+    with pytest.raises(gs.ArgumentError, match="lanch_1 is not a start value of toy; did you mean launch_1"):
+        mapping.settled({"lanch_1": 1.0})
+    with pytest.raises(gs.ArgumentError, match=r"kick is 0\.3 at the map's points, but the range is"):
+        mapping.continue_({"launch_1": 1.0}, "kick", (1, 2))
+    with pytest.raises(gs.ArgumentError, match="kik is not a parameter of toy; did you mean kick"):
+        mapping.continue_({"launch_1": 1.0}, "kik", (1, 2))
+    with pytest.raises(gs.ArgumentError, match="lunch is neither a parameter nor a start value"):
+        gs.return_map(TOY, lunch=1.0)
