@@ -15,7 +15,7 @@ from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
-from gaitsweep.job.model_spec import ModelSpec, read_subject
+from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 
 AnyModel = Model | type[Model] | str
 # Keywords of the API's functions. A quantity with such a name is set by `params={}` or `start={}`.
@@ -64,7 +64,7 @@ def job_of(
     elif sizes:
         size = next(iter(sizes))
         raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
-    subject, complaints = read_subject(name, structure, None, [])
+    subject, complaints = read_model_spec(name, structure, None, [])
     if subject is None:
         raise ArgumentError("\n".join(map(str, complaints)))
     vary: dict[str, Any] = {}

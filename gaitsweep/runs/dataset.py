@@ -51,7 +51,7 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
     row = table["row"].to_numpy(np.int64)
     record = table.groupby("row").cumcount().to_numpy()
     records = int(record.max(initial=0)) + 1
-    several = records > 1 or job["run"]["kind"] not in ("settle", "hold", "fixed_time")
+    several = records > 1 or job["run"]["kind"] not in ("settle", "fixed_time")
     shape = (*lengths.values(), *((records,) if several else ()))
     dimensions = (*lengths, *((RECORD,) if several else ()))
     place = row * records + record if several else row
