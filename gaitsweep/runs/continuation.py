@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.continuation.branch_follower import Steps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.contract import Status
@@ -142,7 +142,7 @@ def branches_of(
         begin=begin,
         towards=1 if end > begin else -1,
         fix=run.fix,
-        steps=Steps(run.step, run.longest, run.shortest, run.most, between),
+        steps=ArclengthSteps(run.step, run.longest, run.shortest, run.most, between),
         shown=(),
     )
     row = table["row"].to_numpy(np.int64)

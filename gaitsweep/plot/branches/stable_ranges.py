@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.continuation.stable_ranges import MARKS, edges
+from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import LOOKS, WORDS
@@ -64,7 +64,7 @@ def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
     found = {}
     for name in dict.fromkeys(ranges_of(table, x)["gait"]):
         if name != "none":
-            area = edges(table, x, name)
+            area = range_of_gait(table, x, name)
             area = area.assign(up=[up[row] for row in area["row"]])
             area = pd.DataFrame(
                 [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
