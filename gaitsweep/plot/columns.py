@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.basins import outcomes
 from gaitsweep.analysis.circular import is_circular
+from gaitsweep.analysis.records import in_order, outcome_labels
 from gaitsweep.errors import UserError
 
-NOT_SETTLED, FAILED = outcomes.NOT_SETTLED, outcomes.FAILED
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}
 )
@@ -109,12 +108,12 @@ def written(table: pd.DataFrame, name: str, value: object) -> str:
 def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
     """What each row shows: its hue where it settled, else `not settled` or `failed`; NaN hues are `none`."""
     column(table, hue)
-    return outcomes.outcomes(table, hue)
+    return outcome_labels(table, hue)
 
 
 def categories(table: pd.DataFrame, hue: str, shown: pd.Series) -> list[str]:
     """The outcomes that occur: in the hue's own order where it is a category, failed rows last."""
-    return outcomes.in_order(table, hue, shown)
+    return in_order(table, hue, shown)
 
 
 def _quantity(table: pd.DataFrame, name: str) -> dict:

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
-from gaitsweep.plot.columns import FAILED, NOT_SETTLED
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 
 COLUMN, PAGE = 3.4, 7.1  # inches: one column of a paper, and its full width
 HATCH = "/////"

@@ -25,7 +25,7 @@ from gaitsweep.analysis.attractors.linkage import (
 )
 from gaitsweep.analysis.attractors.matching import follow_attractors
 from gaitsweep.analysis.attractors.state_space import Space
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import GAITS, classify, locked_state, segments
 

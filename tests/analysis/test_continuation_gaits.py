@@ -12,7 +12,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
 from gaitsweep.job import load_job

@@ -11,8 +11,8 @@ from gait_traces import crossings_of, ends, trace_of, traces
 
 import gaitsweep as gs
 from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
-from gaitsweep.analysis.gaits.records import AnalysisError
 from gaitsweep.analysis.gaits.swing_onsets import gait_of
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 

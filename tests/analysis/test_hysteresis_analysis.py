@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, settle_table, staircase_table
 
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.hysteresis import edges, edges_by_gait, jumps, largest_jumps, loop_area
 
 JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)

@@ -6,15 +6,22 @@ import numpy as np
 import pandas as pd
 import pytest
 from gait_traces import ends, trace_of
+from scipy.stats import binomtest
 
 from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
 from gaitsweep.analysis.gaits.load_prediction import foretelling
-from gaitsweep.analysis.gaits.loading_rule import MEASURES, loading_rule, pairs_in
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.gaits.loading_rule import MEASURES, loading_rule, pairs_in, wilson
+from gaitsweep.analysis.records import AnalysisError
 
 
 def _judged(table: pd.DataFrame, **options: object) -> pd.DataFrame:
     return loading_rule(table, **options).set_index("measure")  # pyright: ignore
+
+
+@pytest.mark.parametrize("hits", [0, 3, 70, 200])
+def test_interval_of_a_share_is_scipys(hits: int) -> None:
+    expected = binomtest(hits, 200).proportion_ci(0.95, "wilson")
+    assert wilson(hits / 200, 200) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_a_table_that_obeys_the_rule_and_one_that_does_not() -> None:

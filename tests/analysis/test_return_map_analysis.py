@@ -8,7 +8,7 @@ import pytest
 from hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, dressed, map_table, roots
 
 from gaitsweep.analysis.circular import wrapped
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts, pairs
 
 EPS = 0.05

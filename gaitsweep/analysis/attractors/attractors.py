@@ -17,7 +17,7 @@ import pandas as pd
 
 from gaitsweep.analysis.attractors.linkage import cells, components, linking_distance, shortest_tree
 from gaitsweep.analysis.attractors.state_space import Space, extent, state_columns
-from gaitsweep.analysis.gaits.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.analysis.transitions.smooth_pieces import smooth_pieces
 from gaitsweep.contract import Status
 

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.analysis.attractors.state_space import Space, state_columns
 from gaitsweep.analysis.basins.fractions import fractions
-from gaitsweep.analysis.gaits.records import require
+from gaitsweep.analysis.records import require
 
 _MOST_STATES = 2000  # of an attractor, between which distances are measured
 _FAR = 1e9  # a cost that no match is worth

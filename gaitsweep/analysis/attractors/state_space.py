@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.spatial import KDTree
 
 from gaitsweep.analysis.circular import TURN, is_circular
-from gaitsweep.analysis.gaits.records import AnalysisError, axes_of, require
+from gaitsweep.analysis.records import AnalysisError, axes_of, require
 
 _CHUNK = 1 << 20  # numbers of a block of distances
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.expression import ExpressionError, evaluate
 from gaitsweep.models.multilegged.theory.chain import Chain
 

@@ -10,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.basins.fractions import fractions
-from gaitsweep.analysis.basins.proportions import LEVEL, wilson
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, proportion_interval
 from gaitsweep.analysis.chain.chain_of_table import chains_of, parameters_of
-from gaitsweep.analysis.gaits.records import axes_of
+from gaitsweep.analysis.records import axes_of
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
 
@@ -43,7 +42,8 @@ def gait_shares(
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))
-    most_without = _none_of(int(counted["of"].to_numpy().min()), level)
+    # the high end of the interval of a gait that no start reached
+    most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
     for gait in GAITS:
         for part, column, otherwise in (
             ("fraction", gait, 0.0),
@@ -59,11 +59,6 @@ def gait_shares(
 def set_columns(table: pd.DataFrame) -> list[str]:
     """The columns of what varies but the start's phases."""
     return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
-
-
-def _none_of(starts: int, level: float) -> float:
-    """The high end of the interval of a gait that no start came to."""
-    return float(wilson(np.zeros(1), np.array([starts]), level)[1][0])
 
 
 def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require
 
 # Special points of a continuation at which the stability of a branch may change.
 MARKS = frozenset({"fold", "corner", "flip", "neimark_sacker", "branch_point"})

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
-from gaitsweep.analysis.gaits.records import axes_of, require
+from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, family
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import require
+from gaitsweep.analysis.records import require
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 
 _SAME = 1e-6  # s: two records of one onset differ by rounding alone

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
-from gaitsweep.analysis.gaits.records import FAILURES, AnalysisError, axes_of, require
 from gaitsweep.analysis.gaits.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
+from gaitsweep.analysis.records import FAILURES, AnalysisError, axes_of, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, STRICT, THRESHOLD, margin, place
 
 FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}

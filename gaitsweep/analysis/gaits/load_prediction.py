@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.gaits.loading_rule import MEASURES, REPEATS, axes_of_pairs, loading_rule, pairs_in
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 
 WALKS = ("L-walk", "D-walk")
 

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 
-from gaitsweep.analysis.basins.proportions import LEVEL, wilson
+from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
 from gaitsweep.analysis.gaits.pair_loads import loads_of_settled, loads_of_trace
-from gaitsweep.analysis.gaits.records import AnalysisError, axes_of, require
+from gaitsweep.analysis.records import AnalysisError, axes_of, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, THRESHOLD
 
 REPEATS = ("seed", "pair", "scatter")  # axes whose rows only repeat a case
@@ -141,9 +142,23 @@ def _judged(pairs: pd.DataFrame, name: str, case: np.ndarray, least: float) -> d
     found |= {"shifted": int(shifted.sum()), "right": np.nan, "right_low": np.nan, "right_high": np.nan}
     if shifted.any():
         share, draws = float(right.mean()), len(np.unique(case[shifted]))
-        low, high = wilson(np.array([share * draws]), np.array([draws]))
-        found |= {"right": share, "right_low": float(low[0]), "right_high": float(high[0])}
+        low, high = wilson(share, draws)
+        found |= {"right": share, "right_low": low, "right_high": high}
     return found
+
+
+def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float]:
+    """Wilson's score interval of a share of so many independent draws.
+
+    The share times the draws need not be a whole number, as SciPy's interval asks.
+
+    Source: Wilson 1927, J. Am. Stat. Assoc. 22:209.
+    """
+    z = norm.ppf(0.5 + 0.5 * level)
+    middle = (share + z**2 / (2 * draws)) / (1 + z**2 / draws)
+    half = z / (1 + z**2 / draws) * np.sqrt(share * (1 - share) / draws + z**2 / (4 * draws**2))
+    # rounding would put the ends beside 0 and 1
+    return 0.0 if share == 0 else float(middle - half), 1.0 if share == 1 else float(middle + half)
 
 
 def _correlation(x: np.ndarray, y: np.ndarray, case: np.ndarray) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, onsets_of
-from gaitsweep.analysis.gaits.records import require
+from gaitsweep.analysis.records import require
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle

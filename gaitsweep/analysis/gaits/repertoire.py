@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import FAILURES, require
+from gaitsweep.analysis.records import FAILURES, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART
 
 # Gaits and their mirror images, by what they are called together; slow ones first.

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.gaits.records import FAILURES, AnalysisError, require
+from gaitsweep.analysis.records import FAILURES, AnalysisError, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, STRICT, THRESHOLD, margin, place
 
 GAITS = (*CHART, "unsteady", "none")

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.circular import TURN, is_circular, mean_direction, unwrapped, wrapped
-from gaitsweep.analysis.gaits.records import UNDECIDED, axes_of, require, section_column
+from gaitsweep.analysis.records import UNDECIDED, axes_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
 
 LEAST = 0.15  # in the observable's unit: a smaller change is no jump

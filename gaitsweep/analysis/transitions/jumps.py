@@ -15,7 +15,7 @@ import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
 from gaitsweep.analysis.circular import is_circular, unwrapped
-from gaitsweep.analysis.gaits.records import require, section_column, sound
+from gaitsweep.analysis.records import require, section_column, sound
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
 SPAN = 40  # crossings of a ramp within which it has to move by `least` to jump

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.chain.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 from gaitsweep.analysis.circular import TURN, cut, is_circular, on_line, wrapped
-from gaitsweep.analysis.gaits.records import axes_of, require, section_column, sound
+from gaitsweep.analysis.records import axes_of, require, section_column, sound
+from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
 
 BANDWIDTH = 0.05  # rad: half the width of the window of the local lines
 _SHARE = 0.05  # of the values' range: the bandwidth of what is no angle

@@ -16,7 +16,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.attractors.matching import follow_attractors
 from gaitsweep.analysis.basins.measures import Basins, basins
-from gaitsweep.analysis.gaits.records import axes_of
+from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 

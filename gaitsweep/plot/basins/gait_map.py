@@ -11,9 +11,10 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
-from gaitsweep.plot.columns import FAILED, NOT_SETTLED, column, described, is_angle, outcome, rows_where
+from gaitsweep.plot.columns import column, described, is_angle, outcome, rows_where
 
 OTHER = "another gait"  # settled, in none that the model names
 _HATCHED = (NOT_SETTLED, FAILED)

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import cut
-from gaitsweep.analysis.gaits.records import sound
+from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, largest_jumps
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row

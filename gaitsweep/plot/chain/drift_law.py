@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.models.multilegged.theory.conserved import drift, worst_case_cycles
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import FAILED, NOT_SETTLED, PlotError, column, outcome, rows_where
+from gaitsweep.plot.columns import PlotError, column, outcome, rows_where
 
 EQUAL = 1e-9  # in the unit of what differs
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}

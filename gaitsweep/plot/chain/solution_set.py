@@ -11,20 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import (
-    FAILED,
-    NOT_SETTLED,
-    PlotError,
-    axis_label,
-    categories,
-    column,
-    is_angle,
-    outcome,
-    rows_where,
-)
+from gaitsweep.plot.columns import PlotError, axis_label, categories, column, is_angle, outcome, rows_where
 
 _PSI = ("psi_1", "psi_2", "psi_3")
 

@@ -9,8 +9,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.analysis.basins.outcomes import UNSETTLED
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
+from gaitsweep.analysis.records import UNDECIDED
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, NAMES, ORDER, gait_key
@@ -79,7 +79,7 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
     for place, band in enumerate(bands):
         mine = rows_where(part, part[y] == band)
         at = mine[speed].to_numpy(float)
-        moving = mine["status"].astype(str).isin(list(UNSETTLED)).to_numpy()
+        moving = mine["status"].astype(str).isin(list(UNDECIDED)).to_numpy()
         offset = _stacked(at, _SAME * extent) * _SPREAD
         for gait in ORDER:
             which = (mine["gait"] == gait).to_numpy()
