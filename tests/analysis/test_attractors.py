@@ -21,7 +21,7 @@ from gaitsweep.analysis.attractors.linkage import (
     cells,
     components,
     linking_distance,
-    shortest_tree,
+    spanning_tree,
 )
 from gaitsweep.analysis.attractors.matching import follow_attractors
 from gaitsweep.analysis.attractors.state_space import Space
@@ -62,7 +62,7 @@ def test_linkage_is_scipys(seed: int, count: int, closed: list[bool]) -> None:
         )
     )
     oracle = linkage(squareform(apart, checks=False), "single")
-    links, lengths = shortest_tree(space, points)
+    links, lengths = spanning_tree(space, points)
     np.testing.assert_allclose(np.sort(lengths), oracle[:, 2], atol=1e-12)
     at = float(np.median(lengths)) + 1e-9
     mine = components(count, links[lengths <= at])
