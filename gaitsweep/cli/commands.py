@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitsweep.cli import analyse
 from gaitsweep.cli.animate import animate
 from gaitsweep.version import version
 
@@ -142,6 +143,7 @@ def plot(directory: Directory) -> None:
 
 
 app.command()(animate)
+app.add_typer(analyse.app, name="analyse")
 
 
 @app.command()

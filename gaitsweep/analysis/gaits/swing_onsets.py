@@ -16,6 +16,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, STR
 
 GAITS = (*CHART, "unsteady", "none")
 _UNSTEADY, _NONE = len(CHART), len(CHART) + 1
+_SAME = 1e-6  # s; two records of one onset differ by rounding errors alone
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +67,35 @@ def onsets_in(
         if "status" in trace.columns:
             columns["status"] = trace["status"].to_numpy(object)[at]
         parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
+
+
+def onsets_of_crossings(table: pd.DataFrame, name: str = "since_{}_n") -> pd.DataFrame:
+    """The onsets that the crossings tell of, for `swing_onsets.gait_of`.
+
+    Of a leg that begins to swing twice between two crossings, the first time is not known.
+
+    Args:
+        table: records with row, crossing, t (s), status if known, and for each leg the time since its last
+            onset (s), as return maps and ramps of `planar_quadruped` have them.
+        name: the column of a leg, {} standing for it.
+
+    Returns:
+        One record an onset: row, leg, t (s), status where the table has it.
+
+    Raises:
+        AnalysisError: a column is not there.
+    """
+    require(table, "row", "crossing", "t", *(name.format(leg) for leg in LEGS))
+    kept = [column for column in ("row", "status") if column in table.columns]
+    crossed = table.loc[table["crossing"] > 0]
+    parts = []
+    for leg in LEGS:
+        t = crossed["t"].to_numpy(float) - crossed[name.format(leg)].to_numpy(float)
+        part = crossed[kept].assign(leg=leg, t=t)
+        part = part.loc[np.isfinite(t) & (t > 0.0)].sort_values(["row", "t"], kind="stable")
+        again = part.groupby("row")["t"].diff() < _SAME
+        parts.append(part.loc[~again])
     return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
 
 

@@ -77,7 +77,7 @@ def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: f
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 
 
-def edges(
+def transition_points(
     table: pd.DataFrame,
     observable: str,
     parameter: str,
@@ -99,7 +99,7 @@ def edges(
     largest = largest_jumps(table, observable, parameter, least)
     require(largest, *by)
     keys = [*by, "pass", "direction"]
-    edge = (
+    points = (
         largest.groupby(keys, sort=True, observed=True)
         .agg(
             low=("low", lambda low: low.quantile(0.5, interpolation="lower")),
@@ -113,11 +113,11 @@ def edges(
     )
     if by:
         rows = table.groupby(by, observed=True).agg(of=("row", "nunique")).reset_index()
-        return edge.merge(rows, on=by, how="left")
-    return edge.assign(of=table["row"].nunique())
+        return points.merge(rows, on=by, how="left")
+    return points.assign(of=table["row"].nunique())
 
 
-def edges_by_gait(
+def transition_points_by_gait(
     table: pd.DataFrame, parameter: str, start: str, gait: str = "gait", by: Sequence[str] = ()
 ) -> pd.DataFrame:
     """Where each gait is lost, from settled rows at many values of a parameter, started on each branch.

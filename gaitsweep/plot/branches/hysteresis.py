@@ -16,7 +16,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import cut
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, largest_jumps
+from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
@@ -195,7 +195,7 @@ def _draw(
         passes = draw_row(axes, part, name, parameter, origin, alpha, least)
         if row == with_arrows:
             draw_arrows(axes, passes)
-    found = edges(panel.table, name, parameter, least)
+    found = transition_points(panel.table, name, parameter, least)
     handles = []
     for edge in found.to_dict("records"):
         colour = UP if edge["direction"] == "rising" else DOWN

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from gaitsweep.plot.gaits.footprints import spells
+from gaitsweep.plot.gaits.footprints import contact_intervals
 from gaitsweep.plot.movie.side_view import limb_colours
 from gaitsweep.skeleton import Limb
 
@@ -30,7 +30,7 @@ class Footfalls:
         self._axes = axes
         colours = limb_colours(limbs)
         for row, colour in enumerate(colours):
-            starts, stops = spells(t, contact[:, row])
+            starts, stops = contact_intervals(t, contact[:, row])
             bars = list(zip(starts, stops - starts, strict=True))
             axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
         every = -(-len(limbs) // _MOST_NAMES)

@@ -102,7 +102,7 @@ def _panel(
         style.message(axes, "nothing was recorded")
         return set()
     t = part["t"].to_numpy(float)
-    stances = [spells(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
+    stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
     for row, (starts, stops) in enumerate(stances):
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors="black", linewidth=0)
@@ -125,7 +125,7 @@ def _whole(duration: float, period: float) -> MultipleLocator:
     return MultipleLocator(max(1, int(np.ceil(duration / period / 10))))
 
 
-def spells(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends of the spells on the ground; a sample holds half way to its neighbours."""
     down = np.nan_to_num(contact) > 0.5
     edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.gaits.footprints import spells
+from gaitsweep.plot.gaits.footprints import contact_intervals
 
 # A colour for a kind of gait, a marker for its side; in the order of speed.
 COLOURS = MappingProxyType(
@@ -79,7 +79,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
     t = samples["t"].to_numpy(float)
     down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
     for row, leg in enumerate(legs):
-        starts, stops = spells(t, down[:, row])
+        starts, stops = contact_intervals(t, down[:, row])
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
     shade_flights(axes, t, down)
@@ -92,5 +92,5 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
 
 def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:
     """Light grey where no leg is on the ground; `t` (n,) s, `down` (n, legs)."""
-    for start, stop in zip(*spells(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
+    for start, stop in zip(*contact_intervals(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
         axes.axvspan(float(start), float(stop), facecolor="#E6E6E6", linewidth=0, zorder=0)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
-from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, rows_where, written
@@ -147,7 +147,7 @@ def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame) -> None:
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = style.PAGE * 0.86 / (high - low)  # inches a second
-    found = spells(mine, "gait", _LEAST).to_dict("records")
+    found = gait_bouts(mine, "gait", _LEAST).to_dict("records")
     for spell in found:
         begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
         if end <= begin:
