@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from gaitsweep.analysis.circular import TURN, is_circular
+from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.circular import TURN
 
 _CHUNK = 1 << 20  # numbers in a block of distances
 

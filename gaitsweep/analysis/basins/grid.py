@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import TURN, is_circular
+from gaitsweep.analysis.circular import is_circular
+from gaitsweep.circular import TURN
 
 _EQUAL = 1e-6  # largest relative difference between the steps of a grid
 

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import find_peaks
 
-from gaitsweep.analysis.circular import TURN, on_line
+from gaitsweep.analysis.circular import on_line
 from gaitsweep.analysis.transitions.map_pieces import breaks
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
+from gaitsweep.circular import TURN
 
 NEAR = 0.01  # rad a crossing: a slower drift is one that holds a row for long
 SURE = 2.0  # standard errors by which a drift differs from zero

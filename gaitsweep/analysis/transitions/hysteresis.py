@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import TURN, is_circular, mean_direction, unwrapped, wrapped
+from gaitsweep.analysis.circular import is_circular, mean_direction
 from gaitsweep.analysis.records import UNDECIDED, axes_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
+from gaitsweep.circular import TURN, wrapped_difference
 
 LEAST = 0.15  # in the observable's unit: a smaller change is no jump
 
@@ -217,7 +218,7 @@ def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
     grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
     here, there = (np.interp(grid, at, value) for at, value in branches)
     difference = (here - there) if rising(course, first) else (there - here)
-    difference = wrapped(difference) if circular else difference
+    difference = wrapped_difference(difference) if circular else difference
     area, signed = np.trapezoid(np.abs(difference), grid), np.trapezoid(difference, grid)
     return {"area": float(area), "signed": float(signed), "low": float(low), "high": float(high)}
 
@@ -230,4 +231,4 @@ def _branch(course: Course, number: int, circular: bool) -> tuple[np.ndarray, np
     if not circular or not len(at):
         return at, np.bincount(which, value) / np.bincount(which) if len(at) else at
     means = np.array([mean_direction(value[which == i]) for i in range(len(at))])
-    return at, unwrapped(means)
+    return at, np.unwrap(means)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
-from gaitsweep.analysis.circular import is_circular, unwrapped
+from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import require, section_column, sound
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
@@ -59,7 +59,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         if len(part) - begin < 2:
             continue
         value = part[name].to_numpy(float)[begin:]
-        value = unwrapped(value) if circular else value
+        value = np.unwrap(value) if circular else value
         settled = part["settled"].to_numpy(bool)[begin:] if stairs and "settled" in part.columns else None
         if stairs:
             settled = np.ones(len(value), bool) if settled is None else settled

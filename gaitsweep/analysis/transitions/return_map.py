@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import TURN, cut, is_circular, on_line, wrapped
+from gaitsweep.analysis.circular import cut, is_circular, on_line
 from gaitsweep.analysis.records import axes_of, require, section_column, sound
 from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
+from gaitsweep.circular import TURN, wrapped_difference
 
 BANDWIDTH = 0.05  # rad: half the width of the window of the local lines
 _SHARE = 0.05  # of the values' range: the bandwidth of what is no angle
@@ -54,7 +55,9 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
     found = table[["row", *kept, "crossing"]].iloc[first].reset_index(drop=True)
     here, there = value[first], value[first + 1]
     if is_circular(table, name):
-        return found.assign(value=np.mod(here, TURN), next=np.mod(there, TURN), change=wrapped(there - here))
+        return found.assign(
+            value=np.mod(here, TURN), next=np.mod(there, TURN), change=wrapped_difference(there - here)
+        )
     return found.assign(value=here, next=there, change=there - here)
 
 
@@ -229,7 +232,7 @@ def _joined(
     before = np.zeros(0, int)
     for now in at:
         apart = value[now][:, None] - value[before][None, :]
-        apart = np.abs(wrapped(apart) if circular else apart)
+        apart = np.abs(wrapped_difference(apart) if circular else apart)
         apart = np.where(stable[now][:, None] == stable[before][None, :], apart, np.inf)
         for i, point in enumerate(now):
             j = int(np.argmin(apart[i])) if len(before) else -1

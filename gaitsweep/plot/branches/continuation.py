@@ -113,7 +113,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
     """One branch: its pieces, solid, broken or dotted, and its marks."""
     at, value = branch[x].to_numpy(float), branch[y].to_numpy(float)
     if is_angle(branch, y):
-        value = value[0] + np.concatenate([[0.0], np.cumsum((np.diff(value) + np.pi) % (2 * np.pi) - np.pi)])
+        value = np.unwrap(value)
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
     # a piece between two points is as stable as its end that is no turning point
