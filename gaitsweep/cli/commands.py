@@ -1,4 +1,4 @@
-"""The commands: each reads its options, calls what does the work, and says what came out.
+"""The commands: each reads its options, calls the function that does the work, and prints the result.
 
 Each imports what it needs when it runs, so that `--help` and `--version` need not wait for JAX and pandas.
 """

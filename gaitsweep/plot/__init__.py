@@ -1,4 +1,4 @@
-"""Figures from tables: one file a family, each a function from a table to a matplotlib figure."""
+"""Figures from tables: each kind of figure is a function from a table to a matplotlib figure."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ __all__ = [
     "stable_ranges",
 ]
 
-# each figure says of its table what a reader has to know beside it, however it is called
+# every figure carries the remarks on its table (incomplete, warned), however it is called
 basin = marked(basin)
 solution_set = marked(solution_set)
 cycles = marked(cycles)
@@ -112,7 +112,7 @@ def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
         spec: the figure's own arguments.
 
     Raises:
-        PlotError: kind is not known, or the table lacks what the figure names.
+        PlotError: the kind is not known, or the table lacks a column of the figure.
     """
     if kind not in KINDS:
         raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, KINDS)}")

@@ -1,4 +1,4 @@
-"""Shares of the gaits over sets of parameters, beside the conditions for the gaits to exist."""
+"""The fractions of the gaits over sets of parameters, and the conditions for the gaits to exist."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ GAITS = ("direct", "source", "retrograde")
 def gait_shares(
     table: pd.DataFrame, parameters: Sequence[str] | None = None, *, level: float = LEVEL
 ) -> pd.DataFrame:
-    """For each set of parameters the shares of the three gaits, with intervals, and whether they can exist.
+    """The fractions of the three gaits for each set of parameters, with intervals, and whether they exist.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set.
-        parameters: the columns that make a set; what varies but the start's phases if not given.
-        level: of the intervals (Wilson's).
+        parameters: the columns of a set; by default the swept axes except the phases of the start.
+        level: confidence level of the intervals (Wilson's).
 
     Returns:
         A row for each set: the parameters; for each gait its share, NAME_low and NAME_high; `elsewhere`, the
@@ -36,7 +36,7 @@ def gait_shares(
         the wave is a motion of the chain (`existence`).
 
     Raises:
-        AnalysisError: a column is not there, or the job's parameters cannot be read.
+        AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
     names = set_columns(table) if parameters is None else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
@@ -57,12 +57,12 @@ def gait_shares(
 
 
 def set_columns(table: pd.DataFrame) -> list[str]:
-    """The columns of what varies but the start's phases."""
+    """The swept axes except the phases of the start."""
     return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
 def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
-    """Whether each gait is a motion of the chain, as `wave_conditions` and `source_conditions` say.
+    """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
 
     Args:
         N: springs, 3 at least.

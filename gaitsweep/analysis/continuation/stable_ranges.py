@@ -29,7 +29,7 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
         where the branch begins; range, most, closed or lost where it ends; or empty).
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     require(table, "row", "point", parameter, "stable", "special", "end")
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
@@ -47,7 +47,7 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str, least: float =
     """The widest stable range of one gait in each row: row, low, high, low_by, high_by.
 
     Raises:
-        AnalysisError: a column is not there, or no branch is stable in that gait.
+        AnalysisError: the table does not have a column, or no branch is stable in that gait.
     """
     require(table, "gait")
     ranges = stable_ranges(table, parameter, least)
