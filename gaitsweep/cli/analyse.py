@@ -132,6 +132,19 @@ def hysteresis(directory: Directory, observable: Observable, parameter: Paramete
 
 
 @app.command()
+def gait_transitions(
+    directory: Directory,
+    parameter: Parameter,
+    start: Annotated[str, typer.Option("--start", metavar="NAME", help="The start that selects the branch.")],
+) -> None:
+    """Print where each gait is lost, from settled rows at many values of a parameter."""
+    from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
+    from gaitsweep.table import load
+
+    _print(transition_points_by_gait(load(directory), parameter, start))
+
+
+@app.command()
 def multilegged_theory(
     springs: Annotated[int, typer.Option("--N", help="Springs; the chain has N + 1 legs.")] = 3,
     omega: Annotated[float, typer.Option("--omega", help="Basic frequency, rad/s.")] = 0.4,

@@ -75,6 +75,14 @@ def test_hysteresis_has_points_and_areas(show: Show) -> None:
     assert "area" in printed
 
 
+def test_gaits_are_lost_at_transition_points(show: Show) -> None:
+    f = np.array([1.0, 2.0, 3.0])
+    table = pd.DataFrame({"row": np.arange(3), "status": "settled", "f": f, "delta_13": 1.0})
+    table["gait"] = ["walk", "walk", "trot"]
+    printed = show(table, "gait-transitions", "--parameter", "f", "--start", "delta_13")
+    assert "walk rising" in " ".join(printed.split())
+
+
 def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["analyse", "multilegged-theory", "--N", "4", "--set", "m_1=0.85"]) == 0
     printed = capsys.readouterr().out
