@@ -1,7 +1,7 @@
-"""Arithmetic written in jobs and models: checked against a short grammar, then evaluated by simpleeval.
+"""Arithmetic written in jobs and models: checked against a short grammar, then evaluated.
 
-What is read is a number, or arithmetic with `+ - * / // % **` and parentheses over names, `pi`, `e` and
-the functions of `FUNCTIONS`. Everything else that Python knows is refused before anything is evaluated.
+An expression is a number, or arithmetic with `+ - * / // % **` and parentheses over names, `pi`, `e` and the
+functions of `FUNCTIONS`. All other Python syntax is refused before anything is evaluated.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import simpleeval
 
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
@@ -170,11 +169,22 @@ def _evaluate_tree(
     functions: Mapping[str, Callable[..., Any]],
     constant: Callable[[float], Any],
 ) -> Any:
-    evaluator = simpleeval.SimpleEval(operators=_OPERATORS, functions=dict(functions), names=dict(names))
-    if evaluator.nodes is not None:  # it never is; simpleeval's own type says that it may be
-        evaluator.nodes[ast.Constant] = lambda node: constant(node.value)
+    def value(node: ast.expr) -> Any:
+        match node:
+            case ast.Constant():
+                return constant(node.value)  # pyright: ignore[reportArgumentType] (`_check` made it a float)
+            case ast.Name():
+                return names[node.id]
+            case ast.UnaryOp():
+                return _OPERATORS[type(node.op)](value(node.operand))
+            case ast.BinOp():
+                return _OPERATORS[type(node.op)](value(node.left), value(node.right))
+            case ast.Call(func=ast.Name(id=name)):
+                return functions[name](*map(value, node.args))
+        raise AssertionError(node)  # `_check` lets no other node through
+
     try:
-        result = evaluator.eval(text, previously_parsed=tree)
+        result = value(tree)
     except (ZeroDivisionError, OverflowError, FloatingPointError) as error:
         raise ExpressionError(f"{_quoted(text)} is not a finite number ({_arithmetic(error)}).") from None
     if isinstance(result, complex):

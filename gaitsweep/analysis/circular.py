@@ -1,4 +1,4 @@
-"""Angles of period 2 pi: which columns hold them, their differences, means, and where to cut their circle."""
+"""Angles of period 2 pi: their columns in tables, their means, and where to cut the circle."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import re
 import numpy as np
 import pandas as pd
 
-TURN = 2.0 * np.pi
+from gaitsweep.circular import TURN
 
 
 def is_circular(table: pd.DataFrame, name: str) -> bool:
-    """Whether a column holds an angle: as `table.attrs["quantities"]` says, else as psi, phi and delta do.
+    """Whether a column is an angle: from `table.attrs["quantities"]`, else by its name (psi, phi, delta).
 
-    A column is looked up by its own name first, then without the _n or _end of section observables.
+    The name is looked up as it is, then without the suffix _n or _end of section observables.
     """
     known = table.attrs.get("quantities", {})
     entry = known.get(name) or known.get(re.sub(r"_(n|end)$", "", name)) or {}
@@ -21,28 +21,17 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
     return bool(circular) if circular is not None else re.match(r"(psi|phi|delta)(_|$)", name) is not None
 
 
-def wrapped(difference: np.ndarray) -> np.ndarray:
-    """Differences of angles by the shorter way, rad, in (-pi, pi]."""
-    return np.pi - np.mod(np.pi - np.asarray(difference, float), TURN)
-
-
-def unwrapped(angles: np.ndarray) -> np.ndarray:
-    """Successive angles (rad) without jumps at 2 pi, each within pi of the one before; none may be NaN."""
-    angles = np.asarray(angles, float)
-    return np.concatenate([angles[:1], angles[:1] + np.cumsum(wrapped(np.diff(angles)))])
-
-
 def mean_direction(angles: np.ndarray) -> float:
-    """The mean of angles, rad, in [0, 2 pi): the direction of the sum of their unit vectors; NaN of none."""
+    """The circular mean of angles, rad, in [0, 2 pi); NaN if there are none."""
     if not len(angles):
         return float("nan")
     return float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
 
 
 def cut(angles: np.ndarray) -> float:
-    """Where to cut the circle so that angles (rad) that lie together stay together, in (-2 pi, 0].
+    """The angle at which to cut the circle so that clusters of angles (rad) stay whole, in (-2 pi, 0].
 
-    It is 0 where the widest gap between them reaches over 0, so that angles keep their usual range; else the
+    It is 0 if the widest gap between the angles contains 0, so that they keep their usual range; else the
     middle of that gap, less a turn.
     """
     places = np.unique(np.mod(np.asarray(angles, float)[np.isfinite(angles)], TURN))
@@ -56,5 +45,5 @@ def cut(angles: np.ndarray) -> float:
 
 
 def on_line(angles: np.ndarray, origin: float) -> np.ndarray:
-    """Angles (rad) on the turn that begins at `origin`."""
+    """Angles (rad) in the turn that begins at `origin`."""
     return origin + np.mod(np.asarray(angles, float) - origin, TURN)

@@ -12,10 +12,15 @@ from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.analysis.chain.gait_shares import gait_shares
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
 from gaitsweep.analysis.gaits.loading_rule import loading_rule
-from gaitsweep.analysis.gaits.records import AnalysisError
 from gaitsweep.analysis.gaits.repertoire import repertoire
-from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
-from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, edges_by_gait, loop_area
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.analysis.transitions.hysteresis import (
+    LEAST,
+    loop_area,
+    transition_points,
+    transition_points_by_gait,
+)
 from gaitsweep.analysis.transitions.return_map import fixed_points
 
 __all__ = [
@@ -23,15 +28,15 @@ __all__ = [
     "agreement",
     "attractors",
     "basins",
-    "edges_by_gait",
     "fixed_points",
+    "gait_bouts",
     "gait_shares",
     "gaits_along",
     "gaits_in",
     "hysteresis",
     "loading_rule",
     "repertoire",
-    "spells",
+    "transition_points_by_gait",
 ]
 
 
@@ -80,9 +85,9 @@ def hysteresis(
                 "These rows have no passes up and down: name the column of the start value that chooses the "
                 "branch as start=."
             )
-        return Hysteresis(edges_by_gait(table, parameter, start, by=by), pd.DataFrame())
+        return Hysteresis(transition_points_by_gait(table, parameter, start, by=by), pd.DataFrame())
     names = [observable] if observable is not None else _observables(table)
-    points = [edges(table, name, parameter, least, by).assign(observable=name) for name in names]
+    points = [transition_points(table, name, parameter, least, by).assign(observable=name) for name in names]
     loops = [loop_area(table, name, parameter).assign(observable=name) for name in names]
     return Hysteresis(_joined(points), _joined(loops))
 

@@ -1,4 +1,4 @@
-"""The commands: each reads its options, calls what does the work, and says what came out.
+"""The commands: each reads its options, calls the function that does the work, and prints the result.
 
 Each imports what it needs when it runs, so that `--help` and `--version` need not wait for JAX and pandas.
 """
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitsweep.cli import analyse
 from gaitsweep.cli.animate import animate
 from gaitsweep.version import version
 
@@ -142,6 +143,7 @@ def plot(directory: Directory) -> None:
 
 
 app.command()(animate)
+app.add_typer(analyse.app, name="analyse")
 
 
 @app.command()

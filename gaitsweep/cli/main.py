@@ -1,4 +1,4 @@
-"""Runs a command, and turns every refusal into a sentence and an exit code.
+"""Runs a command, and turns every error of the user into a sentence and an exit code.
 
 0: done; 1: something failed while running (a full disk); 2: the user's input was refused; 130: Ctrl-C;
 143: SIGTERM.
@@ -23,13 +23,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        arguments: what follows `gaitsweep`; that of this process by default.
+        arguments: the words after `gaitsweep`; by default those of this process.
 
     Returns:
         The exit code.
     """
     for stream in (sys.stdout, sys.stderr):
-        # a name that the terminal's encoding cannot write is shown by its escapes
+        # characters outside the terminal's encoding are written as escapes
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -45,14 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error.format_message(), file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
-        # whoever read our output has had enough of it (| head): nothing is wrong, and nothing can be said
+        # the reader of our output has closed it (| head): this is no error, and nothing can be printed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     return code if isinstance(code, int) else 0
 
 
 def _shown_as_sentence(otherwise: Callable[..., None]) -> Callable[..., None]:
-    """Show a warning of ours, such as that a table is not complete, without the line of code it came from."""
+    """Show our own warnings, such as an incomplete table, without the line of code that raised them."""
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if category is UserWarning:

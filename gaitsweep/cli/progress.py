@@ -11,9 +11,9 @@ _WHOLE = 1_000_000  # steps of the bar
 
 
 class ProgressBar:
-    """A bar on standard error, told by calls how far a run has come; a context manager.
+    """A context manager with a progress bar on standard error, which is called to update it.
 
-    A continued run starts its bar where the last one stopped, and measures its time left from there.
+    A continued run starts its bar where the last one stopped, and estimates the time left from there.
     """
 
     def __init__(self, console: Console | None = None, unit: str = "rows") -> None:
@@ -31,20 +31,20 @@ class ProgressBar:
         self._task: TaskID | None = None
 
     def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        """Show how far the run is.
+        """Update the bar.
 
         Args:
             done: rows that have ended.
             total: rows of the whole sweep.
             rate: rows a second; 0 while it is not known.
             fraction: share of the whole, rows under way counted by their part (0 to 1).
-            note: what is going on besides, such as a compilation.
+            note: the current activity, such as a compilation.
         """
         rows = f"{done}/{total}"
         speed = f"{rate:.3g} {self._unit}/s" if rate > 0 else ""
         steps = round(fraction * _WHOLE)
         if self._task is None:
-            # told where it starts, the bar does not take what an earlier run did for this one's speed
+            # with its start value, the bar does not count an earlier run's progress in this one's speed
             self._task = self._progress.add_task(note, total=_WHOLE, completed=steps, rows=rows, rate=speed)
         self._progress.update(self._task, description=note, completed=steps, rows=rows, rate=speed)
 

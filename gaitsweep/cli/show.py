@@ -1,4 +1,4 @@
-"""What the commands print: models, estimates and result directories in words."""
+"""The text that commands print about models, estimates and result directories."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gaitsweep.table import Snapshot
 if TYPE_CHECKING:
     from gaitsweep.runs.estimate import Estimate
 
-_PIPED_WIDTH = 240  # columns, where nobody's terminal wraps the lines
+_PIPED_WIDTH = 240  # columns, where the output is no terminal
 
 
 def estimate(needs: Estimate) -> str:
-    """Say what a job would need."""
+    """The resources that a job would need, as text."""
     time = f"about {duration(needs.seconds)}"
     if needs.seconds_most > 1.05 * needs.seconds:
         time += f", at most {duration(needs.seconds_most)} (measured on the first rows)"
@@ -40,12 +40,12 @@ def estimate(needs: Estimate) -> str:
 
 
 def counts(by_status: dict[str, int]) -> str:
-    """Say how many rows ended how: "15 settled, 1 fell"."""
+    """The number of rows with each status: "15 settled, 1 fell"."""
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
 
 
 def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
-    """Say which guards stalled rows and when: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
+    """The guards that stalled rows, and when: "3 event_stall: leg 2 touches or lifts, t = 1.25 s"."""
     told = []
     for names, found in stalls.items():
         when = ""
@@ -58,7 +58,7 @@ def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def outcome(snapshot: Snapshot) -> str:
-    """Say what a run left on disk."""
+    """The results of a run on disk, as text."""
     rows = snapshot.manifest["rows"]
     so_far = "" if snapshot.complete else f" of {rows}"
     lines = [
@@ -80,7 +80,7 @@ def outcome(snapshot: Snapshot) -> str:
 
 
 def directory(snapshot: Snapshot) -> str:
-    """Say what a result directory holds: its job, how far it is, how rows ended, and its provenance."""
+    """The contents of a result directory as text: job, progress, statuses of rows, provenance."""
     rows = snapshot.manifest["rows"]
     state = "complete" if snapshot.complete else "not complete: the same command continues it"
     lines = {
@@ -118,7 +118,7 @@ def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:
 
 
 def model(kind: type[Model]) -> None:
-    """Print what a job can say about a model."""
+    """Print the fields of a model that a job can set, and its outputs."""
     instance = kind()
     doc = (kind.__doc__ or "").strip().splitlines()
     console = _console()

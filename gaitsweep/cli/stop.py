@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM during a run: noted at once, obeyed between two chunks of work."""
+"""Ctrl-C and SIGTERM during a run: recorded at once, obeyed between two chunks of work."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Terminated(KeyboardInterrupt):
 
 
 class StopRequest:
-    """A context in which the first SIGINT or SIGTERM is noted, for `obey` to raise; a second raises at once.
+    """A context that records the first SIGINT or SIGTERM for `obey` to raise; a second raises at once.
 
-    A KeyboardInterrupt can strike anywhere, inside a library's callback too, which may swallow it.
+    A KeyboardInterrupt could be raised inside a library's callback, which may suppress it.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class StopRequest:
             raise self._asked
 
     def __enter__(self) -> StopRequest:
-        # only a main thread may handle signals; elsewhere Python's own way stays
+        # only the main thread may handle signals; other threads keep Python's handlers
         if threading.current_thread() is threading.main_thread():
             self._before = {number: signal.signal(number, self._note) for number in _SIGNALS}
         return self

@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import Field
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.continuation.branch_follower import Steps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status
@@ -148,7 +148,7 @@ class Continuation(RunKind):
             begin=begin,
             towards=1 if end > begin else -1,
             fix=self.fix,
-            steps=Steps(self.step, self.longest, self.shortest, self.most, between),
+            steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, between),
             shown=(),
         )
         row = table["row"].to_numpy(np.int64)

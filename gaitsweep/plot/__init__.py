@@ -127,7 +127,7 @@ def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:
         spec: the figure's own arguments.
 
     Raises:
-        PlotError: kind is not known, or the table lacks what the figure names.
+        PlotError: the kind is not known, or the table lacks a column of the figure.
     """
     if kind not in FIGURES:
         raise PlotError(f"{kind} is not a kind of figure{near_miss.suggestion(kind, FIGURES)}")

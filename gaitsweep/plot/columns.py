@@ -1,4 +1,4 @@
-"""What figures read from tables: columns by name, how they are written on axes, how rows ended."""
+"""Reads tables for figures: columns by name, their labels on axes, the outcomes of rows."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.basins import outcomes
 from gaitsweep.analysis.circular import is_circular
+from gaitsweep.analysis.records import in_order, outcome_labels
 from gaitsweep.errors import UserError
 
-NOT_SETTLED, FAILED = outcomes.NOT_SETTLED, outcomes.FAILED
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}
 )
@@ -31,7 +30,7 @@ def column(table: pd.DataFrame, name: str, suffixes: Sequence[str] = ("",)) -> s
     """The column that `name` means: the first of name + suffix that the table has.
 
     Raises:
-        PlotError: there is none; it names the near miss and the columns that there are.
+        PlotError: the table has none; the message names the near miss and the columns.
     """
     for suffix in suffixes:
         if name + suffix in table.columns:
@@ -52,12 +51,12 @@ def base_name(name: str) -> str:
 
 
 def is_angle(table: pd.DataFrame, name: str) -> bool:
-    """Whether a column is an angle of period 2 pi: as `table.attrs["quantities"]` says, else by its name."""
+    """Whether a column is an angle of period 2 pi: from `table.attrs["quantities"]`, else by its name."""
     return is_circular(table, name)
 
 
 def symbol(table: pd.DataFrame, name: str) -> str:
-    """How a column is written: its symbol in TeX, from `table.attrs["quantities"]` or made of its name."""
+    """A column's symbol in TeX: from `table.attrs["quantities"]`, else from its name."""
     quantities = table.attrs.get("quantities", {})
     base = _bare(name) if name not in quantities and _bare(name) in quantities else base_name(name)
     known = _quantity(table, name).get("symbol")
@@ -85,7 +84,7 @@ def unit_of(table: pd.DataFrame, name: str) -> str:
 
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
-    """What a column means, its symbol and unit, in lines of `width`, for an axis that explains itself."""
+    """A column's meaning, symbol and unit in lines of `width`, as the label of an axis."""
     meaning = str(_quantity(table, name).get("meaning", ""))
     label = axis_label(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
@@ -95,7 +94,7 @@ def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
 
 
 def written(table: pd.DataFrame, name: str, value: object) -> str:
-    """What is fixed in a panel: `f = 2.6 Hz`, angles in multiples of pi."""
+    """The value of a column as text: `f = 2.6 Hz`, angles in multiples of pi."""
     if not isinstance(value, int | float | np.number):
         return f"{symbol(table, name)} = {value}"
     number = float(value)
@@ -107,22 +106,22 @@ def written(table: pd.DataFrame, name: str, value: object) -> str:
 
 
 def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
-    """What each row shows: its hue where it settled, else `not settled` or `failed`; NaN hues are `none`."""
+    """The outcome of each row: its hue if it settled, else `not settled` or `failed`; NaN becomes `none`."""
     column(table, hue)
-    return outcomes.outcomes(table, hue)
+    return outcome_labels(table, hue)
 
 
 def categories(table: pd.DataFrame, hue: str, shown: pd.Series) -> list[str]:
-    """The outcomes that occur: in the hue's own order where it is a category, failed rows last."""
-    return outcomes.in_order(table, hue, shown)
+    """The outcomes that occur: in the order of the hue's categories, failed rows last."""
+    return in_order(table, hue, shown)
 
 
 def _quantity(table: pd.DataFrame, name: str) -> dict:
-    """What `table.attrs["quantities"]` says about a column: its unit, symbol and whether it is circular."""
+    """The entry of a column in `table.attrs["quantities"]`: its unit, symbol and whether it is circular."""
     known = table.attrs.get("quantities", {})
     return dict(known.get(name) or known.get(base_name(name)) or known.get(_bare(name)) or {})
 
 
 def _bare(name: str) -> str:
-    """A name without its suffix, where that may also be a part of it (m_end): speed for speed_n."""
+    """A name without its suffix (speed for speed_n), even if that may be part of the name (m_end)."""
     return re.sub(r"_(end|n)$", "", name)

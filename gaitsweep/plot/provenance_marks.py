@@ -1,4 +1,4 @@
-"""Marks on figures of tables that are not complete, or whose run's self-check warned."""
+"""Remarks on figures whose table is incomplete, or whose run's self-check warned."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, ParamSpec
 import pandas as pd
 from matplotlib.figure import Figure
 
-_BAND = 0.2  # inches, added to the figure above all else
-_TITLE = 0.22  # inches that its title takes
+_BAND = 0.2  # inches; height of the band added on top of the figure
+_TITLE = 0.22  # inches; height of the title
 _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
 Spec = ParamSpec("Spec")
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
-    """What has to be known of a table beside what a figure shows: `incomplete: 812 of 1000 rows`.
+    """The remarks on a table, such as `incomplete: 812 of 1000 rows`.
 
     Read from `table.attrs`: `complete`, `rows_missing` and the manifest's `rows` and `self_check`.
     """
@@ -34,7 +34,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
 
 
 def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
-    """How many rows of the job the table was loaded with; None where it does not say so."""
+    """The number of the job's rows in the table; None if the table does not give it."""
     rows, missing = manifest.get("rows"), table.attrs.get("rows_missing")
     if not isinstance(rows, int):
         return None
@@ -42,13 +42,13 @@ def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
         return rows - missing
     if missing is not None and hasattr(missing, "__len__"):
         return rows - len(missing)
-    # of a part of the table nothing could be said, but where all rows that are there are in it
+    # a selection of rows is no evidence, unless the table has all rows so far
     there = len(table["row"].unique()) if "row" in table.columns else rows
     return there if there < rows else None
 
 
 def mark(figure: Figure, told: list[str]) -> None:
-    """Write remarks into the upper right corner of a figure, in a band that is added for them."""
+    """Write remarks into the upper right corner of a figure, in an added band."""
     if not told:
         return
     width, height = figure.get_size_inches()
@@ -56,7 +56,7 @@ def mark(figure: Figure, told: list[str]) -> None:
     figure.set_size_inches(width, height + _BAND)
     taken = share
     title = getattr(figure, "_suptitle", None)
-    if title is not None:  # the layout would put it into the band, so it is put below it by hand
+    if title is not None:  # the layout would move the title into the band, so it is placed below by hand
         title.set_y(1.0 - share)
         title.set_in_layout(False)
         title._autopos = False
@@ -68,7 +68,7 @@ def mark(figure: Figure, told: list[str]) -> None:
 
 
 def marked(figure_of: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
-    """A function from a table to a figure, whose figures bear the table's remarks."""
+    """Decorates a function from a table to a figure: its figures carry the table's remarks."""
 
     @functools.wraps(figure_of)
     def with_marks(*args: Spec.args, **spec: Spec.kwargs) -> Figure:

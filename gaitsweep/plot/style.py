@@ -1,4 +1,4 @@
-"""How figures look: sizes of paper columns, fixed colours and markers of gaits, axes of angles."""
+"""The style of figures: sizes of paper columns, colours and markers of gaits, axes of angles."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
-from gaitsweep.plot.columns import FAILED, NOT_SETTLED
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 
 COLUMN, PAGE = 3.4, 7.1  # inches: one column of a paper, and its full width
 HATCH = "/////"
 
-# Okabe and Ito's colours, apart for the colour-blind; gaits also differ in lightness, for print in grey.
+# Okabe and Ito's colours, distinct for colour-blind readers; gaits also differ in lightness, for grey print.
 COLOURS = MappingProxyType(
     {
         "direct": "#E69F00",
@@ -73,7 +73,7 @@ _RC: dict[Any, Any] = {
 
 @contextlib.contextmanager
 def canvas(width: float, height: float, title: str | None = None) -> Iterator[Figure]:
-    """An empty figure of this size (inches), in the house style while the block draws on it."""
+    """A context with an empty figure of this size (inches), in which Matplotlib has this style."""
     with mpl.rc_context(_RC):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
@@ -83,7 +83,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
 
 
 def colours(names: Iterable[str]) -> dict[str, str]:
-    """A colour for each name: a gait's own, the others in the order in which they come."""
+    """A colour for each name: a gait's own, spare colours for the others in their order."""
     names = list(names)
     free = [colour for colour in SPARE_COLOURS if colour not in {COLOURS.get(name) for name in names}]
     others = [name for name in names if name not in COLOURS]
@@ -92,7 +92,7 @@ def colours(names: Iterable[str]) -> dict[str, str]:
 
 
 def markers(names: Iterable[str]) -> dict[str, str]:
-    """A marker for each name, as `colours`."""
+    """A marker for each name, as for `colours`."""
     names = list(names)
     others = [name for name in names if name not in MARKERS]
     spare = {name: SPARE_MARKERS[number % len(SPARE_MARKERS)] for number, name in enumerate(others)}
@@ -102,7 +102,7 @@ def markers(names: Iterable[str]) -> dict[str, str]:
 def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
     """Show an angle on axis x, y or z, ticks at multiples of pi, `steps` intervals a turn.
 
-    The axis goes from 0 to 2 pi, or only as far as the data do where they take less than half of that.
+    The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
     """
     if which in "xy" and not _half_a_turn(axes, which):
         angle_ticks(axes, which)
@@ -113,7 +113,7 @@ def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:
 
 
 def _half_a_turn(axes: Axes, which: str) -> bool:
-    """Whether the data of an axis and of those that share it take half a turn or more, or there are none."""
+    """Whether the data of an axis and those that share it extend over half a turn, or there are no data."""
     shared = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
     spans = np.array([getattr(each.dataLim, f"interval{which}") for each in shared])
     spans = spans[np.isfinite(spans).all(axis=1)]
@@ -136,7 +136,7 @@ def angle_ticks(axes: Axes, which: str) -> None:
 
 
 def in_pi(angle: float, *, fractions: bool = True) -> str:
-    """An angle (rad) as a multiple of pi: 3π/4, or 0.75π where it is no round fraction."""
+    """An angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is no round fraction."""
     turns = round(angle / np.pi, 4)
     if turns == round(turns):
         return {0: "0", 1: "π", -1: "−π"}.get(round(turns), f"{round(turns)}π").replace("-", "−")
@@ -148,5 +148,5 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
 
 
 def message(axes: Axes, text: str) -> None:
-    """Say in an empty panel why it is empty."""
+    """Write the reason into an empty panel."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")

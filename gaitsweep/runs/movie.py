@@ -13,7 +13,7 @@ from gaitsweep import near_miss
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.movie import animation, movie_file, side_view
 from gaitsweep.plot.movie.animation import Clip, Drawn, Scene
-from gaitsweep.plot.movie.mujoco_movie import Body, NoOpenGL, Painter, Rendered, pixels
+from gaitsweep.plot.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
 from gaitsweep.runs.motion import Motion, read_motion
 from gaitsweep.table import WriteError, reason, replace_file
 from gaitsweep.table.manifest import FIGURES
@@ -206,7 +206,7 @@ def _prepared(
         yield clip, animation.side_view
         return
     nq = sum(key.startswith("q_") for key in signals)
-    body = Body(mjcf, np.stack([signals[f"q_{i}"] for i in range(nq)], axis=1), heading)
+    body = RenderedBody(mjcf, np.stack([signals[f"q_{i}"] for i in range(nq)], axis=1), heading)
     painters: list[Painter] = []
     refused = False
 

@@ -21,11 +21,11 @@ from gaitsweep.analysis.attractors.linkage import (
     cells,
     components,
     linking_distance,
-    shortest_tree,
+    spanning_tree,
 )
 from gaitsweep.analysis.attractors.matching import follow_attractors
 from gaitsweep.analysis.attractors.state_space import Space
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import GAITS, classify, locked_state, segments
 
@@ -62,7 +62,7 @@ def test_linkage_is_scipys(seed: int, count: int, closed: list[bool]) -> None:
         )
     )
     oracle = linkage(squareform(apart, checks=False), "single")
-    links, lengths = shortest_tree(space, points)
+    links, lengths = spanning_tree(space, points)
     np.testing.assert_allclose(np.sort(lengths), oracle[:, 2], atol=1e-12)
     at = float(np.median(lengths)) + 1e-9
     mine = components(count, links[lengths <= at])

@@ -8,42 +8,12 @@ import pytest
 from basin_tables import TURN, cantor_labels, grid_table
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binomtest
 
-from gaitsweep.analysis.basins.fractal_boundaries import uncertain_shares, uncertainty_exponent
-from gaitsweep.analysis.basins.fractions import fractions
+from gaitsweep.analysis.basins.fractal_boundaries import uncertainty_exponent, uncertainty_fraction
+from gaitsweep.analysis.basins.fractions import fractions, one_a_cell, proportion_interval
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.measures import basins
-from gaitsweep.analysis.basins.proportions import clopper_pearson, one_a_cell, wilson
-from gaitsweep.analysis.gaits.records import AnalysisError
-
-
-@settings(max_examples=40)
-@given(of=st.integers(1, 3000), share=st.floats(0, 1), level=st.sampled_from([0.8, 0.95, 0.99]))
-def test_intervals_are_scipys(of: int, share: float, level: float) -> None:
-    hits = round(share * of)
-    tested = binomtest(hits, of)
-    for mine, method in ((wilson, "wilson"), (clopper_pearson, "exact")):
-        low, high = mine(np.array(hits), np.array(of), level)
-        expected = tested.proportion_ci(level, method)
-        assert (float(low), float(high)) == pytest.approx((expected.low, expected.high), abs=1e-12)
-
-
-def test_coverage_of_intervals_for_random_starts() -> None:
-    """10 000 samples a share: Clopper and Pearson cover 95 % or more of each, Wilson 95 % on average.
-
-    The standard error of a coverage is 0.2 %; Wilson's dips to 92 % for shares near 0 are its own.
-    """
-    random = np.random.default_rng(0)
-    shares = np.array([0.03, 0.1, 0.25, 0.5, 0.8, 0.97])
-    covered = {}
-    for method in (wilson, clopper_pearson):
-        hits = random.binomial(200, shares[:, None], (shares.size, 10_000))
-        low, high = method(hits, np.full_like(hits, 200))
-        covered[method] = ((low <= shares[:, None]) & (shares[:, None] <= high)).mean(axis=1)
-    assert covered[clopper_pearson].min() > 0.945
-    assert covered[wilson].mean() == pytest.approx(0.95, abs=0.01)
-    assert covered[wilson].min() > 0.92
+from gaitsweep.analysis.records import AnalysisError
 
 
 def test_coverage_of_intervals_for_grids() -> None:
@@ -65,7 +35,7 @@ def test_coverage_of_intervals_for_grids() -> None:
         area = np.pi * radius**2 / TURN**2
         inside.append(found["low"] <= area <= found["high"])
         width.append(found["high"] - found["low"])
-        low, high = wilson(np.array(found["rows"]), np.array(found["of"]))
+        low, high = proportion_interval(int(found["rows"]), int(found["of"]), 0.95)
         independent.append(high - low)
     assert np.mean(inside) >= 0.95
     assert np.mean(width) < 0.45 * np.mean(independent)
@@ -124,7 +94,7 @@ def test_a_cantor_boundary() -> None:
     assert basins(line).panels.loc[0, "exponent"] == pytest.approx(expected, abs=0.05)
     shape = (labels.size, 84)
     sheet = BasinGrid(np.arange(labels.size * 84), shape, (1.0, 1.0), (False, False))
-    read = uncertainty_exponent(uncertain_shares(sheet, np.repeat(labels, 84), [9, 27, 81]))
+    read = uncertainty_exponent(uncertainty_fraction(sheet, np.repeat(labels, 84), [9, 27, 81]))
     assert read.value == pytest.approx(expected, abs=0.02)
     assert read.sizes == 3
 

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
-from gaitsweep.analysis.continuation.branch_follower import Steps
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
-from gaitsweep.analysis.continuation.stable_ranges import edges, stable_ranges
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
 from gaitsweep.job import load_job
@@ -44,7 +44,7 @@ def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd
     m_B at the start of the branch is 3 % off.
     """
     assert set(direct["end"]) == {"", "most"}
-    found = edges(direct, "m_B", "direct")
+    found = range_of_gait(direct, "m_B", "direct")
     assert found["row"].tolist() == [0, 1]
     assert set(found["low_by"]) == {"start"}
     assert set(found["high_by"]) == {"fold"}
@@ -64,7 +64,7 @@ def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd
 def test_gaits_of_a_branch_are_read(direct: pd.DataFrame) -> None:
     assert set(direct.loc[direct["point"] == 0, "gait"]) == {"direct"}
     with pytest.raises(AnalysisError, match="Stable here: direct"):
-        edges(direct, "m_B", "retrograde")
+        range_of_gait(direct, "m_B", "retrograde")
 
 
 def test_figure_of_stable_ranges(direct: pd.DataFrame) -> None:
@@ -165,7 +165,7 @@ def test_gaits_of_the_quadruped_are_lost_where_holds_lose_them(
         within=within,
         begin=begin,
         towards=towards,
-        steps=Steps(0.02, 0.05, 4e-3, most=14),
+        steps=ArclengthSteps(0.02, 0.05, 4e-3, most=14),
     )
     unstable = table["point"].to_numpy()[~table["stable"].to_numpy(bool)]
     # it has gone around: towards the edge, and back on the unstable side

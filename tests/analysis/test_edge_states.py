@@ -11,7 +11,13 @@ from landscape_model import Landscape, curve
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.analysis.edges.edge_states import Gaits, Limits, Nearest, Outcome, edge_states
+from gaitsweep.analysis.edges.edge_states import (
+    EdgeLimits,
+    EdgeOutcome,
+    LabelMapper,
+    ProximityMapper,
+    edge_states,
+)
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import Way
@@ -65,11 +71,11 @@ def test_the_saddle_of_a_bistable_map() -> None:
     """
     n = 12
     random = np.random.default_rng(3)
-    ones = np.stack([random.uniform(0.5, 1.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
-    others = np.stack([random.uniform(-1.5, -0.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
+    u1 = np.stack([random.uniform(0.5, 1.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
+    u2 = np.stack([random.uniform(-1.5, -0.5, n), random.uniform(-0.5, 0.5, n)], axis=1)
     values = {"r": np.linspace(0.5, 0.9, n), "bend": np.linspace(-0.3, 0.3, n)}
-    limits = Limits(settle=40)
-    found = edge_states(SADDLE, SADDLE.points(ones), SADDLE.points(others), values, limits=limits)
+    limits = EdgeLimits(settle_cycles=40)
+    found = edge_states(SADDLE, SADDLE.points(u1), SADDLE.points(u2), values, limits=limits)
     table = found.table
     assert found.found.all()
     assert (table["outcome"] == "fixed").all()
@@ -90,15 +96,15 @@ def test_a_pair_does_not_depend_on_the_others() -> None:
     """Alone, among others that diverge, and with more cuts at once: the same edge."""
     good, bad = [[1.0, 0.2], [-1.0, 0.1]], [[1.0, 0.2], [9.0, 0.0]]
     pairs = np.array([good, bad, good])
-    ones, others, limits = SADDLE.points(pairs[:, 0]), SADDLE.points(pairs[:, 1]), Limits(settle=40)
-    many = edge_states(SADDLE, ones, others, {}, limits=limits)
-    alone = edge_states(SADDLE, ones[:1], others[:1], {}, limits=limits)
-    assert many.outcome.tolist() == [Outcome.fixed, Outcome.lost, Outcome.fixed]
+    u1, u2, limits = SADDLE.points(pairs[:, 0]), SADDLE.points(pairs[:, 1]), EdgeLimits(settle_cycles=40)
+    many = edge_states(SADDLE, u1, u2, {}, limits=limits)
+    alone = edge_states(SADDLE, u1[:1], u2[:1], {}, limits=limits)
+    assert many.outcome.tolist() == [EdgeOutcome.fixed, EdgeOutcome.lost, EdgeOutcome.fixed]
     pd.testing.assert_frame_equal(many.table.iloc[[0]], alone.table)
     np.testing.assert_array_equal(many.points.at[2], many.points.at[0])
     assert many.table.loc[1, "met"] == -1 - Way.lost
     assert many.table.loc[[1], ["u", "w"]].isna().all(axis=None)
-    faster = edge_states(SADDLE, ones[:1], others[:1], {}, limits=Limits(settle=40, cuts=7))
+    faster = edge_states(SADDLE, u1[:1], u2[:1], {}, limits=EdgeLimits(settle_cycles=40, cuts=7))
     np.testing.assert_allclose(faster.points.at, alone.points.at, atol=4e-6)
     assert faster.table["bisections"].sum() < 0.5 * alone.table["bisections"].sum()
 
@@ -107,29 +113,29 @@ def test_outcomes_beside_a_third_attractor() -> None:
     """On a line, the way from pi/3 to 5 pi/3 leads over pi; round the circle it does not."""
     a, b, c = np.pi / 3.0, np.pi, 5.0 * np.pi / 3.0
     attractors = np.array([[a], [b], [c]])
-    ones, others = LINE.points([[a], [a], [c + 0.1], [a]]), LINE.points([[c], [b], [c], [2.0 * np.pi / 3.0]])
-    decide = Nearest(LINE, attractors)
-    found = edge_states(LINE, ones, others, {}, decide=decide, limits=Limits(most=200))
-    expected = [Outcome.third, Outcome.fixed, Outcome.same, Outcome.undecided]
+    u1, u2 = LINE.points([[a], [a], [c + 0.1], [a]]), LINE.points([[c], [b], [c], [2.0 * np.pi / 3.0]])
+    mapper = ProximityMapper(LINE, attractors)
+    found = edge_states(LINE, u1, u2, {}, mapper=mapper, limits=EdgeLimits(max_cycles=200))
+    expected = [EdgeOutcome.third, EdgeOutcome.fixed, EdgeOutcome.same, EdgeOutcome.undecided]
     assert found.outcome.tolist() == expected
     assert found.table["met"].tolist() == [1, -1, -1, -1]
-    assert found.table[["one", "other"]].to_numpy().tolist() == [[0, 2], [0, 1], [2, 2], [0, -1]]
+    assert found.table[["label_1", "label_2"]].to_numpy().tolist() == [[0, 2], [0, 1], [2, 2], [0, -1]]
     np.testing.assert_allclose(found.points.at[1], 2.0 * np.pi / 3.0, atol=4e-6)
     np.testing.assert_allclose(found.table.loc[1, "growth"], 1.6, rtol=1e-4)
-    unknown = edge_states(LINE, ones[:1], others[:1], {}, limits=Limits(most=50))
-    assert unknown.outcome.tolist() == [Outcome.undecided]
-    alike = edge_states(LINE, ones[2:3], others[2:3], {}, limits=Limits(settle=60))
-    assert alike.outcome.tolist() == [Outcome.same]
+    unknown = edge_states(LINE, u1[:1], u2[:1], {}, limits=EdgeLimits(max_cycles=50))
+    assert unknown.outcome.tolist() == [EdgeOutcome.undecided]
+    alike = edge_states(LINE, u1[2:3], u2[2:3], {}, limits=EdgeLimits(settle_cycles=60))
+    assert alike.outcome.tolist() == [EdgeOutcome.same]
     round_ = edge_states(ANGLE, ANGLE.points([[a]]), ANGLE.points([[c]]), {})
-    assert round_.outcome.tolist() == [Outcome.fixed]
+    assert round_.outcome.tolist() == [EdgeOutcome.fixed]
     np.testing.assert_allclose(ANGLE.apart(round_.points.at, np.zeros((1, 1))), 0.0, atol=4e-6)
 
 
 def test_an_edge_that_is_a_cycle() -> None:
     """{1, -1} between 0 and {2, -2}, whose multiplier over both of its points is 1.3^2."""
-    decide = Nearest(TURNING, np.array([[0.0], [2.0], [-2.0]]), [0, 1, 1])
-    found = edge_states(TURNING, TURNING.points([[0.2]]), TURNING.points([[1.7]]), {}, decide=decide)
-    assert found.outcome.tolist() == [Outcome.periodic]
+    mapper = ProximityMapper(TURNING, np.array([[0.0], [2.0], [-2.0]]), [0, 1, 1])
+    found = edge_states(TURNING, TURNING.points([[0.2]]), TURNING.points([[1.7]]), {}, mapper=mapper)
+    assert found.outcome.tolist() == [EdgeOutcome.periodic]
     assert found.table["period"].tolist() == [2]
     np.testing.assert_allclose(np.abs(found.points.at), 1.0, atol=4e-6)
     np.testing.assert_allclose(found.table["growth"], 1.3, rtol=1e-4)
@@ -144,9 +150,9 @@ def test_an_edge_that_does_not_come_to_rest() -> None:
         x = images.points.at[:, 0]
         return np.where(np.abs(x) > 0.5, (x > 0).astype(int), -1)
 
-    ones, others = mapping.points([[-1.0, 0.3]]), mapping.points([[0.8, 0.4]])
-    found = edge_states(mapping, ones, others, {}, decide=side, limits=Limits(rounds=3))
-    assert found.outcome.tolist() == [Outcome.wandering]
+    u1, u2 = mapping.points([[-1.0, 0.3]]), mapping.points([[0.8, 0.4]])
+    found = edge_states(mapping, u1, u2, {}, mapper=side, limits=EdgeLimits(max_rounds=3))
+    assert found.outcome.tolist() == [EdgeOutcome.wandering]
     assert found.table["rounds"].tolist() == [3]
     assert found.table["residual"].min() > 1e-3
     assert abs(found.points.at[0, 0]) < 1e-6
@@ -156,7 +162,7 @@ def test_an_edge_that_does_not_come_to_rest() -> None:
 def test_a_map_that_jumps_has_an_edge_without_a_fixed_point() -> None:
     mapping = PlainMap(broken, ("x",))
     found = edge_states(mapping, mapping.points([[-1.0]]), mapping.points([[0.9]]), {})
-    assert found.outcome.tolist() == [Outcome.jump]
+    assert found.outcome.tolist() == [EdgeOutcome.jump]
     np.testing.assert_allclose(found.points.at, 0.2, atol=1e-6)
     assert found.table["residual"].min() > 0.3
 
@@ -169,56 +175,71 @@ def test_what_the_map_does_not_part_is_told() -> None:
         return (images.points.at[:, 0] > 0).astype(int)
 
     found = edge_states(
-        mapping, mapping.points([[-1.0]]), mapping.points([[0.7]]), {}, decide=side, limits=Limits(most=20)
+        mapping,
+        mapping.points([[-1.0]]),
+        mapping.points([[0.7]]),
+        {},
+        mapper=side,
+        limits=EdgeLimits(max_cycles=20),
     )
-    assert found.outcome.tolist() == [Outcome.together]
-    assert all(Outcome(code).sentence for code in Outcome)
+    assert found.outcome.tolist() == [EdgeOutcome.together]
+    assert all(EdgeOutcome(code).sentence for code in EdgeOutcome)
 
 
 def test_a_model_on_its_section() -> None:
     """The curves theta_1 = c and c + pi attract, so the edge lies half-way; its multiplier is exp(rate).
 
     theta_2 stays as it is, so each pair with one theta_2 has its own edge state. A pair on the cliff falls.
-    Both ways to decide: the two attractors themselves, and the model's label after 25 cycles.
+    Both mappers: the two attractors themselves, and the model's label after 25 cycles.
     """
     mapping = return_map(Landscape(), {"cliff": 0.9}, numerics=Numerics(dt=0.02))
     theta_2 = np.array([1.0, 2.5, 4.0, 0.1])
     c = np.asarray(curve({"shift": jnp.zeros(()), "bend": 0.7 * jnp.ones(())}, jnp.asarray(theta_2)))
-    ones, _ = mapping.settled({"theta_1": c + 0.3, "theta_2": theta_2}, {}, 0)
-    others, _ = mapping.settled({"theta_1": c + 2.2, "theta_2": theta_2}, {}, 0)
+    u1, _ = mapping.settled({"theta_1": c + 0.3, "theta_2": theta_2}, {}, 0)
+    u2, _ = mapping.settled({"theta_1": c + 2.2, "theta_2": theta_2}, {}, 0)
     values = {"rate": np.array([1.0, 2.0, 3.0, 3.0])}
-    limits = Limits(narrow=1e-6, apart=1e-4, still=1e-5, cuts=3, settle=15, most=60)
-    gaits = Gaits(mapping, values, after=25)
-    for decide in (None, gaits):
-        found = edge_states(mapping, ones, others, values, decide=decide, limits=limits)
-        assert found.outcome.tolist() == [Outcome.fixed] * 3 + [Outcome.fell]
+    limits = EdgeLimits(
+        bisection_distance=1e-6,
+        separation_distance=1e-4,
+        residual_tolerance=1e-5,
+        cuts=3,
+        settle_cycles=15,
+        max_cycles=60,
+    )
+    gaits = LabelMapper(mapping, values, after=25)
+    for mapper in (None, gaits):
+        found = edge_states(mapping, u1, u2, values, mapper=mapper, limits=limits)
+        assert found.outcome.tolist() == [EdgeOutcome.fixed] * 3 + [EdgeOutcome.fell]
         np.testing.assert_allclose(found.table["theta_1"][:3], (c + 0.5 * np.pi)[:3], atol=1e-5)
         np.testing.assert_allclose(found.table["theta_2"][:3], theta_2[:3], atol=1e-12)
         # so near to the edge nothing of the sine's cube is seen
         np.testing.assert_allclose(found.table["growth"][:2], np.exp(values["rate"][:2]), rtol=1e-3)
-    assert found.table[["one", "other"]].to_numpy().tolist()[:3] == [[0, 1]] * 3
+    assert found.table[["label_1", "label_2"]].to_numpy().tolist()[:3] == [[0, 1]] * 3
 
 
 def test_what_is_refused() -> None:
-    ones = SADDLE.points([[1.0, 0.0]] * 2)
-    with pytest.raises(ValueError, match="each needs its other"):
-        edge_states(SADDLE, ones, ones[:1], {})
-    with pytest.raises(ValueError, match="since float64 tells no finer"):
-        Limits(narrow=1e-15)
+    u1 = SADDLE.points([[1.0, 0.0]] * 2)
+    with pytest.raises(ValueError, match="both need as many"):
+        edge_states(SADDLE, u1, u1[:1], {})
+    with pytest.raises(ValueError, match="resolution of float64"):
+        EdgeLimits(bisection_distance=1e-15)
     with pytest.raises(ValueError, match="cuts is 0"):
-        Limits(cuts=0)
+        EdgeLimits(cuts=0)
     with pytest.raises(ValueError, match="one label for each"):
-        edge_states(SADDLE, ones, ones, {}, decide=lambda images, pair, cycle: np.zeros(1, int))
+        edge_states(SADDLE, u1, u1, {}, mapper=lambda images, pair, cycle: np.zeros(1, int))
     with pytest.raises(ValueError, match="an edge lies between two"):
-        Nearest(SADDLE, np.zeros((2, 2)), [0, 0])
+        ProximityMapper(SADDLE, np.zeros((2, 2)), [0, 0])
     with pytest.raises(ValueError, match="2 points of attractors"):
-        Nearest(SADDLE, np.zeros((2, 2)), [0])
+        ProximityMapper(SADDLE, np.zeros((2, 2)), [0])
     apart = np.array([[[1.0, 0.8], [-1.0, 0.8]]] * 2)
-    for decide in (Nearest(SADDLE, apart), Gaits(return_map(Landscape()), {"rate": [1.0, 2.0]}, after=0)):
+    for mapper in (
+        ProximityMapper(SADDLE, apart),
+        LabelMapper(return_map(Landscape()), {"rate": [1.0, 2.0]}, after=0),
+    ):
         with pytest.raises(ValueError, match="for 2 pairs, but there are more"):
-            decide(SADDLE.images(SADDLE.points([[1.0, 0.0]] * 3), {}), np.arange(3), 1)
+            mapper(SADDLE.images(SADDLE.points([[1.0, 0.0]] * 3), {}), np.arange(3), 1)
     with pytest.raises(ValueError, match="did you mean near"):
-        Gaits(return_map(Landscape()), {}, after=5, only=["neer"])
+        LabelMapper(return_map(Landscape()), {}, after=5, only=["neer"])
 
 
 @pytest.mark.slow
@@ -237,8 +258,8 @@ def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
         psi_2 = wrapped(images.points.at[:, 1])
         return np.where(np.abs(psi_2) > 0.9, (psi_2 > 0.0).astype(int), -1)
 
-    limits = Limits(rounds=2, cuts=3, most=100)
-    found = edge_states(mapping, points[:2], points[2:], {}, decide=sign, limits=limits)
+    limits = EdgeLimits(max_rounds=2, cuts=3, max_cycles=100)
+    found = edge_states(mapping, points[:2], points[2:], {}, mapper=sign, limits=limits)
     table = found.table
     assert table["outcome"].tolist() == ["wandering"] * 2
     np.testing.assert_allclose(table["psi_2"], 0.0, atol=1e-7)

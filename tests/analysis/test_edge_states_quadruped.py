@@ -7,7 +7,7 @@ import pytest
 
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.analysis.edges.edge_states import Limits, edge_states
+from gaitsweep.analysis.edges.edge_states import EdgeLimits, edge_states
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.poincare_return import Way
 from gaitsweep.engine.poincare.return_map import return_map
@@ -30,7 +30,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
     upper, lower = points.at[:5, 0] - 0.03, points.at[5:10, 0] + 0.03
     # trot, the wider and the narrower attractor, walk of f = 2.6
     four = np.array([2, 10, 11, 7])
-    ones, others = points[np.append(np.arange(5), four[:-1])], points[np.append(np.arange(5, 10), four[1:])]
+    u1, u2 = points[np.append(np.arange(5), four[:-1])], points[np.append(np.arange(5, 10), four[1:])]
     stiffness = np.append(f, [2.6] * 3)
     place = np.append(np.arange(5), [2] * 3)
 
@@ -44,13 +44,20 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
         return label
 
     # two come no farther apart than the next place where the map jumps is, .0003 rad from the edge at 2.5897
-    limits = Limits(narrow=3e-4, apart=3e-3, still=1e-4, cuts=4, most=400, rounds=3)
-    found = edge_states(mapping, ones, others, {"f": stiffness}, decide=gait, limits=limits)
+    limits = EdgeLimits(
+        bisection_distance=3e-4,
+        separation_distance=3e-3,
+        residual_tolerance=1e-4,
+        cuts=4,
+        max_cycles=400,
+        max_rounds=3,
+    )
+    found = edge_states(mapping, u1, u2, {"f": stiffness}, mapper=gait, limits=limits)
     table = found.table
     print(table[["f", "delta_13", "outcome", "residual", "growth", "one", "other", "met", "evaluations"]])
     assert table["outcome"].tolist() == ["fixed", "fixed", "third", *["fixed"] * 5]
     assert table["met"][2] in (1, 2)
-    assert table[["one", "other"]][5:].to_numpy().tolist() == [[0, 1], [1, 2], [2, 3]]
+    assert table[["label_1", "label_2"]][5:].to_numpy().tolist() == [[0, 1], [1, 2], [2, 3]]
     np.testing.assert_allclose(table["delta_13"][5:], [2.637, 2.590, 2.586], atol=1e-3)
 
     edges = np.flatnonzero(found.found)

@@ -11,9 +11,9 @@ from gait_traces import crossings_of, ends, trace_of, traces
 
 import gaitsweep as gs
 from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
-from gaitsweep.analysis.gaits.records import AnalysisError
 from gaitsweep.analysis.gaits.swing_onsets import gait_of
-from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 
 ROOT = Path(__file__).parents[2]
@@ -91,7 +91,7 @@ def test_gaits_along_a_walk_that_turns_into_a_trot() -> None:
     np.testing.assert_allclose(along["speed"], 0.1 * middle, rtol=1e-6)
     assert set(along.loc[along["end"] < 9.9, "gait"]) == {"D-walk"}
     assert set(along.loc[along["begin"] > 10.6, "gait"]) == {"trot"}
-    found = spells(along, least=3)
+    found = gait_bouts(along, least=3)
     assert list(found["family"]) == ["walk", "trot"]
     # a window of three cycles of 0.4 s says when to about half its length
     assert abs(0.5 * (found.loc[0, "end"] + found.loc[1, "begin"]) - 10.0) < 0.6
@@ -102,9 +102,9 @@ def test_gaits_along_a_walk_that_turns_into_a_trot() -> None:
 def test_short_stretches_part_nothing() -> None:
     along = pd.DataFrame({"row": 0, "family": list("aaaabbaaaacaaa"), "t": np.arange(14.0)})
     along = along.assign(begin=along["t"], end=along["t"])
-    assert list(spells(along, least=2)["family"]) == ["a", "b", "a"]
-    assert list(spells(along, least=3)["family"]) == ["a"]
-    assert spells(along, least=20).empty
+    assert list(gait_bouts(along, least=2)["family"]) == ["a", "b", "a"]
+    assert list(gait_bouts(along, least=3)["family"]) == ["a"]
+    assert gait_bouts(along, least=20).empty
 
 
 def test_trots_in_crossings_lose_onsets_and_are_trots_all_the_same() -> None:

@@ -7,8 +7,14 @@ import pandas as pd
 import pytest
 from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, settle_table, staircase_table
 
-from gaitsweep.analysis.gaits.records import AnalysisError
-from gaitsweep.analysis.transitions.hysteresis import edges, edges_by_gait, jumps, largest_jumps, loop_area
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analysis.transitions.hysteresis import (
+    jumps,
+    largest_jumps,
+    loop_area,
+    transition_points,
+    transition_points_by_gait,
+)
 
 JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)
 
@@ -74,17 +80,17 @@ def test_edges_are_medians_over_rows_with_their_range() -> None:
     table = staircase_table(
         4
     )  # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
-    found = edges(table, "delta_13", "f")
+    found = transition_points(table, "delta_13", "f")
     assert found["direction"].tolist() == ["rising", "falling"]
     assert found[["low", "high"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
     assert found[["lowest", "highest"]].to_numpy().ravel() == pytest.approx([0.3, 0.4, -0.5, -0.3])
     assert found[["rows", "of"]].to_numpy().tolist() == [[4, 4], [4, 4]]
     table.insert(1, "mass", np.where(table["row"] < 2, 1.0, 1.2))
-    apart = edges(table, "delta_13", "f", by=["mass"])
+    apart = transition_points(table, "delta_13", "f", by=["mass"])
     assert apart["mass"].tolist() == [1.0, 1.0, 1.2, 1.2]
     assert apart["of"].tolist() == [2] * 4
     assert jumps(table, "delta_13", "f")["mass"].tolist() == [1.0] * 4 + [1.2] * 4
-    assert len(edges(table, "delta_13", "f", least=0.9)) == 0  # no jump is that large
+    assert len(transition_points(table, "delta_13", "f", least=0.9)) == 0  # no jump is that large
 
 
 def test_rows_that_go_to_and_fro_lose_no_branch() -> None:
@@ -95,8 +101,10 @@ def test_rows_that_go_to_and_fro_lose_no_branch() -> None:
     table.loc[wandering, "delta_13_n"] = wild
     assert len(jumps(table[wandering], "delta_13", "f")) > 10
     assert largest_jumps(table, "delta_13", "f")["row"].tolist() == [1, 1, 2, 2]
-    found = edges(table, "delta_13", "f")
-    assert found.drop(columns="of").equals(edges(table[~wandering], "delta_13", "f").drop(columns="of"))
+    found = transition_points(table, "delta_13", "f")
+    assert found.drop(columns="of").equals(
+        transition_points(table[~wandering], "delta_13", "f").drop(columns="of")
+    )
     assert found[["rows", "of"]].to_numpy().tolist() == [[2, 3], [2, 3]]
     table.loc[(table["row"] == 1) & (table["stair"] == 16), "delta_13_n"] -= 0.3
     assert 1 in largest_jumps(table, "delta_13", "f")["row"].tolist()
@@ -134,7 +142,7 @@ def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
     area = loop_area(table, "delta_13", "f").set_index("row")["area"]
     assert area[0] > 0.4
     assert np.isnan(area[1])
-    assert edges(table, "delta_13", "f")["of"].tolist() == [2, 2]
+    assert transition_points(table, "delta_13", "f")["of"].tolist() == [2, 2]
 
 
 def test_holds_without_a_crossing_are_passed_over() -> None:
@@ -148,7 +156,7 @@ def test_holds_without_a_crossing_are_passed_over() -> None:
     for empty in (nothing, table[:0], ramp_table(steps=10)[:1]):
         assert list(jumps(empty, "delta_13", "f").columns) == list(found.columns)
         assert not len(jumps(empty, "delta_13", "f"))
-        assert not len(edges(empty, "delta_13", "f"))
+        assert not len(transition_points(empty, "delta_13", "f"))
         assert not len(loop_area(empty, "delta_13", "f"))
 
 
@@ -167,14 +175,14 @@ def test_columns_that_are_not_there() -> None:
     ):
         jumps(table, "delta_31", "f")
     with pytest.raises(AnalysisError, match="mass is not a column"):
-        edges(table, "delta_13", "f", by=["mass"])
+        transition_points(table, "delta_13", "f", by=["mass"])
     with pytest.raises(AnalysisError, match="beta is not a column"):
         loop_area(table, "delta_13", "beta")
 
 
 def test_where_each_gait_is_lost() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])  # 0.05 apart
-    found = edges_by_gait(table, "f", "delta_13").set_index("gait")
+    found = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
     trot, walk = found.loc["trot"], found.loc["walk"]
     assert trot[["direction", "kept", "lost"]].tolist() == [
         "falling",
@@ -190,24 +198,26 @@ def test_rows_that_reached_their_limit_decide_nothing() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0])
     beyond = (table["f"] > 0.38) & (table["f"] < 0.48) & (table["delta_13"] < 2.6)
     table.loc[beyond, ["status", "gait"]] = ["cycle_limit", "walk"]  # held by the ghost, still called a walk
-    found = edges_by_gait(table, "f", "delta_13").set_index("gait")
+    found = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
     assert found.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.5])
     table.loc[beyond, ["status", "gait"]] = ["fell", "none"]  # a row that fell has lost its gait
-    found = edges_by_gait(table, "f", "delta_13").set_index("gait")
+    found = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
     assert found.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
 
 
 def test_edges_by_gait_of_several_sets_of_rows() -> None:
     table = settle_table(np.linspace(-0.8, 0.8, 33), [-1.0, 1.0], others=(0.75, 0.80))
-    found = edges_by_gait(table, "f", "delta_13", by=["beta"])
+    found = transition_points_by_gait(table, "f", "delta_13", by=["beta"])
     for edge in found.to_dict("records"):
         fold = (FOLD if edge["gait"] == "walk" else -FOLD) - 4 * (edge["beta"] - 0.75)
         assert edge["low"] < fold < edge["high"]
     assert len(found) == 4
-    assert not len(edges_by_gait(table[:0], "f", "delta_13"))
-    assert not len(edges_by_gait(table.assign(gait=pd.Categorical(["none"] * len(table))), "f", "delta_13"))
+    assert not len(transition_points_by_gait(table[:0], "f", "delta_13"))
+    assert not len(
+        transition_points_by_gait(table.assign(gait=pd.Categorical(["none"] * len(table))), "f", "delta_13")
+    )
     with pytest.raises(AnalysisError, match="start is not a column"):
-        edges_by_gait(table, "f", "start")
+        transition_points_by_gait(table, "f", "start")
 
 
 def test_the_tables_are_what_they_say() -> None:

@@ -6,15 +6,21 @@ import numpy as np
 import pandas as pd
 import pytest
 from gait_traces import ends, trace_of
+from scipy.stats import binomtest
 
 from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
-from gaitsweep.analysis.gaits.load_prediction import foretelling
-from gaitsweep.analysis.gaits.loading_rule import MEASURES, loading_rule, pairs_in
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.gaits.loading_rule import MEASURES, load_prediction, loading_rule, pairs_in, wilson
+from gaitsweep.analysis.records import AnalysisError
 
 
 def _judged(table: pd.DataFrame, **options: object) -> pd.DataFrame:
     return loading_rule(table, **options).set_index("measure")  # pyright: ignore
+
+
+@pytest.mark.parametrize("hits", [0, 3, 70, 200])
+def test_interval_of_a_share_is_scipys(hits: int) -> None:
+    expected = binomtest(hits, 200).proportion_ci(0.95, "wilson")
+    assert wilson(hits / 200, 200) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_a_table_that_obeys_the_rule_and_one_that_does_not() -> None:
@@ -105,7 +111,7 @@ def test_a_trots_loads_foretell_the_walk() -> None:
     load = np.linspace(-4.0, 4.0, 10)[cells["sigma"].astype(int)]
     trots = ends(0.02 * np.ones(20), load, load, k2=0.0, axes=cells)
     walks = ends(-0.05 * load, 0.0 * load, load, axes=cells).assign(row=lambda table: table["row"] + 20)
-    found = foretelling(pd.concat([trots, walks], ignore_index=True))
+    found = load_prediction(pd.concat([trots, walks], ignore_index=True))
     # loads of +-0.44 and +-1.33 N make shifts below the threshold: those rows trot, and foretell nothing
     assert list(found["sigma"]) == [0.0, 1.0, 2.0, 7.0, 8.0, 9.0]
     assert list(found["gait"]) == ["L-walk"] * 3 + ["D-walk"] * 3
@@ -114,9 +120,9 @@ def test_a_trots_loads_foretell_the_walk() -> None:
     assert told.loc["load_stance", "right"] == 1.0
     # a cell in which starts come to different walks says nothing either
     walks.loc[walks["sigma"] == 9.0, "gait"] = ["L-walk", "D-walk"]
-    assert 9.0 not in set(foretelling(pd.concat([trots, walks], ignore_index=True))["sigma"])
+    assert 9.0 not in set(load_prediction(pd.concat([trots, walks], ignore_index=True))["sigma"])
     with pytest.raises(AnalysisError, match="k2 = 0"):
-        foretelling(walks)
+        load_prediction(walks)
 
 
 def test_how_often_the_body_pitches_in_a_cycle() -> None:

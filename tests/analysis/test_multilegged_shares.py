@@ -9,7 +9,7 @@ import pytest
 from gaitsweep import plot
 from gaitsweep.analysis.chain.chain_of_table import chain_of, chains_of
 from gaitsweep.analysis.chain.gait_shares import gait_shares
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 
 
 def table(**more: list[float]) -> pd.DataFrame:

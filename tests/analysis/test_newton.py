@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.analysis.continuation.floquet import characteristic_polynomial, multipliers
-from gaitsweep.analysis.continuation.newton import Outcome, newton
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import MOST_TOGETHER
@@ -42,10 +42,14 @@ def test_outcomes() -> None:
     starts = FOLD.points(np.array([[0.7], [0.0], [0.0], [np.nan], [0.5]]))
     found = newton(FOLD, starts, {"r": np.array([-0.2, 0.25, 0.0, 0.25, 0.25])})
     expected = [
-        Outcome.not_converged, Outcome.converged, Outcome.singular, Outcome.left, Outcome.converged,
-    ]  # fmt: skip
+        NewtonOutcome.not_converged,
+        NewtonOutcome.converged,
+        NewtonOutcome.singular,
+        NewtonOutcome.left,
+        NewtonOutcome.converged,
+    ]
     assert found.outcome.tolist() == expected
-    assert all(Outcome(code).sentence for code in found.outcome)
+    assert all(NewtonOutcome(code).sentence for code in found.outcome)
 
 
 def test_thousands_of_starts_in_any_number() -> None:
@@ -83,7 +87,7 @@ def test_what_is_conserved_is_held() -> None:
     """Fixed points x + x^2 = E of a map that conserves E = x + y: singular by itself, one with E held."""
     starts = CONSERVING.points([[0.9, 0.8], [0.3, 0.4]])
     alone = newton(CONSERVING, starts, {})
-    assert alone.outcome.tolist() == [Outcome.singular] * 2
+    assert alone.outcome.tolist() == [NewtonOutcome.singular] * 2
     held = newton(CONSERVING, starts, {}, fix=["total"])
     assert held.converged.all()
     total = np.array([1.7, 0.7])
@@ -134,4 +138,4 @@ def test_gaits_of_the_chain_at_fixed_E() -> None:
     assert np.all(np.abs(found.drift[:2]) < 1e-8)
     # without it the first two lie on lines, on which E drifts by more than the tolerance or by less
     alone = newton(mapping, found.points[np.arange(2)], {})
-    assert alone.outcome.tolist() == [Outcome.singular] * 2
+    assert alone.outcome.tolist() == [NewtonOutcome.singular] * 2

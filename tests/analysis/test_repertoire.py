@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.analysis.gaits.records import AnalysisError
 from gaitsweep.analysis.gaits.repertoire import repertoire
+from gaitsweep.analysis.records import AnalysisError
 
 ROWS = [
     # com_x, gait, speed, status

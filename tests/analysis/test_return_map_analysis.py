@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, dressed, map_table, roots
 
-from gaitsweep.analysis.circular import wrapped
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts, pairs
+from gaitsweep.circular import wrapped_difference
 
 EPS = 0.05
 
@@ -24,7 +24,9 @@ def test_pairs_are_successive_crossings_of_one_row() -> None:
     found = pairs(table, "delta_13")
     assert list(found.columns) == ["row", "f", "mass", "crossing", "value", "next", "change"]
     assert found.groupby("row").size().tolist() == [4] * 6
-    np.testing.assert_allclose(wrapped(found["next"] - found["value"] - found["change"]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        wrapped_difference(found["next"] - found["value"] - found["change"]), 0.0, atol=1e-12
+    )
     assert found["change"].abs().max() < 0.1  # though some go over 2 pi
     assert found["value"].between(0, TURN).all()
     gap = table[table["crossing"] != 3]
@@ -46,7 +48,7 @@ def test_fixed_points_without_noise(f: float, centre: float) -> None:
     table = map_table([f], starts=60, crossings=60, centre=centre)
     found = fixed_points(table, "delta_13")
     x = roots(f)
-    away = wrapped(found["value"].to_numpy() - delta(x, centre))
+    away = wrapped_difference(found["value"].to_numpy() - delta(x, centre))
     # What is left is the curve's bending: bandwidth^2/10 times eps |6 x| / SCALE over the slope of the drift.
     assert np.abs(away).max() < 0.002
     np.testing.assert_allclose(found["slope"], slopes(x), atol=0.01)
@@ -127,7 +129,9 @@ def test_maps_of_the_whole_circle(shift: float) -> None:
     table = pd.DataFrame({"row": row, "crossing": crossing, "delta_13_n": values})
     found = fixed_points(table, "delta_13").sort_values("stable")
     assert found["stable"].tolist() == [False, True]
-    np.testing.assert_allclose(wrapped(found["value"].to_numpy() - [shift, shift + np.pi]), 0.0, atol=2e-3)
+    np.testing.assert_allclose(
+        wrapped_difference(found["value"].to_numpy() - [shift, shift + np.pi]), 0.0, atol=2e-3
+    )
     np.testing.assert_allclose(found["slope"], [1.1, 0.9], atol=2e-3)
     assert not len(ghosts(table, "delta_13"))
 

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.circular import is_circular
-from gaitsweep.analysis.gaits.records import AnalysisError
 from gaitsweep.analysis.gaits.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.models.planar_quadruped.nine_gaits import (
     CHART,
     LEGS,

@@ -18,8 +18,7 @@ from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, followed
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from sweeping import complete, run_rows
 
-from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
-from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_in
+from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_in, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import Crossings

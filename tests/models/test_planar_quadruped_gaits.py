@@ -16,8 +16,7 @@ from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import onsets
 from sweeping import complete, run_rows
 
-from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
-from gaitsweep.analysis.gaits.swing_onsets import gait_of
+from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import Crossings

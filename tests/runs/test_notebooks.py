@@ -71,7 +71,7 @@ assert both["beta"].corr(both["f"]) < -0.8
 """,
     # Speeds and shares are the text's; the families over speed and on the ramp are those of the docs' tables.
     "planar_quadruped_tour.ipynb": """
-assert gs.analyses.spells(along, "gait")["gait"].tolist() == ["trot", "D-walk"]
+assert gs.analyses.gait_bouts(along, "gait")["gait"].tolist() == ["trot", "D-walk"]
 assert abs(along["delta_1"].iloc[-1] + 0.2) < 0.03 and abs(along["delta_2"].iloc[-1] + 0.2) < 0.03
 assert (found.loc[found["k2"] == 0, "gait"] == "trot").all()
 assert table.loc["D-walk", "max"] < 0.8 < table.loc["trot", "min"] < table.loc["trot", "max"] < 1.6

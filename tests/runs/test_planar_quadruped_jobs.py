@@ -10,9 +10,8 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
-from gaitsweep.analysis.gaits.load_prediction import foretelling
-from gaitsweep.analysis.gaits.loading_rule import loading_rule, pairs_in
-from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.analysis.gaits.loading_rule import load_prediction, loading_rule, pairs_in
+from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.expression import evaluate
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"
@@ -36,7 +35,7 @@ def test_sigma_follows_the_wanted_speed(name: str) -> None:
 def test_gaits_follow_each_other_as_the_speed_rises_and_falls(tmp_path: Path) -> None:
     table = _table(tmp_path, "ramp", "vary.zip={seed: [30, 31], pair: [0, 1]}")
     assert set(table["status"]) == {"complete"}
-    found = spells(gaits_along(table), least=3)
+    found = gait_bouts(gaits_along(table), least=3)
     assert [list(found.loc[found["row"] == row, "family"]) for row in (0, 1)] == [["trot"]] * 2
     for row in (2, 3):
         mine = found.loc[(found["row"] == row) & found["family"].isin(["walk", "trot", "canter", "gallop"])]
@@ -81,6 +80,6 @@ def test_the_heavy_end_decides_between_walks_as_the_trots_loads_foretell(tmp_pat
     wanted = np.where(steady["com_x"] > 0.0, "D-walk", "L-walk")
     assert len(steady) > 0.8 * len(fed_back)
     assert (steady["gait"].astype(str) == wanted).all()
-    told = loading_rule(foretelling(table), repeats=()).set_index("measure")
+    told = loading_rule(load_prediction(table), repeats=()).set_index("measure")
     assert told.loc["load_stance", "right"] == 1.0
     assert told.loc["load_stance", "r"] < -0.8

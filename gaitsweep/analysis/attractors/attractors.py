@@ -1,9 +1,9 @@
-"""Attractors without labels: settled states that hang together, whatever their gaits are called.
+"""Attractors without labels: settled states grouped by single linkage, whatever their gaits are called.
 
-The states where rows settled are points of a torus (angles) times a box (all else). Those that a chain of
-short links joins are one attractor; how short follows from the widest gap in the lengths of the links, not
-from a unit. A line of neutrally stable states is one attractor, and lines that meet at a corner are one
-each.
+The states where rows settled are points of a torus (angles) times a box (all other observables). States
+joined by a chain of short links are one attractor. The largest link follows from the widest gap in the
+lengths of the links, not from a unit. A line of neutrally stable states is one attractor, and lines that meet
+at a corner are separate attractors.
 """
 
 from __future__ import annotations
@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.attractors.linkage import cells, components, linking_distance, shortest_tree
+from gaitsweep.analysis.attractors.linkage import cells, components, linking_distance, spanning_tree
 from gaitsweep.analysis.attractors.state_space import Space, extent, state_columns
-from gaitsweep.analysis.gaits.records import AnalysisError, require
-from gaitsweep.analysis.transitions.smooth_pieces import smooth_pieces
+from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Status
 
-GRAINS_OF_A_POINT = 10.0  # an attractor of no more than so many grains across is a point
-CYCLES_OF_A_GRAIN = 10.0  # cycles at the tolerance of `run` in which a settled row may still move a grain
-_GRAIN = 0.01  # of tables that do not say their tolerance; rad
+GRAINS_OF_A_POINT = 10.0  # largest extent of a point attractor, in grains
+CYCLES_OF_A_GRAIN = 10.0  # cycles in which a row settled to the tolerance of `run` may still move by a grain
+_GRAIN = 0.01  # rad; for tables without a tolerance
+WINDOW = (
+    1.0 / 16.0
+)  # radius of the neighbourhood that gives the direction of a line, as a share of its extent
+BENT = 0.05  # variance across a line over that along it, at a corner; 0.25 at a right angle, 0 if straight
 _KINDS = ("point", "line", "surface", "space")
 
 
@@ -31,14 +34,14 @@ _KINDS = ("point", "line", "surface", "space")
 class Attractors:
     """The attractors of a table's rows.
 
-    `column`: the attractor of each row, a category; NaN where none settled or it was inferred. Rows on an
-    orbit of p crossings, of which a table holds one point each, are `period p` all together: they are not
-    grouped by their states, and have no state in `summary` (its kind is `orbit`) and none in `states`.
+    `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. All
+    rows on orbits of p crossings are `period p`, since a table holds only one point of each: they are not
+    grouped by their states, have the kind `orbit` and no state in `summary`, and are not in `states`.
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
-    of a state in its middle, extent (the distance between its ends, in the columns' unit, along whole turns),
-    dimension and kind (point, line, surface, or space of 3 and more). `link`: the distance at which chains of
-    states were cut, inf where nothing parts them. `grain`: the distance below which states count as one.
-    `states`: some states of each attractor by its name, (m, d), one a cell, in units of the scales.
+    of a state in its middle, extent (the distance between its ends, in the columns' unit, over whole turns),
+    dimension and kind (point, line, surface, or space from 3 dimensions on). `link`: the largest link within
+    an attractor, inf where there is one attractor. `grain`: the distance below which states are equal.
+    `states`: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
     """
 
     column: pd.Series
@@ -57,19 +60,19 @@ def attractors(
     corners: bool = True,
     scales: Mapping[str, float] | None = None,
 ) -> Attractors:
-    """Group the settled rows of a table by attractor; memory grows as the rows.
+    """Group the settled rows of a table by attractor; memory grows with the number of rows.
 
     Args:
         table: a settle table.
-        columns: the columns of the state; all observables (psi_1_end, ...) if not given.
-        grain: distance below which states count as one, in the columns' unit; ten cycles at the tolerance of
-            the table's run if not given. Doubled where there are more than some thousand cells of it.
-        link: the longest link inside an attractor; from the widest gap in the links' lengths if not given.
-        corners: whether lines that meet at a corner are attractors of their own.
-        scales: by column, what counts as one in the distance; 1 in the column's unit if not given.
+        columns: the columns of the state; by default all observables (psi_1_end, ...).
+        grain: distance below which states are equal, in the columns' unit; by default ten cycles at the
+            tolerance of the table's run. It is doubled while there are more than some thousand cells.
+        link: the longest link within an attractor; by default from the widest gap in the links' lengths.
+        corners: whether lines that meet at a corner are separate attractors.
+        scales: the unit of each column in the distance; by default 1 in the column's own unit.
 
     Raises:
-        AnalysisError: a column is not there, the table has no observables, or a number is not above 0.
+        AnalysisError: the table does not have a column or any observable, or a number is not above 0.
     """
     columns = list(columns) if columns is not None else state_columns(table)
     if not columns:
@@ -83,7 +86,7 @@ def attractors(
     points = space.points(table, columns)[settled]
     gathered = cells(space, points, grain)
     states = points[gathered.first]
-    links, lengths = shortest_tree(space, states)
+    links, lengths = spanning_tree(space, states)
     link = linking_distance(lengths, gathered.side, len(points)) if link is None else link
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])
@@ -114,10 +117,10 @@ def attractors(
 
 
 def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
-    """The table with the column `attractor`; `grouping` as for `attractors`.
+    """The table with the column `attractor`; `grouping` are arguments of `attractors`.
 
     Raises:
-        AnalysisError: as `attractors`; rows were inferred, which have no state to go by.
+        AnalysisError: as for `attractors`, or the table has inferred rows, which have no state.
     """
     if np.any(table["status"].astype(str) == Status.inferred.name):
         raise AnalysisError(
@@ -130,7 +133,7 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
 
 
 def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> float:
-    """The share of rows whose label is the most frequent one of their attractor; NaN without any such row."""
+    """The share of rows whose label is the most frequent one of their attractor; NaN if there are no rows."""
     require(table, label)
     counts = pd.crosstab(column.astype(object), table[label].astype(object))
     total = counts.to_numpy().sum()
@@ -139,7 +142,7 @@ def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> fl
 
 def _grain_of(table: pd.DataFrame) -> float:
     tolerance = table.attrs.get("job", {}).get("run", {}).get("tolerance")
-    if isinstance(tolerance, Mapping):  # one for each observable: a grain is as long as the longest
+    if isinstance(tolerance, Mapping):  # one for each observable: the largest determines the grain
         tolerance = max(tolerance.values(), default=None)
     return CYCLES_OF_A_GRAIN * float(tolerance) if tolerance else _GRAIN
 
@@ -150,7 +153,7 @@ def _settled(table: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
 
 
 def _orbits(table: pd.DataFrame) -> np.ndarray:
-    """The period (n,) of each row's attractor in crossings; 1 in tables of before there was such a column."""
+    """The period (n,) of each row's attractor in crossings; 1 in older tables without that column."""
     if "attractor_period" not in table.columns:
         return np.ones(len(table), int)
     return table["attractor_period"].fillna(0).to_numpy(int)
@@ -165,7 +168,7 @@ def _cut_at_corners(
     gaps: np.ndarray,
     side: float,
 ) -> np.ndarray:
-    """The groups (m,) of states (m, d), as they are and unrolled, lines cut into their smooth pieces.
+    """The groups (m,) of states (m, d), given wrapped and unrolled, with lines split at their corners.
 
     `links` (k, 2) are those of the tree and `gaps` (k,) their lengths, 0 where they were cut.
     """
@@ -174,14 +177,14 @@ def _cut_at_corners(
         mine = np.flatnonzero(group == number)
         if _dimension(flat[mine], side) == 1:
             gap = gaps[group[links[:, 0]] == number].max(initial=0.0)
-            pieces[mine] = smooth_pieces(space, states[mine], flat[mine], side, gap)
+            pieces[mine] = _smooth_pieces(space, states[mine], flat[mine], side, gap)
     return np.unique(np.stack([group, pieces]), axis=1, return_inverse=True)[1].reshape(-1)
 
 
 def _described(
     space: Space, states: np.ndarray, flat: np.ndarray, side: float, columns: Sequence[str]
 ) -> dict[str, object]:
-    """A state in the middle of an attractor (m, d), its extent and its dimension."""
+    """The medoid of an attractor's states (m, d), its extent, dimension and kind."""
     middle = states[space.medoid(states)] * space.scales
     dimension = _dimension(flat, side)
     shape = {"extent": extent(flat), "dimension": dimension, "kind": _KINDS[min(dimension, len(_KINDS) - 1)]}
@@ -189,7 +192,7 @@ def _described(
 
 
 def _dimension(flat: np.ndarray, side: float) -> int:
-    """The power at which boxes that cover an attractor grow in number as their side shrinks."""
+    """The box-counting dimension of unrolled states (m, d), rounded; 0 for a point."""
     whole = extent(flat)
     if whole <= GRAINS_OF_A_POINT * side:
         return 0
@@ -197,3 +200,47 @@ def _dimension(flat: np.ndarray, side: float) -> int:
     boxes = [len(np.unique(np.floor((flat - flat[0]) / each + 0.5), axis=0)) for each in sides]
     slope = np.polyfit(-np.log(sides), np.log(boxes), 1)[0]
     return max(1, round(float(slope)))
+
+
+def _smooth_pieces(
+    space: Space, states: np.ndarray, flat: np.ndarray, grain: float, gap: float
+) -> np.ndarray:
+    """The smooth piece (m,) of each state (m, d) of one line.
+
+    A state is at a corner where its neighbours within `WINDOW` of the line's extent spread across their main
+    direction by more than `BENT`. The other states, linked over half that window or over `gap`, make the
+    pieces; pieces shorter than the window are dropped. Remaining states join the nearest piece.
+
+    Args:
+        space: the space of the states.
+        states, flat: the states, wrapped and unrolled.
+        grain: the distance below which states are equal.
+        gap: the longest link within the line.
+    """
+    window = WINDOW * extent(flat)
+    whole = np.zeros(len(states), np.int64)
+    if window < max(4.0 * grain, gap):
+        return whole
+    straight = np.flatnonzero(_bend(space, states, window) <= BENT)
+    if not straight.size:
+        return whole
+    # slightly more than the gap, so that the two ends of the longest link stay together
+    links = space.tree(states[straight]).query_pairs(max(0.5 * window, 1.01 * gap), output_type="ndarray")
+    piece = components(straight.size, links)
+    members = [straight[piece == number] for number in range(piece.max() + 1)]
+    kept = [mine for mine in members if extent(flat[mine]) >= window]
+    if len(kept) < 2:
+        return whole
+    return np.argmin([space.nearest_distance(states, states[mine]) for mine in kept], axis=0)
+
+
+def _bend(space: Space, states: np.ndarray, window: float) -> np.ndarray:
+    """The variance of each state's neighbours across their main direction over that along it, (m,)."""
+    around = space.tree(states).query_ball_point(states, window)
+    bend = np.zeros(len(states))
+    for place, members in enumerate(around):
+        away = space.difference(states[members], states[place])
+        spread = np.linalg.eigvalsh(np.atleast_2d(np.cov(away.T, bias=True)))
+        if spread[-1] > 0.0:
+            bend[place] = spread[:-1].sum() / spread[-1]
+    return bend

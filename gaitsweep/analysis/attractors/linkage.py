@@ -1,20 +1,22 @@
-"""Single linkage of many states: cells of one grain, the shortest tree between them, and where it is cut."""
+"""Single linkage of many states: cells of one grain, their minimum spanning tree, and its longest link."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from gaitsweep.analysis.attractors.state_space import Space
 
-MOST_CELLS = 8192  # the tree's time grows as their square
-GAP = 3.0  # a jump in the lengths of links, as a ratio, that parts attractors
+MOST_CELLS = 8192  # the time of the spanning tree grows with their square
+GAP = 3.0  # least ratio of successive link lengths at a gap between attractors
 
 
 @dataclasses.dataclass(frozen=True)
 class Cells:
-    """States gathered in cells: `of` (n,) the cell of each state, `first` (m,) a state of each, `side`."""
+    """States binned into cells: `of` (n,) the cell of each state, `first` (m,) one state of each, `side`."""
 
     of: np.ndarray
     first: np.ndarray
@@ -22,7 +24,7 @@ class Cells:
 
 
 def cells(space: Space, points: np.ndarray, grain: float) -> Cells:
-    """Gather states (n, d) in cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
+    """Bin states (n, d) into cells of side `grain`, doubled until there are at most `MOST_CELLS`."""
     side = grain
     while True:
         count = np.maximum(np.round(space.periods / side), 1.0)
@@ -34,10 +36,10 @@ def cells(space: Space, points: np.ndarray, grain: float) -> Cells:
 
 
 def _first_of_each(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of rows (n, d) of whole numbers, the first of each that differs (m,), and which each one is (n,)."""
+    """The first of each distinct row (m,) of whole numbers (n, d), and the index (n,) of each row's value."""
     of = np.zeros(len(places), np.int64)
     first = np.zeros(min(len(places), 1), np.int64)
-    # direction by direction: numbers of one column are sorted far faster than rows of several
+    # column by column: sorting single numbers is far faster than sorting rows
     for column in places.T:
         own = column - column.min() if column.size else column
         _, first, of = np.unique(
@@ -46,11 +48,11 @@ def _first_of_each(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, of
 
 
-def shortest_tree(space: Space, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The shortest tree that joins states (m, d), after Prim: memory as m, time as m^2.
+def spanning_tree(space: Space, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The minimum spanning tree of states (m, d) by Prim's algorithm, in memory O(m) and time O(m^2).
 
     Returns:
-        The links as pairs of places, outwards from the first state, (m - 1, 2), and their lengths, (m - 1,).
+        The links as pairs of indices, outwards from the first state, (m - 1, 2), and their lengths, (m - 1,).
     """
     count = len(points)
     near = np.full(count, np.inf)
@@ -70,16 +72,16 @@ def shortest_tree(space: Space, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def linking_distance(lengths: np.ndarray, grain: float, rows: int) -> float:
-    """The length at which a tree's links are cut: inside the widest gap in their lengths, as a ratio.
+    """The length above which a tree's links are cut: within the widest gap in their lengths, as a ratio.
 
-    A gap counts where the longer link is `GAP` times the shorter one at least, and where cutting there leaves
-    few attractors: no more than the square root of the rows (but two in any case). Without such a gap all is
-    one, and the length is inf. Scaling all lengths scales the result.
+    A gap counts where the longer link is at least `GAP` times the shorter one, and where cutting there leaves
+    at most as many attractors as the square root of the rows (at least two). Without such a gap there is one
+    attractor, and the length is inf. Scaling all lengths scales the result.
 
     Args:
         lengths: of the links between cells, (m - 1,).
-        grain: links below it count as the grain, and so do those between rows of one cell.
-        rows: in all cells together.
+        grain: the least length; shorter links, and those between rows of one cell, count as this long.
+        rows: number of rows in all cells.
     """
     sorted_lengths = np.sort(np.maximum(lengths, grain))[::-1]
     if rows > lengths.size + 1:
@@ -93,16 +95,6 @@ def linking_distance(lengths: np.ndarray, grain: float, rows: int) -> float:
 
 
 def components(count: int, links: np.ndarray) -> np.ndarray:
-    """The component of each of `count` places, (count,), numbered as they come, joined by links (k, 2)."""
-    parent = np.arange(count)
-    while True:
-        low = parent.copy()
-        np.minimum.at(low, links[:, 0], parent[links[:, 1]])
-        np.minimum.at(low, links[:, 1], parent[links[:, 0]])
-        np.minimum.at(low, parent[links[:, 0]], parent[links[:, 1]])
-        np.minimum.at(low, parent[links[:, 1]], parent[links[:, 0]])
-        while (low[low] != low).any():
-            low = low[low]
-        if (low == parent).all():
-            return np.unique(parent, return_inverse=True)[1]
-        parent = low
+    """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
+    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)

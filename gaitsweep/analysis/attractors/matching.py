@@ -1,4 +1,4 @@
-"""Attractors along a parameter: the same names from one value to the next, and the shares of their basins."""
+"""Attractors matched along a parameter, with the fractions of their basins."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from scipy.optimize import linear_sum_assignment
 from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.analysis.attractors.state_space import Space, state_columns
 from gaitsweep.analysis.basins.fractions import fractions
-from gaitsweep.analysis.gaits.records import require
+from gaitsweep.analysis.records import require
 
-_MOST_STATES = 2000  # of an attractor, between which distances are measured
-_FAR = 1e9  # a cost that no match is worth
+_MOST_STATES = 2000  # states of an attractor that its distances use
+_FAR = 1e9  # cost of a forbidden match
 
 
 @dataclasses.dataclass(frozen=True)
 class Continued:
     """Attractors followed along a parameter.
 
-    `column`: the attractor of each row under its lasting name, a category, NaN where it did not settle.
-    `summary`: the attractors at each value, as `Attractors.summary`, with the parameter and `moved`, the
-    distance from the attractor of that name at the last value that had it. `fractions`: the shares of their
-    basins at each value, as `Basins.fractions`. `within`: how far an attractor could move and keep its name.
+    `column`: the attractor of each row, a category with the same name at all values; NaN where the row did
+    not settle. `summary`: the attractors at each value, as `Attractors.summary`, with the parameter and
+    `moved`, the distance from the attractor of that name at the last value that had it. `fractions`: the
+    basin fractions at each value, as `Basins.fractions`. `within`: the largest distance of a match.
     """
 
     column: pd.Series
@@ -43,21 +43,22 @@ def follow_attractors(
     within: float | None = None,
     **grouping: Any,
 ) -> Continued:
-    """Group the settled rows at each value of a parameter, and keep the names of attractors that stay near.
+    """Group the settled rows at each value of a parameter, and match the attractors of successive values.
 
-    At each value the pairs of old and new attractors with the smallest sum of distances get the same name.
-    An attractor without one takes that of a vanished attractor that was near, else a new one. The distance of
-    two attractors is the larger of the mean distances from the states of each to the nearest of the other.
+    Matched attractors have one name. The matching minimises the sum of distances between old and new
+    attractors. An unmatched attractor is matched to a near one that vanished before, else gets a new name.
+    The distance of two attractors is the larger of the mean distances from the states of each to the nearest
+    state of the other.
 
     Args:
         table: a settle table.
         parameter: the column of the parameter.
-        within: how far an attractor may move between two values and keep its name; if not given, half the
-            smallest distance between two attractors of one value, inf where no value has two.
+        within: the largest distance of a match; by default half the smallest distance between two attractors
+            of one value, inf where no value has two.
         grouping: arguments of `attractors`.
 
     Raises:
-        AnalysisError: a column is not there, or as `attractors`.
+        AnalysisError: the table does not have a column, or as for `attractors`.
 
     Source: the distance is Dubuisson and Jain's modified Hausdorff distance (1994, Proc. ICPR, p. 566);
     matching along a parameter as in Datseris, Rossi and Wagemakers 2023, Chaos 33:073151.
@@ -68,7 +69,7 @@ def follow_attractors(
     found = [attractors(part, **grouping) for part in parts]
     space = Space.of(table, grouping.get("columns") or state_columns(table), grouping.get("scales"))
     within = _half_the_smallest(space, [each.states for each in found]) if within is None else within
-    seen: dict[str, np.ndarray] = {}  # where each attractor was last
+    seen: dict[str, np.ndarray] = {}  # the latest states of each attractor
     present: list[str] = []
     called: dict[str, str] = {}
     columns, summaries = [], []
@@ -77,7 +78,7 @@ def follow_attractors(
         present = list(names.values())
         seen |= {names[own]: states for own, states in each.states.items()}
         own = each.summary["attractor"]
-        # orbits of several crossings are not followed: they are called by their periods everywhere
+        # orbits of several crossings are not matched: their names are their periods
         orbits = {name: name for name in own if name not in names}
         called |= orbits
         columns.append(each.column.astype(object).map((names | orbits).get))
@@ -94,10 +95,10 @@ def follow_attractors(
     return Continued(column, pd.concat(summaries, ignore_index=True), shares, within)
 
 
-def apart(space: Space, one: np.ndarray, other: np.ndarray) -> float:
-    """The distance of two attractors by states (m, d) of each: the larger of their mean nearest distances."""
+def attractor_distance(space: Space, one: np.ndarray, other: np.ndarray) -> float:
+    """The modified Hausdorff distance of two attractors, given states (m, d) of each."""
     one, other = (states[:: -(-len(states) // _MOST_STATES)] for states in (one, other))
-    return float(max(space.apart(one, other).mean(), space.apart(other, one).mean()))
+    return float(max(space.nearest_distance(one, other).mean(), space.nearest_distance(other, one).mean()))
 
 
 def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
@@ -109,7 +110,7 @@ def _at(table: pd.DataFrame, parameter: str, value: float) -> pd.DataFrame:
 def _half_the_smallest(space: Space, found: Sequence[Mapping[str, np.ndarray]]) -> float:
     """Half the smallest distance between two attractors of one value."""
     pairs = [pair for states in found for pair in itertools.combinations(states.values(), 2)]
-    return 0.5 * min((apart(space, *pair) for pair in pairs), default=np.inf)
+    return 0.5 * min((attractor_distance(space, *pair) for pair in pairs), default=np.inf)
 
 
 def _named(
@@ -119,13 +120,15 @@ def _named(
     present: Sequence[str],
     within: float,
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """The lasting name of each attractor by its own, and how far it moved (NaN for a new one)."""
+    """The matched name of each attractor, and its distance from the match (NaN for a new one)."""
     names: dict[str, str] = {}
     moved: dict[str, float] = dict.fromkeys(states, float("nan"))
-    # those of the last value come first, the vanished ones after them
+    # attractors of the last value are matched first, vanished ones after them
     for candidates in (list(present), [name for name in seen if name not in present]):
         left = [own for own in states if own not in names]
-        cost = np.array([[apart(space, states[own], seen[name]) for name in candidates] for own in left])
+        cost = np.array(
+            [[attractor_distance(space, states[own], seen[name]) for name in candidates] for own in left]
+        )
         if not cost.size:
             continue
         rows, columns = linear_sum_assignment(np.where(cost <= within, cost, _FAR))

@@ -1,4 +1,4 @@
-"""Distances between settled states: angles by the shorter way round, all else in its own unit."""
+"""Distances between settled states: angles by the shorter way, other observables in their own units."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from gaitsweep.analysis.circular import TURN, is_circular
-from gaitsweep.analysis.gaits.records import AnalysisError, axes_of, require
+from gaitsweep.analysis.circular import is_circular
+from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.circular import TURN
 
-_CHUNK = 1 << 20  # numbers of a block of distances
+_CHUNK = 1 << 20  # numbers in a block of distances
 
 
 @dataclasses.dataclass(frozen=True)
 class Space:
-    """A space of states: `periods` (d,) of its directions, 0 where one is open, in units of `scales` (d,)."""
+    """A space of states: `periods` (d,) of its coordinates, 0 if not periodic, in units of `scales` (d,)."""
 
     periods: np.ndarray
     scales: np.ndarray
@@ -26,10 +27,10 @@ class Space:
     def of(
         cls, table: pd.DataFrame, columns: Sequence[str], scales: Mapping[str, float] | None = None
     ) -> Space:
-        """The space of these columns, each divided by its scale; angles close after a turn.
+        """The space of these columns, each divided by its scale; angles have the period of a full turn.
 
         Raises:
-            AnalysisError: a column is not there, or a scale is not above 0.
+            AnalysisError: the table does not have a column, or a scale is not above 0.
         """
         require(table, *columns)
         units = [float((scales or {}).get(name, 1.0)) for name in columns]
@@ -44,7 +45,7 @@ class Space:
         points = table[list(columns)].to_numpy(float) / self.scales
         closed = self.periods > 0.0
         points[:, closed] = np.mod(points[:, closed], self.periods[closed])
-        # np.mod of a tiny negative number is the period itself, which lies outside
+        # np.mod of a tiny negative number is the period itself, which is outside the range
         points[:, closed] = np.where(points[:, closed] >= self.periods[closed], 0.0, points[:, closed])
         return points
 
@@ -59,18 +60,18 @@ class Space:
         return np.sqrt(np.sum(self.difference(one, other) ** 2, axis=-1))
 
     def tree(self, points: np.ndarray) -> KDTree:
-        """A search tree of states (n, d) that knows which directions close."""
+        """A k-d tree of states (n, d), periodic in angles."""
         return KDTree(points, boxsize=self.periods)
 
-    def apart(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """The distance of each state (n, d) to the nearest of `others` (m, d), (n,); inf if there is none."""
+    def nearest_distance(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """The distance (n,) of each state (n, d) to the nearest of `others` (m, d); inf if there is none."""
         if not len(others) or not len(points):
             return np.full(len(points), np.inf)
         return np.asarray(self.tree(others).query(points)[0])
 
     def medoid(self, points: np.ndarray) -> int:
-        """The state with the smallest sum of distances to the others: its place among the points (n, d)."""
-        every = max(1, len(points) // 500)  # among so many candidates the middle is found well enough
+        """The index of the medoid of states (n, d), which has the smallest sum of distances to the others."""
+        every = max(1, len(points) // 500)  # 500 candidates locate the middle well enough
         candidates = np.arange(0, len(points), every)
         rows = max(1, _CHUNK // points.size)
         sums = [
@@ -80,7 +81,7 @@ class Space:
         return int(candidates[np.argmin(np.concatenate(sums))])
 
     def unrolled(self, points: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """States (m, d) moved by whole turns, so that the links (k, 2) of a tree, outwards, stay short."""
+        """States (m, d) shifted by whole turns so that the links (k, 2) of a tree do not wrap."""
         flat = points.copy()
         for inner, outer in links:
             flat[outer] = flat[inner] + self.difference(points[outer], points[inner])
@@ -88,16 +89,16 @@ class Space:
 
 
 def extent(points: np.ndarray) -> float:
-    """The distance between two of the points (m, d) that lie far apart, no direction closing.
+    """The extent of points (m, d) in open space.
 
-    It is that from the point farthest from the first to the point farthest from there.
+    It is the distance from the point farthest from the first to the point farthest from there.
     """
     one = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
     return float(np.linalg.norm(points - one, axis=1).max())
 
 
 def state_columns(table: pd.DataFrame) -> list[str]:
-    """The columns of the section's observables where a row ended: psi_1_end and so on."""
+    """The columns of the section observables at the end of a row: psi_1_end and so on."""
     known = table.attrs.get("quantities", {})
     skipped = {"t_end", *axes_of(table)}
     names = [str(name) for name in table.columns if str(name).endswith("_end") and name not in skipped]

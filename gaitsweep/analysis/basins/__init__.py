@@ -1,1 +1,1 @@
-"""Basins of attraction in numbers."""
+"""Measures of basins of attraction."""

@@ -1,40 +1,41 @@
-"""How entangled basins are: their entropy, and how what is uncertain shrinks with a start's error."""
+"""Fractality of basin boundaries: basin entropy and uncertainty exponent."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import linregress
 
 from gaitsweep.analysis.basins.grid import BasinGrid
 
-BOX = (
-    5  # cells along a side of the boxes of the basin entropy, as in Daza et al.: 25 starts in two dimensions
-)
-SATURATED = 0.5  # uncertain shares above it are left out of the slope
-FEWEST = 3  # sizes that a slope is read from
+# Cells along a side of the boxes of the basin entropy, as in Daza et al.: 25 starts in two dimensions.
+BOX = 5
+SATURATED = 0.5  # largest uncertainty fraction that the fit uses
+FEWEST = 3  # least number of sizes in the fit
 
 
 @dataclasses.dataclass(frozen=True)
 class Entropy:
-    """Basin entropies, in nats, and the share of boxes that a boundary crosses."""
+    """Basin entropy and boundary basin entropy, in nats, and the share of boxes that a boundary crosses."""
 
     basin: float
     boundary: float
     crossed: float
 
 
-def basin_entropy(grid: BasinGrid, outcomes: np.ndarray, box: int = BOX) -> Entropy:
-    """The entropy of outcomes in a box, averaged over boxes, and over those that a boundary crosses.
+def basin_entropy(grid: BasinGrid, labels: np.ndarray, box: int = BOX) -> Entropy:
+    """The entropy of outcomes in a box, averaged over all boxes, and over those that a boundary crosses.
 
-    Boxes slide over the grid cell by cell, which averages over where a tiling would begin. A boundary entropy
-    above ln 2 shows a fractal boundary; a smooth boundary between two basins stays below. NaN where the grid
-    is narrower than a box.
+    Boxes slide over the grid cell by cell, which averages over the offset of a tiling. A boundary entropy
+    above ln 2 indicates a fractal boundary; a smooth boundary between two basins stays below. NaN where the
+    grid is narrower than a box.
 
     Args:
         grid: the grid.
-        outcomes: what each row came to, (n,).
+        labels: the outcome of each row, (n,).
         box: cells along a side.
 
     Source: Daza et al. 2016, Sci. Rep. 6:31416, eq. 3 to 6.
@@ -44,8 +45,8 @@ def basin_entropy(grid: BasinGrid, outcomes: np.ndarray, box: int = BOX) -> Entr
     volume = box ** len(grid.lengths)
     entropy: np.ndarray | float = 0.0
     largest: np.ndarray | int = 0
-    for each in pd.unique(outcomes):
-        held = grid.windows(outcomes == each, box)
+    for each in pd.unique(labels):
+        held = grid.windows(labels == each, box)
         share = held / volume
         entropy = entropy - share * np.log(np.where(held > 0, share, 1.0))
         largest = np.maximum(largest, held)
@@ -56,22 +57,22 @@ def basin_entropy(grid: BasinGrid, outcomes: np.ndarray, box: int = BOX) -> Entr
     return Entropy(basin, boundary, float(crossed.mean()))
 
 
-def uncertain_shares(grid: BasinGrid, outcomes: np.ndarray, sizes: list[int] | None = None) -> pd.DataFrame:
-    """The share of places at which starts that differ by up to eps come to different outcomes.
+def uncertainty_fraction(grid: BasinGrid, labels: np.ndarray, sizes: list[int] | None = None) -> pd.DataFrame:
+    """The fraction of windows of width eps that hold starts with different outcomes.
 
     Args:
         grid: the grid.
-        outcomes: what each row came to, (n,).
-        sizes: eps in steps of the grid; `grid.sizes()` if not given.
+        labels: the outcome of each row, (n,).
+        sizes: eps in steps of the grid; by default `grid.sizes()`.
 
     Returns:
         One record a size: steps, eps (the geometric mean of the axes' steps times `steps`) and uncertain, the
-        share of windows that a boundary crosses, `steps` wide from the first cell's centre to the last one's.
+        fraction of windows that a boundary crosses, `steps` wide from the first cell's centre to the last.
     """
     step = float(np.exp(np.mean(np.log(grid.steps))))
     found = []
     for size in sizes if sizes is not None else grid.sizes():
-        held = [grid.windows(outcomes == each, size + 1) for each in pd.unique(outcomes)]
+        held = [grid.windows(labels == each, size + 1) for each in pd.unique(labels)]
         largest = np.maximum.reduce(held)
         uncertain = float(np.mean(largest < (size + 1) ** len(grid.lengths)))
         found.append({"steps": size, "eps": size * step, "uncertain": uncertain})
@@ -80,31 +81,29 @@ def uncertain_shares(grid: BasinGrid, outcomes: np.ndarray, sizes: list[int] | N
 
 @dataclasses.dataclass(frozen=True)
 class Exponent:
-    """The slope of ln uncertain over ln eps, its standard error, and how many sizes it was read from."""
+    """The slope of ln uncertain over ln eps, its standard error, and the number of sizes in the fit."""
 
     value: float
     error: float
     sizes: int
 
 
-def uncertainty_exponent(shares: pd.DataFrame) -> Exponent:
-    """The power of eps with which the uncertain share shrinks: 1 at a smooth boundary, less at a fractal one.
+def uncertainty_exponent(uncertain: pd.DataFrame) -> Exponent:
+    """The uncertainty exponent: the power of eps with which the uncertainty fraction falls.
 
-    The boundary's dimension is that of the starts less this exponent. Read by least squares from sizes with
-    an uncertain share above 0 and up to `SATURATED`; NaN from fewer than `FEWEST`. The error is that of the
-    line; the shares of one grid hang together, so it says how straight the line is and no more.
+    It is 1 at a smooth boundary, less at a fractal one; the boundary's dimension is that of the starts less
+    this exponent. It is fitted by least squares to sizes with a fraction above 0 and up to `SATURATED`; NaN
+    for fewer than `FEWEST`. The standard error measures how straight the line is and no more, since the
+    fractions of one grid are correlated.
 
     Args:
-        shares: as `uncertain_shares` gives them.
+        uncertain: the result of `uncertainty_fraction`.
 
     Source: Grebogi et al. 1983, Phys. Lett. A 99:415; McDonald et al. 1985, Physica D 17:125.
     """
-    used = shares[(shares["uncertain"] > 0.0) & (shares["uncertain"] <= SATURATED)]
+    used = uncertain[(uncertain["uncertain"] > 0.0) & (uncertain["uncertain"] <= SATURATED)]
     if len(used) < FEWEST:
         return Exponent(float("nan"), float("nan"), len(used))
     x, y = (np.log(np.asarray(used[name], float)) for name in ("eps", "uncertain"))
-    x = x - x.mean()
-    slope = float(np.sum(x * y) / np.sum(x**2))
-    left = y - y.mean() - slope * x
-    error = float(np.sqrt(np.sum(left**2) / max(len(used) - 2, 1) / np.sum(x**2)))
-    return Exponent(slope, error, len(used))
+    fit: Any = linregress(x, y)
+    return Exponent(float(fit.slope), float(fit.stderr), len(used))

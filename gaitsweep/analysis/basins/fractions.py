@@ -1,4 +1,4 @@
-"""The share of starts that come to each outcome, with intervals."""
+"""Basin fractions: the share of starts with each outcome, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
+from scipy.stats import binomtest, norm
 
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.basins.outcomes import in_order, outcomes
-from gaitsweep.analysis.basins.proportions import LEVEL, clopper_pearson, one_a_cell, wilson
-from gaitsweep.analysis.gaits.records import AnalysisError, axes_of, require
+from gaitsweep.analysis.records import AnalysisError, axes_of, in_order, outcome_labels, require
 
-_INTERVALS = {"wilson": wilson, "clopper_pearson": clopper_pearson}
+LEVEL = 0.95  # of confidence intervals
+_METHODS = {"wilson": "wilson", "clopper_pearson": "exact"}  # as SciPy calls them
 _COLUMNS = ["outcome", "rows", "of", "fraction", "low", "high", "interval"]
 
 
@@ -25,33 +25,33 @@ def fractions(
     level: float = LEVEL,
     interval: str | None = None,
 ) -> pd.DataFrame:
-    """The share of starts that come to each outcome.
+    """The basin fractions of a table with their confidence intervals.
 
     Args:
         table: a settle table; rows that were inferred count as others do.
-        axes: the columns of the starts; what varies and is not in `by` if not given.
-        label: the column of what starts come to.
-        by: columns of which each combination of values is a panel, counted by itself.
-        level: of the intervals.
-        interval: wilson, clopper_pearson or cells; `cells` for grids and `wilson` for others if not given.
-            The first two take starts for independent draws: on a grid they are too wide. `cells` takes them
-            for one draw from each cell, whose own share is that among it and its neighbours.
+        axes: the columns of the starts; by default the swept axes that are not in `by`.
+        label: the column of the outcomes.
+        by: columns of which each combination of values is a panel, counted separately.
+        level: confidence level of the intervals.
+        interval: wilson, clopper_pearson or cells; by default `cells` for grids and `wilson` for others.
+            The first two treat starts as independent draws, so they are too wide on a grid. `cells` treats
+            them as one draw from each cell, whose own share is that among the cell and its neighbours.
 
     Returns:
-        One record a panel and outcome: by, outcome, rows, of (rows of the panel), fraction, low, high and the
-        kind of interval.
+        One record for each panel and outcome: by, outcome, rows, of (rows of the panel), fraction, low, high
+        and the kind of interval.
 
     Raises:
-        AnalysisError: a column is not there, or an argument is not one of those allowed.
+        AnalysisError: the table does not have a column, or an argument is not allowed.
     """
     by, axes = panels_and_axes(table, by, axes)
     _check(level, interval)
-    came_to = outcomes(table, label)
-    names = in_order(table, label, came_to)
+    labels = outcome_labels(table, label)
+    names = in_order(table, label, labels)
     found = []
     for place, rows in panels_of(table, by):
         grid = find_grid(table.iloc[rows], axes)
-        for record in _shares(came_to.iloc[rows].to_numpy(), names, grid, level, interval):
+        for record in _shares(labels.iloc[rows].to_numpy(), names, grid, level, interval):
             found.append({**place, **record})
     return pd.DataFrame(found, columns=[*by, *_COLUMNS])
 
@@ -59,10 +59,10 @@ def fractions(
 def panels_and_axes(
     table: pd.DataFrame, by: str | Sequence[str], axes: Sequence[str] | None
 ) -> tuple[list[str], list[str]]:
-    """The columns of the panels, and those of the starts: what varies besides, if they are not given.
+    """The columns of the panels and of the starts; by default the starts are the other swept axes.
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     by = [by] if isinstance(by, str) else list(by)
     axes = [name for name in axes_of(table) if name not in by] if axes is None else list(axes)
@@ -71,7 +71,7 @@ def panels_and_axes(
 
 
 def panels_of(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[dict[str, object], np.ndarray]]:
-    """Each combination of the values of `by` in order, and where its rows stand; all rows without `by`."""
+    """Each combination of the values of `by`, in order, and the indices of its rows; one without `by`."""
     if not by:
         yield {}, np.arange(len(table))
         return
@@ -80,30 +80,49 @@ def panels_of(table: pd.DataFrame, by: Sequence[str]) -> Iterator[tuple[dict[str
         yield dict(zip(by, values, strict=True)), np.sort(rows)
 
 
+def proportion_interval(
+    hits: int, of: int, level: float = LEVEL, kind: str = "wilson"
+) -> tuple[float, float]:
+    """The wilson or clopper_pearson interval of a proportion: `hits` out of `of` independent draws."""
+    found = binomtest(hits, of).proportion_ci(level, _METHODS[kind])
+    return float(found.low), float(found.high)
+
+
+def one_a_cell(shares: np.ndarray, level: float = LEVEL) -> float:
+    """Half the width of the interval for one draw from each of n cells, given the share in each cell (n,).
+
+    Only cells on a boundary add to the variance, the sum of share * (1 - share) over n^2.
+
+    Source: stratified sampling, Cochran 1977, sec. 5.3.
+    """
+    shares = np.asarray(shares, float).ravel()
+    return float(norm.ppf(0.5 + 0.5 * level) * np.sqrt(np.sum(shares * (1.0 - shares))) / shares.size)
+
+
 def _check(level: float, interval: str | None) -> None:
     if not 0.0 < level < 1.0:
         raise AnalysisError(f"level is {level:g}, but must be between 0 and 1.")
-    if interval not in (None, "cells", *_INTERVALS):
-        allowed = ", ".join(["cells", *_INTERVALS])
+    if interval not in (None, "cells", *_METHODS):
+        allowed = ", ".join(["cells", *_METHODS])
         raise AnalysisError(f"interval is {interval}, but takes one of {allowed}.")
 
 
 def _shares(
-    came_to: np.ndarray, names: Sequence[str], grid: BasinGrid | None, level: float, interval: str | None
+    labels: np.ndarray, names: Sequence[str], grid: BasinGrid | None, level: float, interval: str | None
 ) -> Iterator[dict[str, object]]:
     """The share of each outcome in a panel, with its interval."""
     kind = interval or ("wilson" if grid is None else "cells")
     if kind == "cells" and grid is None:
         raise AnalysisError("interval is cells, but the starts are no grid: take wilson or clopper_pearson.")
-    of = len(came_to)
+    of = len(labels)
     for name in names:
-        marked = came_to == name
+        marked = labels == name
         hits = int(marked.sum())
         share = hits / of
         if grid is not None and kind == "cells":
             half = one_a_cell(grid.shares_nearby(marked), level)
             low, high = max(share - half, 0.0), min(share + half, 1.0)
         else:
-            low, high = (float(end) for end in _INTERVALS[kind](np.array(hits), np.array(of), level))
+            low, high = proportion_interval(hits, of, level, kind)
         record = {"outcome": name, "rows": hits, "of": of, "fraction": share}
         yield {**record, "low": low, "high": high, "interval": kind}

@@ -1,4 +1,4 @@
-"""A grid of starts found in a table's columns, and what windows that slide over it hold."""
+"""The grid of starts in a table, and counts in windows that slide over it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import TURN, is_circular
+from gaitsweep.analysis.circular import is_circular
+from gaitsweep.circular import TURN
 
-_EQUAL = 1e-6  # of a step: steps of a grid differ by no more
+_EQUAL = 1e-6  # largest relative difference between the steps of a grid
 
 
 @dataclasses.dataclass(frozen=True)
 class BasinGrid:
     """Outcomes on a grid of equal steps.
 
-    `place` (n,): where each row lies in the flattened grid. `lengths`: cells along each axis. `steps`: the
-    distance between neighbours along each, in its unit. `wraps`: whether its last cell and its first are
-    neighbours, as on an angle whose cells share out a turn.
+    `place` (n,): the index of each row in the flattened grid. `lengths`: cells along each axis. `steps`: the
+    distance between neighbours along each, in its unit. `wraps`: whether the last cell of each axis is a
+    neighbour of the first, as for an angle whose cells divide a full turn.
     """
 
     place: np.ndarray
@@ -28,7 +29,7 @@ class BasinGrid:
     wraps: tuple[bool, ...]
 
     def windows(self, marked: np.ndarray, cells: int) -> np.ndarray:
-        """How many rows marked (n,) lie in each window of `cells` a side, at every place that it can have."""
+        """The number of marked (n,) rows in each window of `cells` a side, at every position in the grid."""
         counts = np.zeros(int(np.prod(self.lengths)), np.int64)
         counts[self.place] = marked
         counts = counts.reshape(self.lengths)
@@ -42,7 +43,7 @@ class BasinGrid:
         return counts
 
     def shares_nearby(self, marked: np.ndarray) -> np.ndarray:
-        """The share of rows marked (n,) among each cell and its neighbours, corners included, (n,)."""
+        """The share of marked (n,) rows among each cell and its neighbours, corners included, (n,)."""
         shape = tuple(
             length if wrap else length + 2 for length, wrap in zip(self.lengths, self.wraps, strict=True)
         )
@@ -55,24 +56,23 @@ class BasinGrid:
             wide = np.zeros(shape, np.int64)
             wide[inner] = cells.reshape(self.lengths)
             around = padded.windows(wide.ravel(), 3)
-            # where an axis closes, a window is named by its first cell, one before the middle
+            # where an axis wraps, the index of a window is its first cell, one before the middle
             for axis, wrap in enumerate(self.wraps):
                 around = np.roll(around, 1, axis) if wrap else around
             sums.append(around.ravel()[self.place])
         return sums[0] / sums[1]
 
     def sizes(self) -> list[int]:
-        """Distances in steps: an eighth of the shortest axis, and that halved up to four times, ascending.
+        """Distances in steps, ascending: an eighth of the shortest axis, halved up to four times.
 
-        Distances of a step or two miss what lies between the starts where a boundary is fractal, so a fine
-        grid leaves them out.
+        Distances of one or two steps do not resolve a fractal boundary, so a fine grid leaves them out.
         """
         largest = max(min(self.lengths) // 8, 1)
         return sorted({max(largest >> halvings, 1) for halvings in range(5)})
 
 
 def find_grid(table: pd.DataFrame, axes: Sequence[str]) -> BasinGrid | None:
-    """The grid that a table's rows lie on, one row a cell and every cell there; None where they do not."""
+    """The grid of a table's rows, with exactly one row in each cell; None where they form no grid."""
     places: list[np.ndarray] = []
     lengths: list[int] = []
     steps: list[float] = []

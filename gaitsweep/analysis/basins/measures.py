@@ -1,4 +1,4 @@
-"""Basins of attraction in numbers: shares, entropies, the exponent of uncertainty, the smallest shocks."""
+"""Basin measures: fractions, basin entropies, uncertainty exponent, minimal fatal shocks."""
 
 from __future__ import annotations
 
@@ -9,29 +9,28 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.attractors.attractors import with_attractors
+from gaitsweep.analysis.attractors.state_space import Space
 from gaitsweep.analysis.basins.fractal_boundaries import (
     BOX,
     basin_entropy,
-    uncertain_shares,
     uncertainty_exponent,
+    uncertainty_fraction,
 )
-from gaitsweep.analysis.basins.fractions import fractions, panels_and_axes, panels_of
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes, panels_of
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.basins.outcomes import in_order, outcomes
-from gaitsweep.analysis.basins.proportions import LEVEL
-from gaitsweep.analysis.basins.shocks import shocks
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError, in_order, outcome_labels
 
 
 @dataclasses.dataclass(frozen=True)
 class Basins:
-    """What was measured of the basins in a table.
+    """The measures of the basins in a table.
 
-    `rows`: the table with the columns outcome (category), shock (to the nearest start that comes out
-    otherwise) and shock_to (that start's outcome). `fractions`: one record a panel and outcome (rows, of,
+    `rows`: the table with the columns outcome (category), shock (distance to the nearest start with another
+    outcome) and shock_to (that outcome). `fractions`: one record for each panel and outcome (rows, of,
     fraction, low, high, interval, shock_median, shock_mean of its starts). `panels`: one record a panel
-    (rows, grid: whether its starts are one; basin_entropy, boundary_entropy, crossed, exponent,
-    exponent_error, boundary_dimension). `uncertainty`: one record a panel and eps (steps, eps, uncertain).
+    (rows, grid: whether its starts form a grid, basin_entropy, boundary_entropy, crossed, exponent,
+    exponent_error, boundary_dimension). `uncertainty`: one record for each panel and eps (steps, eps,
+    uncertain).
     """
 
     rows: pd.DataFrame
@@ -52,23 +51,23 @@ def basins(
     sizes: Sequence[int] | None = None,
     scales: Mapping[str, float] | None = None,
 ) -> Basins:
-    """Measure the basins of a settle table, refined or not, grid or random starts.
+    """Measure the basins of a settle table, refined or not, with grid or random starts.
 
     Args:
         table: a settle table; rows that were inferred count as others do.
-        axes: the columns of the starts that make the plane (or line, or space) of the basins; what varies and
-            is not in `by` if not given.
-        label: the column of what starts come to; `attractor` is worked out where it is not there.
-        by: columns of which each combination of values is a panel, measured by itself.
-        level: of the intervals of fractions.
+        axes: the columns of the starts that span the line, plane or space of the basins; by default the swept
+            axes that are not in `by`.
+        label: the column of the outcomes; `attractor` is computed if the table does not have it.
+        by: columns of which each combination of values is a panel, measured separately.
+        level: confidence level of the intervals of fractions.
         interval: as for `fractions`.
         box: cells along a side of the boxes of the basin entropy.
-        sizes: eps of the uncertain shares, in steps of the grid; up to an eighth of the shortest axis, halved
-            four times, if not given.
-        scales: for the shock, by axis, what counts as one; needed where axes have different units.
+        sizes: eps of the uncertainty fractions, in steps of the grid; by default an eighth of the shortest
+            axis, halved up to four times.
+        scales: unit of each axis in the shock's distance; needed where axes have different units.
 
     Raises:
-        AnalysisError: a column is not there, no axis is left, or an argument is not one of those allowed.
+        AnalysisError: the table does not have a column, no axis is left, or an argument is not allowed.
     """
     by, axes = panels_and_axes(table, by, axes)
     if not axes:
@@ -76,20 +75,20 @@ def basins(
     if label == "attractor" and label not in table.columns:
         table = with_attractors(table)
     counted = fractions(table, axes, label=label, by=by, level=level, interval=interval)
-    came_to = outcomes(table, label)
-    names = in_order(table, label, came_to)
+    labels = outcome_labels(table, label)
+    names = in_order(table, label, labels)
     apart = np.full(len(table), np.nan)
     towards = np.full(len(table), None, object)
     panels, uncertainty = [], []
     for place, rows in panels_of(table, by):
-        part, mine = table.iloc[rows], came_to.iloc[rows]
-        apart[rows], towards[rows] = shocks(part, axes, mine, scales)
+        part, mine = table.iloc[rows], labels.iloc[rows]
+        apart[rows], towards[rows] = minimal_fatal_shock(part, axes, mine, scales)
         grid = find_grid(part, axes)
-        shares = _uncertain(grid, mine.to_numpy(), sizes)
-        uncertainty += [{**place, **record} for record in shares.to_dict("records")]
-        panels.append({**place, "rows": len(part), **_entangled(grid, mine.to_numpy(), shares, box)})
+        uncertain = _uncertain(grid, mine.to_numpy(), sizes)
+        uncertainty += [{**place, **record} for record in uncertain.to_dict("records")]
+        panels.append({**place, "rows": len(part), **_fractality(grid, mine.to_numpy(), uncertain, box)})
     measured = table.assign(
-        outcome=pd.Categorical(came_to, names), shock=apart, shock_to=pd.Categorical(towards, names)
+        outcome=pd.Categorical(labels, names), shock=apart, shock_to=pd.Categorical(towards, names)
     )
     measured.attrs = table.attrs
     return Basins(
@@ -107,27 +106,27 @@ _PANELS = [
 
 
 def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
-    """The median and the mean shock of the starts of each outcome, panel by panel."""
+    """The median and the mean shock of the starts of each panel and outcome."""
     finite = measured.iloc[np.flatnonzero(np.isfinite(measured["shock"].to_numpy(float)))]
     named = finite.assign(outcome=finite["outcome"].astype(object))
     of = named.groupby([*by, "outcome"], observed=True)["shock"]
     return of.agg(shock_median="median", shock_mean="mean").reset_index()
 
 
-def _uncertain(grid: BasinGrid | None, came_to: np.ndarray, sizes: Sequence[int] | None) -> pd.DataFrame:
+def _uncertain(grid: BasinGrid | None, labels: np.ndarray, sizes: Sequence[int] | None) -> pd.DataFrame:
     if grid is None:
         return pd.DataFrame(columns=["steps", "eps", "uncertain"])
-    return uncertain_shares(grid, came_to, None if sizes is None else list(sizes))
+    return uncertainty_fraction(grid, labels, None if sizes is None else list(sizes))
 
 
-def _entangled(
-    grid: BasinGrid | None, came_to: np.ndarray, shares: pd.DataFrame, box: int
+def _fractality(
+    grid: BasinGrid | None, labels: np.ndarray, uncertain: pd.DataFrame, box: int
 ) -> dict[str, object]:
-    """Entropies and exponent of a panel; NaN where its starts are no grid."""
+    """Entropies and uncertainty exponent of a panel; missing where its starts form no grid."""
     if grid is None:
         return {"grid": False}
-    entropy = basin_entropy(grid, came_to, box)
-    exponent = uncertainty_exponent(shares)
+    entropy = basin_entropy(grid, labels, box)
+    exponent = uncertainty_exponent(uncertain)
     return {
         "grid": True,
         "basin_entropy": entropy.basin,
@@ -137,3 +136,51 @@ def _entangled(
         "exponent_error": exponent.error,
         "boundary_dimension": len(grid.lengths) - exponent.value,
     }
+
+
+def minimal_fatal_shock(
+    table: pd.DataFrame,
+    axes: Sequence[str],
+    labels: pd.Series,
+    scales: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The minimal fatal shock: the distance from each start to the nearest start with another outcome.
+
+    Angles are compared by the shorter way. The distance is exact among the given starts: on a grid the
+    boundary itself is up to one step nearer.
+
+    Args:
+        table: a settle table; its rows differ along `axes` alone.
+        axes: the columns of the starts.
+        labels: the outcome of each row.
+        scales: the unit of each column in the distance; by default 1 in the column's own unit.
+
+    Returns:
+        Distances (n,), inf where all starts have one outcome, and the outcomes there (n,), None likewise.
+
+    Raises:
+        AnalysisError: the table does not have a column, or the axes have different units and no scale.
+    """
+    _check_units(table, axes, scales)
+    space = Space.of(table, axes, scales)
+    points = space.points(table, axes)
+    apart = np.full(len(table), np.inf)
+    towards = np.full(len(table), None, object)
+    outcome = labels.to_numpy()
+    for each in pd.unique(outcome):
+        mine, others = np.flatnonzero(outcome == each), np.flatnonzero(outcome != each)
+        if others.size:
+            distance, nearest = space.tree(points[others]).query(points[mine])
+            apart[mine], towards[mine] = distance, outcome[others[nearest]]
+    return apart, towards
+
+
+def _check_units(table: pd.DataFrame, axes: Sequence[str], scales: Mapping[str, float] | None) -> None:
+    known = table.attrs.get("quantities", {})
+    units = {name: str(known.get(name, {}).get("unit", "")) for name in axes if name not in (scales or {})}
+    if len(set(units.values())) > 1:
+        shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
+        raise AnalysisError(
+            f"A distance needs one unit, but the axes are {shown}: give scales, such as "
+            f"{{{next(iter(units))!r}: 1.0}}, for what counts as one along each."
+        )

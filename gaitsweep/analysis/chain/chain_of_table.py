@@ -1,4 +1,4 @@
-"""The parameters of the theory that a table was made with."""
+"""The parameters of the theory for a table."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.expression import ExpressionError, evaluate
 from gaitsweep.models.multilegged.theory.chain import Chain
 
-# what follows from others where a job and a table do not give it
+# defaults that follow from other parameters
 _FORMULAS = {"m_1": "m_B", "m_end": "m_B", "kappa_1": "kappa", "kappa_end": "kappa", "a_1": "a", "a_end": "a"}
 
 
@@ -30,8 +30,8 @@ def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
     """The chains of n sets of parameters, fields (n,) each.
 
     Args:
-        table: of whose job the parameters are that do not vary, in `attrs`.
-        sets: the columns that vary, a row for each set.
+        table: its job, in `attrs`, gives the parameters that do not vary.
+        sets: the columns that vary, one row for each set.
 
     Raises:
         AnalysisError: as for `chain_of`.

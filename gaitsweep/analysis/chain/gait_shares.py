@@ -1,4 +1,4 @@
-"""Shares of the gaits over sets of parameters, beside the conditions for the gaits to exist."""
+"""The fractions of the gaits over sets of parameters, and the conditions for the gaits to exist."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.basins.fractions import fractions
-from gaitsweep.analysis.basins.proportions import LEVEL, wilson
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, proportion_interval
 from gaitsweep.analysis.chain.chain_of_table import chains_of, parameters_of
-from gaitsweep.analysis.gaits.records import axes_of
+from gaitsweep.analysis.records import axes_of
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
 
@@ -23,12 +22,12 @@ GAITS = ("direct", "source", "retrograde")
 def gait_shares(
     table: pd.DataFrame, parameters: Sequence[str] | None = None, *, level: float = LEVEL
 ) -> pd.DataFrame:
-    """For each set of parameters the shares of the three gaits, with intervals, and whether they can exist.
+    """The fractions of the three gaits for each set of parameters, with intervals, and whether they exist.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set.
-        parameters: the columns that make a set; what varies but the start's phases if not given.
-        level: of the intervals (Wilson's).
+        parameters: the columns of a set; by default the swept axes except the phases of the start.
+        level: confidence level of the intervals (Wilson's).
 
     Returns:
         A row for each set: the parameters; for each gait its share, NAME_low and NAME_high; `elsewhere`, the
@@ -37,13 +36,14 @@ def gait_shares(
         the wave is a motion of the chain (`existence`).
 
     Raises:
-        AnalysisError: a column is not there, or the job's parameters cannot be read.
+        AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
     names = set_columns(table) if parameters is None else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))
-    most_without = _none_of(int(counted["of"].to_numpy().min()), level)
+    # the high end of the interval of a gait that no start reached
+    most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
     for gait in GAITS:
         for part, column, otherwise in (
             ("fraction", gait, 0.0),
@@ -57,17 +57,12 @@ def gait_shares(
 
 
 def set_columns(table: pd.DataFrame) -> list[str]:
-    """The columns of what varies but the start's phases."""
+    """The swept axes except the phases of the start."""
     return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
-def _none_of(starts: int, level: float) -> float:
-    """The high end of the interval of a gait that no start came to."""
-    return float(wilson(np.zeros(1), np.array([starts]), level)[1][0])
-
-
 def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
-    """Whether each gait is a motion of the chain, as `wave_conditions` and `source_conditions` say.
+    """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
 
     Args:
         N: springs, 3 at least.

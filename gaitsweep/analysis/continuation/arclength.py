@@ -1,12 +1,13 @@
-"""One step along many branches of fixed points at once: predict along the tangent, correct across it.
+"""Pseudo-arclength continuation: one step along many branches of fixed points at once.
 
-The unknowns of each branch are a point's coordinates, the drifts of what is held, and the parameter. A branch
-is followed by its arclength, so that it goes around folds, where the parameter turns back (Keller 1977).
-Coordinates count by their sizes at the branch's start, the parameter by the width of its range.
+A step predicts along the tangent and corrects normal to it. The unknowns of each branch are a point's
+coordinates, the drifts of the constrained quantities, and the parameter. A branch is parametrised by its
+arclength, so that it can go around folds, where the parameter turns back (Keller 1977). In a length,
+coordinates are scaled by their magnitudes at the branch's start, the parameter by the width of its range.
 
-A derivative costs as much as the images of as many points as there are coordinates. So a step is corrected by
-images: with the derivative where it began, brought up to date by what they tell (Broyden 1965, Math. Comp.
-19:577); and it is differentiated once, where it ends.
+A derivative costs as much as the images of as many points as there are coordinates. So the corrector uses
+the derivative from the start of the step with Broyden updates (Broyden 1965, Math. Comp. 19:577), and the map
+is differentiated once, at the end of the step.
 """
 
 from __future__ import annotations
@@ -17,22 +18,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gaitsweep.analysis.continuation.conserved_constraints import Conditions
-from gaitsweep.analysis.continuation.newton import matrices, norms, residuals, sizes
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
 from gaitsweep.engine.poincare.maps import Images, Map, Points
 
-# Corrections of one step, beyond which it is tried again with half its length.
+# Most corrections of one step; a step that needs more is tried again with half its length.
 MOST_CORRECTIONS = 12
-# By how much a correction may raise what is left to correct before the step is given up.
+# Factor by which a correction may raise the residual before the step is given up.
 PATIENCE = 5.0
-# Of its size, by which a coordinate may not be fixed.
+# Relative tolerance on the residual.
 TOLERANCE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
-class Places:
-    """Where n branches are: points, drifts (n, k), the parameter (n,), and the unit tangents on which they go
-    (n, size + k + 1); `images` with derivatives there; `corrections` (n,) that it took to get there."""
+class BranchPoints:
+    """One point on each of n branches of fixed points.
+
+    `points` (n,), `drift` (n, k), `parameter` (n,), unit `tangent` (n, size + k + 1), `images` with their
+    derivatives, and the number of `corrections` (n,) of the step that led there.
+    """
 
     points: Points
     drift: np.ndarray
@@ -41,11 +44,11 @@ class Places:
     images: Images
     corrections: np.ndarray
 
-    def __getitem__(self, which: np.ndarray) -> Places:
-        return Places(**{f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self)})
+    def __getitem__(self, which: np.ndarray) -> BranchPoints:
+        return BranchPoints(**{f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self)})
 
-    def merged(self, which: np.ndarray, others: Places) -> Places:
-        """These places, with `others` where `which` says."""
+    def merged(self, which: np.ndarray, others: BranchPoints) -> BranchPoints:
+        """These branch points, with `others` in the rows `which`."""
         found = {}
         for field in dataclasses.fields(self):
             mine, theirs = getattr(self, field.name), getattr(others, field.name)
@@ -55,20 +58,23 @@ class Places:
                 found[field.name] = mine
             else:
                 found[field.name] = mine.merged(which, theirs)
-        return Places(**found)
+        return BranchPoints(**found)
 
 
 @dataclasses.dataclass(frozen=True)
-class Track:
-    """What branches share: the map, the parameter and its range, the other values (n,) by name, what is held,
-    and the `weights` (n, size + k + 1) by which changes count in a length."""
+class ContinuationProblem:
+    """The continuation problem that n branches share.
+
+    `mapping`, the `parameter` and its range from `low` to `high`, the other `values` (n,) by name, the
+    conserved quantities that are `held`, and the `weights` (n, size + k + 1) of the norm of a step.
+    """
 
     mapping: Map
     parameter: str
     low: float
     high: float
     values: dict[str, np.ndarray]
-    held: Conditions
+    held: ConservedConstraints
     weights: np.ndarray
 
     @classmethod
@@ -78,10 +84,10 @@ class Track:
         parameter: str,
         within: Sequence[float],
         values: dict[str, np.ndarray],
-        held: Conditions,
+        held: ConservedConstraints,
         at: np.ndarray,
-    ) -> Track:
-        """With the weights of branches that start at the coordinates `at` (n, size)."""
+    ) -> ContinuationProblem:
+        """The problem with the weights of branches that start at the coordinates `at` (n, size)."""
         low, high = float(min(within)), float(max(within))
         n, size = at.shape
         weights = np.zeros((n, size + len(held.which) + 1))
@@ -89,16 +95,16 @@ class Track:
         weights[:, -1] = 1.0 / (high - low) ** 2
         return cls(mapping, parameter, low, high, values, held, weights)
 
-    def __getitem__(self, which: np.ndarray) -> Track:
+    def __getitem__(self, which: np.ndarray) -> ContinuationProblem:
         values = {name: each[which] for name, each in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
     def evaluated(self, points: Points, parameter: np.ndarray) -> Images:
-        """The images with their derivatives, at these values (n,) of the parameter."""
+        """The images with their derivatives at these values (n,) of the parameter."""
         return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)
 
     def tangents(self, images: Images, before: np.ndarray) -> np.ndarray:
-        """The unit tangents (n, m) of the branches, on the side of the tangents `before` (n, m)."""
+        """The unit tangents (n, m) of the branches, oriented along the tangents `before` (n, m)."""
         full = self._bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
         last[:, -1] = 1.0
@@ -107,64 +113,66 @@ class Track:
 
     def first(
         self, points: Points, drift: np.ndarray, parameter: np.ndarray, sign: np.ndarray | float
-    ) -> Places:
-        """Branches that start at fixed points, where the parameter rises (`sign` 1) or falls (-1)."""
+    ) -> BranchPoints:
+        """Branches from fixed points, along which the parameter first rises (`sign` 1) or falls (-1)."""
         images = self.evaluated(points, parameter)
         towards = np.zeros_like(self.weights)
         towards[:, -1] = sign
         tangent = self.tangents(images, towards)
-        return Places(points, drift, parameter, tangent, images, np.zeros(len(points), int))
+        return BranchPoints(points, drift, parameter, tangent, images, np.zeros(len(points), int))
 
-    def step(self, places: Places, length: np.ndarray) -> tuple[Places, np.ndarray]:
-        """Places a `length` (n,) farther on along their branches, and whether they were found (n,)."""
-        goal = length[:, None] * places.tangent
-        normal = self.weights * places.tangent
-        return self._found(places, goal, normal, np.sum(normal * goal, axis=1))
+    def step(self, branch_points: BranchPoints, length: np.ndarray) -> tuple[BranchPoints, np.ndarray]:
+        """The branch points one arclength step of `length` (n,) ahead, and whether each converged (n,)."""
+        goal = length[:, None] * branch_points.tangent
+        normal = self.weights * branch_points.tangent
+        return self._found(branch_points, goal, normal, np.sum(normal * goal, axis=1))
 
-    def at(self, places: Places, parameter: np.ndarray) -> tuple[Places, np.ndarray]:
-        """Places of the branches near these where the parameter has a value (n,), and whether found (n,)."""
-        share = (parameter - places.parameter) / places.tangent[:, -1]
+    def at(self, branch_points: BranchPoints, parameter: np.ndarray) -> tuple[BranchPoints, np.ndarray]:
+        """The branch points near these at a value (n,) of the parameter, and whether each converged (n,)."""
+        share = (parameter - branch_points.parameter) / branch_points.tangent[:, -1]
         normal = np.zeros_like(self.weights)
         normal[:, -1] = 1.0
-        return self._found(places, share[:, None] * places.tangent, normal, parameter - places.parameter)
+        return self._found(
+            branch_points, share[:, None] * branch_points.tangent, normal, parameter - branch_points.parameter
+        )
 
     def _found(
-        self, places: Places, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
-    ) -> tuple[Places, np.ndarray]:
-        """Places near `places` + `guess` (n, m) where normal . change = goal, and whether found (n,)."""
-        points, change, count = self._corrected(places, guess, normal, goal)
+        self, branch_points: BranchPoints, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
+    ) -> tuple[BranchPoints, np.ndarray]:
+        """Branch points near these + `guess` (n, m) with normal . change = goal; which converged (n,)."""
+        points, change, count = self._corrected(branch_points, guess, normal, goal)
         rows = np.flatnonzero(count)
         if not rows.size:
-            return places, count > 0
+            return branch_points, count > 0
         size = points.at.shape[1]
-        track, before, change = self[rows], places[rows], change[rows]
+        problem, before, change = self[rows], branch_points[rows], change[rows]
         parameter, drift = before.parameter + change[:, -1], before.drift + change[:, size:-1]
-        images = track.evaluated(points[rows], parameter)
-        tangent = track.tangents(images, before.tangent)
-        found = Places(points[rows], drift, parameter, tangent, images, count[rows])
-        # where the map has no derivative a branch cannot go on, and others beside it can
+        images = problem.evaluated(points[rows], parameter)
+        tangent = problem.tangents(images, before.tangent)
+        found = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
+        # a branch cannot continue where the map has no derivative; the other branches can
         count[rows[~np.isfinite(tangent).all(axis=1)]] = 0
         on = np.flatnonzero(count[rows])
-        return places.merged(rows[on], found[on]), count > 0
+        return branch_points.merged(rows[on], found[on]), count > 0
 
     def _corrected(
-        self, places: Places, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
+        self, branch_points: BranchPoints, guess: np.ndarray, normal: np.ndarray, goal: np.ndarray
     ) -> tuple[Points, np.ndarray, np.ndarray]:
-        """The points there, how far they are (n, m), and the corrections taken (n,), 0 if not found."""
-        n, size = places.points.at.shape
+        """The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost."""
+        n, size = branch_points.points.at.shape
         change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
-        points = Points(places.points.at + change[:, :size], places.points.like)
+        points = Points(branch_points.points.at + change[:, :size], branch_points.points.like)
         norm, step = np.full(n, np.inf), np.zeros_like(guess)
-        matrix = self._bordered(places.images, normal)
+        matrix = self._bordered(branch_points.images, normal)
         for taken in range(1, MOST_CORRECTIONS + 1):
             rows = np.flatnonzero(going)
             if not rows.size:
                 break
-            track, some = self[rows], points[rows]
-            parameter = places.parameter[rows] + change[rows, -1]
-            images = self.mapping.images(some, {**track.values, self.parameter: parameter})
-            drift = places.drift[rows] + change[rows, size:-1]
-            miss = residuals(self.mapping, some, drift, images, track.held)
+            problem, some = self[rows], points[rows]
+            parameter = branch_points.parameter[rows] + change[rows, -1]
+            images = self.mapping.images(some, {**problem.values, self.parameter: parameter})
+            drift = branch_points.drift[rows] + change[rows, size:-1]
+            miss = residuals(self.mapping, some, drift, images, problem.held)
             off = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]
             now = norms(miss, some.at)
             good = images.sound & np.isfinite(now) & (now <= PATIENCE * norm[rows])
@@ -175,7 +183,7 @@ class Track:
             if rest.size:
                 mine, miss = rows[rest], np.concatenate([miss, off[:, None]], axis=1)[rest]
                 if taken > 1:
-                    matrix[mine] += _told(track[rest].weights, step[mine], miss)
+                    matrix[mine] += _broyden_update(problem[rest].weights, step[mine], miss)
                 step[mine] = _solved(matrix[mine], -miss)
                 change[mine] += step[mine]
                 back = self.mapping.apart(some.at[rest], images.points.at[rest])
@@ -184,7 +192,7 @@ class Track:
         return points, change, count
 
     def _bordered(self, images: Images, row: np.ndarray) -> np.ndarray:
-        """The matrices (n, m, m) of Newton's equations over all unknowns, with a last `row` (n, m)."""
+        """The Jacobians (n, m, m) of Newton's equations, bordered by a last `row` (n, m)."""
         inner = matrices(images, self.held)
         n, m, _ = inner.shape
         full = np.zeros((n, m + 1, m + 1))
@@ -196,7 +204,7 @@ class Track:
 
 
 def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The solutions (n, m) of n systems, NaN of those that have none."""
+    """The solutions (n, m) of n linear systems; NaN where a matrix is singular or not finite."""
     found = np.full_like(right, np.nan)
     for k in np.flatnonzero(np.all(np.isfinite(matrices), axis=(1, 2))):
         with contextlib.suppress(np.linalg.LinAlgError):
@@ -204,8 +212,8 @@ def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def _told(weights: np.ndarray, step: np.ndarray, miss: np.ndarray) -> np.ndarray:
-    """What steps (n, m) that still miss by so much tell of their matrices, (n, m, m)."""
+def _broyden_update(weights: np.ndarray, step: np.ndarray, miss: np.ndarray) -> np.ndarray:
+    """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them."""
     row = np.where(weights > 0.0, weights, 1.0) * step
     row /= np.sum(row * step, axis=1)[:, None]
     return miss[:, :, None] * row[:, None, :]

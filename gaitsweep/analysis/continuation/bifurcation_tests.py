@@ -1,4 +1,4 @@
-"""Where along a branch something changes: folds, flips, and where other multipliers cross the unit circle."""
+"""Test functions of bifurcations along a branch: folds, flips, and other crossings of the unit circle."""
 
 from __future__ import annotations
 
@@ -6,41 +6,44 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gaitsweep.analysis.continuation.arclength import Places, Track
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.floquet import multipliers
 
-# Share of its size at a step's ends to which what changes sign is brought down.
+# A zero is found when the test function is below this share of its larger value at the step's ends.
 NEAR = 1e-7
-# Share of the step to which the place is narrowed down where the map bends, and nothing goes through zero.
-NARROW = 1e-6
+# The search also ends with an interval this short, as a share of the step: where the map has a corner, the
+# test function jumps over zero.
+SHORTEST_INTERVAL = 1e-6
 MOST_TRIALS = 40
-# How fast the parameter, as a share of its range, may still change along a branch at a fold.
+# Largest rate of the parameter along a branch, as a share of its range, at which a turn is a smooth fold.
 FLAT = 1e-3
-# A multiplier whose imaginary part is below this share of its size counts as real.
+# A multiplier is real if its imaginary part is below this share of its modulus.
 REAL = 1e-6
 
-Test = Callable[[Track, Places], np.ndarray]
+Test = Callable[[ContinuationProblem, BranchPoints], np.ndarray]
 
 
-def multipliers_of(track: Track, places: Places) -> np.ndarray:
-    """The multipliers (n, size - k) at places of branches, those along what is held left out."""
-    return multipliers(places.images.jacobian, places.images.kept_jacobian[:, track.held.which])
+def multipliers_of(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+    """The Floquet multipliers (n, size - k), without those of the constrained conserved quantities."""
+    return multipliers(
+        branch_points.images.jacobian, branch_points.images.kept_jacobian[:, problem.held.which]
+    )
 
 
-def turning(track: Track, places: Places) -> np.ndarray:
-    """How fast the parameter changes along the branches, (n,): zero at a fold."""
-    return places.tangent[:, -1]
+def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+    """The derivative of the parameter over arclength, (n,): zero at a fold."""
+    return branch_points.tangent[:, -1]
 
 
-def leaving(track: Track, places: Places) -> np.ndarray:
-    """How far the multiplier nearest to the unit circle is outside of it, (n,)."""
-    outside = np.abs(multipliers_of(track, places)) - 1.0
+def unit_circle_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+    """The modulus less one of the multiplier nearest to the unit circle, (n,): zero at a crossing."""
+    outside = np.abs(multipliers_of(problem, branch_points)) - 1.0
     nearest = np.argmin(np.abs(outside), axis=1)
     return outside[np.arange(len(outside)), nearest]
 
 
 def changes(before: np.ndarray, after: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """What happened on a step of each branch: "fold", "crossing", or "".
+    """The bifurcation on a step of each branch: "fold", "crossing" (of the unit circle), or "".
 
     Args:
         before, after: multipliers at the step's ends, (n, m).
@@ -51,13 +54,19 @@ def changes(before: np.ndarray, after: np.ndarray, turned: np.ndarray) -> np.nda
 
 
 def located(
-    track: Track, before: Places, length: np.ndarray, test: Test, ends: tuple[np.ndarray, np.ndarray]
-) -> tuple[Places, np.ndarray]:
-    """Where a test changes its sign on a step of each branch, and how far along (n,); NaN where not found.
+    problem: ContinuationProblem,
+    before: BranchPoints,
+    length: np.ndarray,
+    test: Test,
+    ends: tuple[np.ndarray, np.ndarray],
+) -> tuple[BranchPoints, np.ndarray]:
+    """The zero of a test function on a step of each branch, and its arclength (n,); NaN where not found.
 
     Args:
-        track, before, length: the branches, where their steps begin, and their lengths (n,).
-        test: what changes its sign; `ends` what it is at both ends of the steps, (n,) each.
+        problem, before, length: the branches, where their steps begin, and the steps' lengths (n,).
+        test: the test function, with its values at both `ends` of the steps, (n,) each.
+
+    Source: the Illinois variant of regula falsi.
     """
     low, high = np.zeros_like(length), length.copy()
     below, above = (each.copy() for each in ends)
@@ -69,31 +78,31 @@ def located(
         if not rows.size:
             break
         at = low[rows] + (high[rows] - low[rows]) * below[rows] / (below[rows] - above[rows])
-        places, found = track[rows].step(before[rows], at)
-        value = np.where(found, test(track[rows], places), np.nan)
-        best = best.merged(rows[found], places[found])
+        branch_points, found = problem[rows].step(before[rows], at)
+        value = np.where(found, test(problem[rows], branch_points), np.nan)
+        best = best.merged(rows[found], branch_points[found])
         where[rows[found]] = at[found]
         same = value * below[rows] > 0.0
-        # Illinois: the end that stays counts half
+        # Illinois: the value at the end that stays is halved
         low[rows[same]], below[rows[same]] = at[same], value[same]
         above[rows[same]] *= 0.5
         other = ~same & found
         high[rows[other]], above[rows[other]] = at[other], value[other]
         below[rows[other]] *= 0.5
-        narrow = high[rows] - low[rows] < NARROW * length[rows]
-        going[rows] = found & (np.abs(value) > target[rows]) & ~narrow
+        short = high[rows] - low[rows] < SHORTEST_INTERVAL * length[rows]
+        going[rows] = found & (np.abs(value) > target[rows]) & ~short
     return best, where
 
 
-def turns(track: Track, places: Places) -> list[str]:
-    """What each place is where the parameter turns back: "fold", or "corner" where the map bends."""
-    smooth = np.abs(turning(track, places)) < FLAT * (track.high - track.low)
+def classify_turns(problem: ContinuationProblem, branch_points: BranchPoints) -> list[str]:
+    """The kind of each turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
+    smooth = np.abs(fold_test(problem, branch_points)) < FLAT * (problem.high - problem.low)
     return np.where(smooth, "fold", "corner").tolist()
 
 
-def kinds(track: Track, places: Places) -> list[str]:
-    """What kind of crossing of the unit circle is at each of these places."""
-    found = multipliers_of(track, places)
+def classify(problem: ContinuationProblem, branch_points: BranchPoints) -> list[str]:
+    """The kind of each crossing of the unit circle: neimark_sacker, flip or branch_point."""
+    found = multipliers_of(problem, branch_points)
     names = []
     for each in found:
         nearest = each[np.argmin(np.abs(np.abs(each) - 1.0))]

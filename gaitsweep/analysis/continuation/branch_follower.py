@@ -1,41 +1,43 @@
-"""Branches while they are followed: steps taken, halved, made longer, leaps over bends of the map, ends."""
+"""Follows branches of fixed points to their ends: step-size control, bifurcations, jumps of the map."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from gaitsweep.analysis.continuation.arclength import Places, Track
+from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import (
     changes,
-    kinds,
-    leaving,
+    classify,
+    classify_turns,
+    fold_test,
     located,
     multipliers_of,
-    turning,
-    turns,
+    unit_circle_test,
 )
-from gaitsweep.analysis.continuation.branch_table import Book
-from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
+from gaitsweep.engine.poincare.maps import Map, Points
 
-# Cosine of the angle by which a branch may turn in a step, and corrections that make the next step longer.
+# Least cosine of the angle by which a branch turns in a step; most corrections of a step after which the next
+# one is longer; factors of longer and shorter steps.
 STRAIGHT, FEW = 0.95, 6
 LONGER, SHORTER = 1.4, 0.5
-# A branch has closed where it passes its start by less than this share of a step, after so many points.
+# A branch is closed where it passes its start within this share of a step, after more than so many points.
 NEAR_HOME, AWAY = 0.75, 4
-# Shares of the longest step that are tried where no step is short enough.
-LEAPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+# Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
+JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class Steps:
-    """Lengths of the first step, of the longest and of the shortest, and the most points of a branch.
+class ArclengthSteps:
+    """Lengths of the first, the longest and the shortest arclength step, and the most points of a branch.
 
-    In a length the parameter counts as a share of its range, and coordinates in proportion to their size.
-    `between` is called before each step; what it raises stops the continuation.
+    In a length, the parameter is a share of its range, and coordinates are relative to their magnitudes.
+    `between` is called before each step; an exception that it raises stops the continuation.
     """
 
     first: float = 0.02
@@ -45,22 +47,94 @@ class Steps:
     between: Callable[[], None] | None = None
 
 
-class OnTheWay:
-    """The branches of n rows, `names` (n,), from `places` on.
+class BranchTable:
+    """Collects one record for each point of n branches.
 
     Args:
-        track: what they share.
-        places: their first fixed points.
-        names: their rows in the `book`, where their points are written.
-        steps: how long steps are.
+        mapping, parameter: the map and the continuation parameter.
+        values: other parameters shown in the records, a number or one for each branch (n,).
+        n: number of branches.
+        held: the conserved quantities that are constrained.
     """
 
-    def __init__(self, track: Track, places: Places, names: np.ndarray, book: Book, steps: Steps) -> None:
-        self.track, self.names, self.book, self.steps = track, names, book, steps
-        self.home = self.places = places
+    def __init__(
+        self, mapping: Map, parameter: str, values: dict[str, np.ndarray], n: int, held: ConservedConstraints
+    ) -> None:
+        self.parameter = parameter
+        self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
+        self._held = [mapping.conserved[k].name for k in held.which]
+        self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
+
+    def counts(self, rows: np.ndarray) -> np.ndarray:
+        return np.array([len(self._records[row]) for row in rows])
+
+    def end(self, rows: np.ndarray, why: str) -> None:
+        for row in rows:
+            self._records[row][-1]["end"] = why
+
+    def failed(self, row: int, parameter: float, why: str) -> None:
+        self._records[row].append({**self._head(row, parameter), "end": why})
+
+    def _head(self, row: int, parameter: float) -> dict[str, Any]:
+        others = {name: each[row] for name, each in self._values.items()}
+        return {"row": row, "point": len(self._records[row]), self.parameter: parameter, **others}
+
+    def write(
+        self,
+        rows: np.ndarray,
+        problem: ContinuationProblem,
+        branch_points: BranchPoints,
+        special: Sequence[str],
+    ) -> None:
+        if not len(rows):
+            return
+        found = multipliers_of(problem, branch_points)
+        for k, row in enumerate(rows):
+            unstable = int(np.sum(np.abs(found[k]) > 1.0))
+            self._records[row].append(
+                {
+                    **self._head(int(row), float(branch_points.parameter[k])),
+                    **{name: float(each[k]) for name, each in branch_points.images.observed.items()},
+                    **{f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._held)},
+                    "multiplier": float(np.abs(found[k, 0])),
+                    "multiplier_re": float(found[k, 0].real),
+                    "multiplier_im": float(found[k, 0].imag),
+                    "unstable": unstable,
+                    "stable": unstable == 0,
+                    "special": special[k],
+                    "corrections": int(branch_points.corrections[k]),
+                    "end": "",
+                }
+            )
+
+    def table(self) -> pd.DataFrame:
+        return pd.DataFrame([record for branch in self._records for record in branch])
+
+
+class BranchFollower:
+    """Follows n branches from their first fixed points to their ends.
+
+    Args:
+        problem: the continuation problem.
+        branch_points: the first fixed point of each branch.
+        names: (n,) the row of each branch in the table.
+        table: the table that collects the points.
+        steps: the step lengths.
+    """
+
+    def __init__(
+        self,
+        problem: ContinuationProblem,
+        branch_points: BranchPoints,
+        names: np.ndarray,
+        table: BranchTable,
+        steps: ArclengthSteps,
+    ) -> None:
+        self.problem, self.names, self.table, self.steps = problem, names, table, steps
+        self.home = self.branch_points = branch_points
         self.length = np.full(len(names), steps.first)
         self.going = np.ones(len(names), bool)
-        book.write(names, track, places, [""] * len(names))
+        table.write(names, problem, branch_points, [""] * len(names))
 
     def follow(self) -> None:
         """Follow each branch to its end."""
@@ -68,129 +142,143 @@ class OnTheWay:
             if self.steps.between is not None:
                 self.steps.between()
             rows = np.flatnonzero(self.going)
-            track, here = self.track[rows], self.places[rows]
-            there, found = track.step(here, self.length[rows])
-            straight = np.sum(track.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
+            problem, here = self.problem[rows], self.branch_points[rows]
+            there, found = problem.step(here, self.length[rows])
+            straight = np.sum(problem.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
             taken = found & (straight | (self.length[rows] <= self.steps.shortest))
-            self._refused(rows[~taken])
+            self._reject(rows[~taken])
             if taken.any():
-                self._taken(rows[taken], there[taken])
+                self._accept(rows[taken], there[taken])
 
     def _end(self, rows: np.ndarray, why: str) -> None:
-        self.book.end(self.names[rows], why)
+        self.table.end(self.names[rows], why)
         self.going[rows] = False
 
-    def _refused(self, rows: np.ndarray) -> None:
-        """Steps that were not found, or turned too far: half as long, or a leap where they are too short."""
+    def _reject(self, rows: np.ndarray) -> None:
+        """Halve rejected steps; where they become too short, try to jump over a discontinuity of the map."""
         self.length[rows] *= SHORTER
         rows = rows[self.length[rows] < self.steps.shortest]
         if not rows.size:
             return
-        track = self.track[rows]
-        over, leapt = _leap(track, self.places[rows], self.steps.longest)
-        good = np.flatnonzero(leapt)
-        self.places = self.places.merged(rows[good], over[good])
+        problem = self.problem[rows]
+        over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
+        good = np.flatnonzero(crossed)
+        self.branch_points = self.branch_points.merged(rows[good], over[good])
         self.length[rows] = self.steps.first
-        self.book.write(self.names[rows[good]], track[good], over[good], ["kink"] * good.size)
-        self._end(rows[~leapt], "lost")
+        self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
+        self._end(rows[~crossed], "lost")
 
-    def _taken(self, rows: np.ndarray, there: Places) -> None:
-        """Steps that were found: what happened on them, and whether the branch ends."""
-        track, here, names = self.track[rows], self.places[rows], self.names[rows]
-        self._specials(track, here, there, self.length[rows], names)
-        inside = (there.parameter >= track.low) & (there.parameter <= track.high)
+    def _accept(self, rows: np.ndarray, there: BranchPoints) -> None:
+        """Record accepted steps and their bifurcations, and end branches that are complete."""
+        problem, here, names = self.problem[rows], self.branch_points[rows], self.names[rows]
+        self._specials(problem, here, there, self.length[rows], names)
+        inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:
-            some, over = track[out], there[out]
-            places, found = some.at(over, np.clip(over.parameter, track.low, track.high))
+            some, over = problem[out], there[out]
+            branch_points, found = some.at(over, np.clip(over.parameter, problem.low, problem.high))
             good = np.flatnonzero(found)
-            self.book.write(names[out[good]], some[good], places[good], [""] * good.size)
+            self.table.write(names[out[good]], some[good], branch_points[good], [""] * good.size)
             self._end(rows[out], "range")
         kept = np.flatnonzero(inside)
         if not kept.size:
             return
-        rows, names, there, track = rows[kept], names[kept], there[kept], track[kept]
-        self.book.write(names, track, there, _jumps(here[kept], there))
-        self.places = self.places.merged(rows, there)
+        rows, names, there, problem = rows[kept], names[kept], there[kept], problem[kept]
+        self.table.write(names, problem, there, _jumps(here[kept], there))
+        self.branch_points = self.branch_points.merged(rows, there)
         home = self.home[rows]
-        closed = _distance(track, there, home) < NEAR_HOME * self.length[rows]
-        closed &= np.sum(track.weights * there.tangent * home.tangent, axis=1) > 0.0
-        closed &= self.book.counts(names) > AWAY
+        closed = _distance(problem, there, home) < NEAR_HOME * self.length[rows]
+        closed &= np.sum(problem.weights * there.tangent * home.tangent, axis=1) > 0.0
+        closed &= self.table.counts(names) > AWAY
         self._end(rows[closed], "closed")
-        self._end(rows[~closed & (self.book.counts(names) >= self.steps.most)], "most")
+        self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
         easy = rows[there.corrections <= FEW]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
 
     def _specials(
-        self, track: Track, here: Places, there: Places, length: np.ndarray, names: np.ndarray
+        self,
+        problem: ContinuationProblem,
+        here: BranchPoints,
+        there: BranchPoints,
+        length: np.ndarray,
+        names: np.ndarray,
     ) -> None:
-        """Write down what changes on the way from `here` to `there`."""
-        turned = turning(track, here) * turning(track, there) < 0.0
-        what = changes(multipliers_of(track, here), multipliers_of(track, there), turned)
-        for kind, test, told in (("fold", turning, turns), ("crossing", leaving, kinds)):
+        """Locate and record the bifurcations between `here` and `there`."""
+        turned = fold_test(problem, here) * fold_test(problem, there) < 0.0
+        what = changes(multipliers_of(problem, here), multipliers_of(problem, there), turned)
+        for kind, test, classified in (
+            ("fold", fold_test, classify_turns),
+            ("crossing", unit_circle_test, classify),
+        ):
             rows = np.flatnonzero(what == kind)
             if rows.size:
-                some = track[rows]
+                some = problem[rows]
                 ends = test(some, here[rows]), test(some, there[rows])
-                places, where = located(some, here[rows], length[rows], test, ends)
+                branch_points, where = located(some, here[rows], length[rows], test, ends)
                 good = np.flatnonzero(np.isfinite(where))
-                found = places[good]
-                self.book.write(names[rows[good]], some[good], found, told(some[good], found))
+                found = branch_points[good]
+                self.table.write(names[rows[good]], some[good], found, classified(some[good], found))
 
 
-def _jumps(here: Places, there: Places) -> list[str]:
-    """For each step "kink" where the parameter went against the tangents at both its ends, or nothing."""
+def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:
+    """For each step "kink" where the parameter moved against the tangents at both of its ends, else ""."""
     way = there.parameter - here.parameter
     against = (way * here.tangent[:, -1] < 0.0) & (way * there.tangent[:, -1] < 0.0)
     return np.where(against, "kink", "").tolist()
 
 
-def _leap(track: Track, here: Places, longest: float) -> tuple[Places, np.ndarray]:
-    """Places beyond a point at which the map bends or jumps, and whether any were found (n,).
+def _jump_over(
+    problem: ContinuationProblem, here: BranchPoints, longest: float
+) -> tuple[BranchPoints, np.ndarray]:
+    """Branch points beyond a discontinuity of the map or of its derivative, and whether found (n,).
 
-    Where a trajectory grazes an event the map has no derivative, and may jump: no step is short enough to get
-    there, but a longer one may get over it, across the branch or at a given value of the parameter.
+    Where a trajectory grazes an event the map has no derivative, and may jump. No short step converges there,
+    but a longer one may cross it, either by arclength or at a given value of the parameter.
     """
     best, found = here, np.zeros(len(here.parameter), bool)
-    for share in LEAPS:
+    for share in JUMPS:
         for across in (True, False):
             rows = np.flatnonzero(~found)
             if not rows.size:
                 return best, found
-            mine, start = track[rows], here[rows]
+            mine, start = problem[rows], here[rows]
             length = share * longest
             there, good = (
                 mine.step(start, np.full(rows.size, length)) if across else _beyond(mine, start, length)
             )
             good = good & (np.sum(mine.weights * start.tangent * there.tangent, axis=1) > 0.0)
-            good &= (there.parameter >= track.low) & (there.parameter <= track.high)
+            good &= (there.parameter >= problem.low) & (there.parameter <= problem.high)
             good &= _distance(mine, start, there) < 2.0 * longest
             best = best.merged(rows[good], there[good])
             found[rows[good]] = True
     return best, found
 
 
-def _beyond(track: Track, here: Places, length: float) -> tuple[Places, np.ndarray]:
-    """Places found by damped steps at the parameter's value a `length` ahead, and whether they were found."""
+def _beyond(
+    problem: ContinuationProblem, here: BranchPoints, length: float
+) -> tuple[BranchPoints, np.ndarray]:
+    """Fixed points by damped Newton steps where the parameter is a `length` ahead; which converged (n,)."""
     change = length * here.tangent
     parameter = here.parameter + change[:, -1]
     size = here.points.at.shape[1]
     starts = Points(here.points.at + change[:, :size], here.points.like)
-    fix = {track.mapping.conserved[k].name: track.held.values[:, i] for i, k in enumerate(track.held.which)}
-    values = {**track.values, track.parameter: parameter}
-    found = newton(track.mapping, starts, values, fix=fix, most=10)
+    fix = {
+        problem.mapping.conserved[k].name: problem.held.values[:, i] for i, k in enumerate(problem.held.which)
+    }
+    values = {**problem.values, problem.parameter: parameter}
+    found = newton(problem.mapping, starts, values, fix=fix, most=10)
     good = np.flatnonzero(found.converged)
     if not good.size:
         return here, found.converged
     sign = np.sign(here.tangent[good, -1])
-    places = track[good].first(found.points[good], found.drift[good], parameter[good], sign)
-    return here.merged(good, places), found.converged
+    branch_points = problem[good].first(found.points[good], found.drift[good], parameter[good], sign)
+    return here.merged(good, branch_points), found.converged
 
 
-def _distance(track: Track, a: Places, b: Places) -> np.ndarray:
-    """The length of the straight way between places (n,)."""
-    apart = np.zeros_like(track.weights)
+def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> np.ndarray:
+    """The weighted distance between branch points, (n,)."""
+    apart = np.zeros_like(problem.weights)
     size = a.points.at.shape[1]
-    apart[:, :size] = track.mapping.apart(a.points.at, b.points.at)
+    apart[:, :size] = problem.mapping.apart(a.points.at, b.points.at)
     apart[:, -1] = a.parameter - b.parameter
-    return np.sqrt(np.sum(track.weights * apart**2, axis=1))
+    return np.sqrt(np.sum(problem.weights * apart**2, axis=1))

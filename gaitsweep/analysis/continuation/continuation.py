@@ -1,6 +1,6 @@
-"""Branches of fixed points over a parameter, stable and unstable ones, with their folds: pseudo-arclength.
+"""Pseudo-arclength continuation of fixed points, stable and unstable, over a parameter.
 
-Many branches are followed at once, each with its own other parameters and its own steps.
+Many branches are followed at once, each with its own other parameters and its own step lengths.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.continuation.arclength import Track
-from gaitsweep.analysis.continuation.branch_follower import OnTheWay, Steps
-from gaitsweep.analysis.continuation.branch_table import Book
-from gaitsweep.analysis.continuation.conserved_constraints import Conditions
-from gaitsweep.analysis.continuation.newton import Outcome, newton
+from gaitsweep.analysis.continuation.arclength import ContinuationProblem
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps, BranchFollower, BranchTable
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
 
@@ -31,36 +29,38 @@ def continuation(
     begin: Any = None,
     towards: int = 1,
     fix: Sequence[str] | Mapping[str, object] = (),
-    steps: Steps | None = None,
+    steps: ArclengthSteps | None = None,
     shown: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """The branches of fixed points through n starts.
+    """Follow the branches of fixed points through n starts.
 
     Args:
         mapping: a return map, or any other.
         starts: points near fixed points.
         values: other parameters, numbers or one for each start (n,).
-        parameter: the name of the parameter along which branches are followed.
-        within: the range of it in which they are, two numbers.
-        begin: its values at the starts, a number or (n,); the range's end that `towards` leads away from.
+        parameter: the name of the continuation parameter.
+        within: its range, two numbers.
+        begin: its values at the starts, a number or (n,); by default the end of the range from which
+            `towards` leads away.
         towards: 1 or -1, the direction of the parameter in which a branch starts.
-        fix: conserved quantities that are held, as for `newton`.
-        steps: how long the steps are, and how many.
-        shown: the values that the table has beside the parameter; all that are given if not said.
+        fix: conserved quantities to constrain, as for `newton`.
+        steps: lengths and number of the steps.
+        shown: names of the values in the table beside the parameter; by default all.
 
     Returns:
-        One record a point: row (the start's), point, parameter and other values, what the map observes there,
-        drift_NAME for what is held, multiplier (the largest in size; multiplier_re and multiplier_im its
-        parts), unstable (how many are outside the unit circle), stable, special, corrections, end.
-        `special` is fold, flip, neimark_sacker, branch_point; corner: a fold at a bend of the map, where no
-        multiplier is 1; kink: a step over a place where the map bends or jumps; or nothing.
-        A branch that ends as lost, or has a kink, is followed again on the map refined (half the step), and
-        the branch of that is what is given: so neither is an artefact of the step alone.
-        `end` says why the branch ends there: range, closed, most, lost (no step is short enough, or the map
-        is not defined beyond), or, where no fixed point was found at the start, an `Outcome`; or nothing.
+        One record a point: row (of the start), point, parameter and other values, the map's observables,
+        drift_NAME of each constrained quantity, multiplier (the largest modulus; multiplier_re and
+        multiplier_im are its parts), unstable (the number of multipliers outside the unit circle), stable,
+        special, corrections, end.
+        `special` is fold, flip, neimark_sacker or branch_point; corner: a fold at a corner of the map, where
+        no multiplier is 1; kink: a step over a corner or a jump of the map; or empty.
+        A branch that ends as lost, or has a kink, is followed again on the refined map (half the time step),
+        and the result of that is returned: so neither is an artefact of the time step alone.
+        `end` is the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
+        not defined beyond), or a `NewtonOutcome` where no fixed point was found at the start; or empty.
 
     Raises:
-        ValueError: a name that the map does not have; a range without width.
+        ValueError: the map does not have a name that is given, or the range has no width.
     """
     if not max(within) > min(within):
         raise ArgumentError(f"within is {list(within)}, but must be a range: two numbers that differ.")
@@ -100,24 +100,26 @@ def _followed(
     begin: Any,
     towards: int,
     fix: Sequence[str] | Mapping[str, object],
-    steps: Steps | None,
+    steps: ArclengthSteps | None,
     shown: Sequence[str] | None,
 ) -> pd.DataFrame:
-    """The branches on one map; see `continuation`."""
+    """The branches of one map, as for `continuation`."""
     n = len(starts)
     begin = (min(within) if towards > 0 else max(within)) if begin is None else begin
     at = np.broadcast_to(np.asarray(begin, np.float64), (n,)).copy()
     held_values = mapping.complete({**values, parameter: at}, n)
     others = {name: each for name, each in held_values.items() if name != parameter}
     found = newton(mapping, starts, held_values, fix=fix)
-    held = Conditions.of(mapping, fix, found.images.kept)
+    held = ConservedConstraints.of(mapping, fix, found.images.kept)
     ready = np.flatnonzero(found.converged)
-    track = Track.of(mapping, parameter, within, others, held, found.points.at)[ready]
+    problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
     beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
-    book = Book(mapping, parameter, beside, n, held)
+    table = BranchTable(mapping, parameter, beside, n, held)
     for row in np.flatnonzero(~found.converged):
-        book.failed(int(row), float(at[row]), Outcome(int(found.outcome[row])).name)
+        table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
     if ready.size:
-        places = track.first(found.points[ready], found.drift[ready], at[ready], float(np.sign(towards)))
-        OnTheWay(track, places, ready, book, steps or Steps()).follow()
-    return book.table()
+        branch_points = problem.first(
+            found.points[ready], found.drift[ready], at[ready], float(np.sign(towards))
+        )
+        BranchFollower(problem, branch_points, ready, table, steps or ArclengthSteps()).follow()
+    return table.table()

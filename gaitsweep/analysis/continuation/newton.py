@@ -1,9 +1,9 @@
-"""Fixed points of a map by Newton's method, for many starts at once, stable and unstable ones alike.
+"""Fixed points of a map by Newton's method, for many starts at once, stable and unstable ones.
 
-Where the map conserves something, fixed points are not alone: they form lines, on which Newton's equations
-have no one solution. Then what is conserved is held at a value, and for each such condition there is an
-unknown more, the `drift`: how much of it a cycle adds. It is zero where the quantity is conserved exactly,
-and measures by how much it is not where that is only nearly so (Munoz-Almaraz et al. 2003, Physica D 181).
+If the map conserves a quantity, fixed points are not isolated: they form lines, on which Newton's equations
+are singular. The quantity is then constrained to a value, and each constraint adds one unknown, the `drift`:
+the change of the quantity over a cycle. The drift is zero where the quantity is conserved exactly, and it
+measures the error where it is conserved only approximately (Munoz-Almaraz et al. 2003, Physica D 181).
 """
 
 from __future__ import annotations
@@ -15,26 +15,27 @@ from typing import Self
 
 import numpy as np
 
-from gaitsweep.analysis.continuation.conserved_constraints import Conditions
-from gaitsweep.engine.poincare.maps import Images, Map, Points, Values
+from gaitsweep import near_miss
+from gaitsweep.engine.poincare.maps import Images, Map, Points, Values, shorter
+from gaitsweep.errors import ArgumentError
 
-# Halvings of a step that leads to where the map is not defined, or the residual larger.
+# Most halvings of a step that leaves the domain of the map or raises the residual.
 HALVINGS = 6
-# Condition of Newton's equations, coordinates in proportion to their sizes, from which they are singular.
+# Condition number of the scaled Jacobian from which Newton's equations count as singular.
 SINGULAR = 1e11
-# By how much a step may raise the residual and still be taken.
+# Factor by which an accepted step may raise the residual.
 PATIENCE = 4.0
-# Numbers count in proportion to their size, but not below this (in their unit).
+# Least scale of a coordinate (in its unit); larger coordinates are scaled by their magnitude.
 FLOOR = 0.1
 
 
-class Outcome(enum.IntEnum):
-    """How a search for a fixed point ended, with a sentence each."""
+class NewtonOutcome(enum.IntEnum):
+    """How the search for a fixed point ended, with a sentence each."""
 
     converged = 0, "A fixed point was found."
-    not_converged = 1, "The steps allowed were not enough."
-    left = 2, "The search left the points whose trajectories come back to the section."
-    singular = 3, "The equations have no one solution: hold what the map conserves."
+    not_converged = 1, "The search did not converge in the steps allowed."
+    left = 2, "The search left the points whose trajectories return to the section."
+    singular = 3, "Newton's equations are singular: constrain what the map conserves."
 
     sentence: str
 
@@ -45,12 +46,49 @@ class Outcome(enum.IntEnum):
 
 
 @dataclasses.dataclass(frozen=True)
-class FixedPoints:
-    """What a search gave for each start (n,).
+class ConservedConstraints:
+    """The conserved quantities that a search holds constant: their indices in the map, and values (n, k)."""
 
-    `points` where it ended; `drift` (n, k) per map of what is held; `residual` (n,) the largest share, of its
-    size, by which a coordinate is not fixed; `iterations` (n,); `outcome` (n,) an `Outcome`; `images` with
-    derivatives there.
+    which: tuple[int, ...]
+    values: np.ndarray
+    circular: np.ndarray
+
+    @classmethod
+    def of(
+        cls, mapping: Map, fix: Sequence[str] | Mapping[str, object], kept: np.ndarray
+    ) -> ConservedConstraints:
+        """Constrain the quantities named by `fix` to its values, or to those in `kept` (n, all quantities).
+
+        Raises:
+            ValueError: the map conserves no quantity of that name.
+        """
+        names = [quantity.name for quantity in mapping.conserved]
+        for name in fix:
+            if name not in names:
+                raise ArgumentError(f"{name} is not conserved by this map{near_miss.suggestion(name, names)}")
+        which = tuple(names.index(name) for name in fix)
+        values = kept[:, which].copy()
+        if isinstance(fix, Mapping):
+            for place, given in enumerate(fix.values()):
+                if given is not None:
+                    values[:, place] = np.asarray(given, np.float64)
+        return cls(which, values, np.array([mapping.conserved[k].circular for k in which], bool))
+
+    def __getitem__(self, rows: np.ndarray) -> ConservedConstraints:
+        return dataclasses.replace(self, values=self.values[rows])
+
+    def residuals(self, kept: np.ndarray) -> np.ndarray:
+        """The residuals of the constraints, (n, k)."""
+        return shorter(kept[:, self.which] - self.values, self.circular)
+
+
+@dataclasses.dataclass(frozen=True)
+class FixedPoints:
+    """The results of the searches from n starts.
+
+    `points` the last points; `drift` (n, k) of the constrained quantities over a cycle; `residual` (n,) the
+    largest relative residual of a coordinate; `iterations` (n,); `outcome` (n,) a `NewtonOutcome`; `images`
+    of the last points, with derivatives.
     """
 
     points: Points
@@ -62,26 +100,28 @@ class FixedPoints:
 
     @property
     def converged(self) -> np.ndarray:
-        """Which searches found a fixed point, (n,)."""
-        return self.outcome == Outcome.converged
+        """Which searches converged, (n,)."""
+        return self.outcome == NewtonOutcome.converged
 
 
 def sizes(at: np.ndarray) -> np.ndarray:
-    """The size by which each coordinate (n, size) counts."""
+    """The scale of each coordinate (n, size)."""
     return FLOOR + np.abs(at)
 
 
 def residuals(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
+    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: ConservedConstraints
 ) -> np.ndarray:
-    """Newton's equations at these points, (n, size + k): zero at a fixed point."""
+    """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
     moved = mapping.apart(images.points.at, points.at)
     spread = along(images.kept_jacobian[:, held.which])
-    return np.concatenate([moved - np.einsum("nsk,nk->ns", spread, drift), held.missed(images.kept)], axis=1)
+    return np.concatenate(
+        [moved - np.einsum("nsk,nk->ns", spread, drift), held.residuals(images.kept)], axis=1
+    )
 
 
-def matrices(images: Images, held: Conditions) -> np.ndarray:
-    """The derivative (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
+def matrices(images: Images, held: ConservedConstraints) -> np.ndarray:
+    """The Jacobians (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
     gradients = images.kept_jacobian[:, held.which]
     n, size, _ = images.jacobian.shape
     k = gradients.shape[1]
@@ -93,7 +133,7 @@ def matrices(images: Images, held: Conditions) -> np.ndarray:
 
 
 def along(gradients: np.ndarray) -> np.ndarray:
-    """Directions (n, size, k) that add one to each quantity and nothing to the others, from (n, k, size)."""
+    """Directions (n, size, k) that change one quantity by one and no other, from gradients (n, k, size)."""
     if not gradients.shape[1]:
         return np.swapaxes(gradients, 1, 2)
     return np.linalg.pinv(gradients)
@@ -108,33 +148,33 @@ def newton(
     tolerance: float = 1e-9,
     most: int = 20,
 ) -> FixedPoints:
-    """Fixed points near many starts.
+    """Find fixed points near n starts.
 
     Args:
         mapping: the map.
         starts: n points.
         values: parameters, numbers or one for each start (n,).
-        fix: names of conserved quantities to hold as they are at the start, or at values given by name.
-        tolerance: residual at which a point counts as fixed, as a share of each coordinate's size.
-        most: Newton steps.
+        fix: names of conserved quantities to constrain to their values at the start, or values by name.
+        tolerance: relative tolerance on the residual.
+        most: largest number of Newton steps.
 
     Raises:
-        ValueError: `fix` names what the map does not conserve.
+        ValueError: `fix` names a quantity that the map does not conserve.
     """
     search = _Search(mapping, starts, mapping.complete(values, len(starts)), fix, tolerance)
     for _ in range(most):
-        rows = np.flatnonzero(search.outcome == Outcome.not_converged)
+        rows = np.flatnonzero(search.outcome == NewtonOutcome.not_converged)
         if not rows.size:
             break
         search.step(rows)
-    search.give_up()
+    search.mark_singular()
     return FixedPoints(
         search.points, search.drift, search.residual, search.iterations, search.outcome, search.images
     )
 
 
 class _Search:
-    """Where the searches of n starts are."""
+    """The state of the searches from n starts."""
 
     def __init__(
         self,
@@ -146,15 +186,15 @@ class _Search:
     ) -> None:
         self.mapping, self.values, self.tolerance = mapping, values, tolerance
         self.points, self.images = starts, mapping.linearised(starts, values)
-        self.held = Conditions.of(mapping, fix, self.images.kept)
+        self.held = ConservedConstraints.of(mapping, fix, self.images.kept)
         n = len(starts)
         self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
         self.residual = norms(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
-        self.outcome = np.where(self.images.sound, Outcome.not_converged, Outcome.left)
-        self._found()
+        self.outcome = np.where(self.images.sound, NewtonOutcome.not_converged, NewtonOutcome.left)
+        self._mark_converged()
 
     def step(self, rows: np.ndarray) -> None:
-        """One step of the searches `rows`, each shortened until the map is defined where it leads."""
+        """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
         self.iterations[rows] += 1
         step, _ = _steps(
             self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows]
@@ -162,36 +202,38 @@ class _Search:
         for halvings in range(HALVINGS + 1):
             if not rows.size:
                 break
-            taken = self._tried(rows, 0.5**halvings * step, last=halvings == HALVINGS)
+            taken = self._accepted(rows, 0.5**halvings * step, last=halvings == HALVINGS)
             rows, step = rows[~taken], step[~taken]
-        self.outcome[rows] = Outcome.left
-        self._found()
+        self.outcome[rows] = NewtonOutcome.left
+        self._mark_converged()
 
-    def give_up(self) -> None:
-        """Tell which searches, of those that found nothing, have equations without one solution.
+    def mark_singular(self) -> None:
+        """Mark as singular those unconverged searches whose equations are singular.
 
-        So it is near a line of points that are fixed but for a drift above the tolerance.
+        This happens near a line of points that are fixed except for a drift above the tolerance.
         """
-        rows = np.flatnonzero(self.outcome == Outcome.not_converged)
-        self.outcome[rows[~self._alone(rows)]] = Outcome.singular
+        rows = np.flatnonzero(self.outcome == NewtonOutcome.not_converged)
+        self.outcome[rows[~self._regular(rows)]] = NewtonOutcome.singular
 
-    def _found(self) -> None:
-        """Tell which searches are at a fixed point, and at one that stands alone."""
-        rows = np.flatnonzero((self.outcome == Outcome.not_converged) & (self.residual <= self.tolerance))
-        self.outcome[rows] = np.where(self._alone(rows), Outcome.converged, Outcome.singular)
+    def _mark_converged(self) -> None:
+        """Mark searches at a fixed point as converged, or as singular where it is not isolated."""
+        rows = np.flatnonzero(
+            (self.outcome == NewtonOutcome.not_converged) & (self.residual <= self.tolerance)
+        )
+        self.outcome[rows] = np.where(self._regular(rows), NewtonOutcome.converged, NewtonOutcome.singular)
 
-    def _alone(self, rows: np.ndarray) -> np.ndarray:
-        """Where the equations have one solution, for the searches `rows`."""
+    def _regular(self, rows: np.ndarray) -> np.ndarray:
+        """Whether the equations of the searches `rows` are regular."""
         if not rows.size:
             return np.zeros(0, bool)
         return _steps(self.mapping, self.points[rows], self.drift[rows], self.images[rows], self.held[rows])[
             1
         ]
 
-    def _tried(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
-        """Which of these steps are taken: those that lead to a smaller residual; the last wherever it can.
+    def _accepted(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
+        """Which of these steps are accepted: those that lower the residual; the last one wherever defined.
 
-        Images decide: a derivative costs as much as the images of as many points as there are coordinates.
+        The test uses images alone: a derivative costs as many images as there are coordinates.
         """
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         values = {name: each[rows] for name, each in self.values.items()}
@@ -208,11 +250,11 @@ class _Search:
 
 
 def _steps(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
+    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: ConservedConstraints
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The next step (n, size + k) of each search, and whether its equations have one solution.
+    """The next step (n, size + k) of each search, and whether its equations are regular.
 
-    Where they have not, which also happens far from any fixed point, the step is a cycle of the map.
+    Where they are singular, which also happens far from any fixed point, the step is one iterate of the map.
     """
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
     size = points.at.shape[1]
@@ -230,14 +272,14 @@ def _steps(
 def _moved(
     mapping: Map, points: Points, drift: np.ndarray, images: Images, step: np.ndarray
 ) -> tuple[Points, np.ndarray]:
-    """Points and drifts a step on; near the image, so that they have the modes that it has."""
+    """Points and drifts after a step; computed from the image, so that they have its discrete modes."""
     size = points.at.shape[1]
     back = mapping.apart(points.at, images.points.at)
     return Points(images.points.at + back + step[:, :size], images.points.like), drift + step[:, size:]
 
 
 def norms(miss: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The largest share, of its size, by which a coordinate is not fixed, (n,); infinite where it is NaN."""
+    """The largest relative residual of each row, (n,); infinite where it is NaN."""
     scale = np.ones_like(miss)
     scale[:, : at.shape[1]] = sizes(at)
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""A map that is given as a function, to be searched for fixed points and continued like a return map."""
+"""A map given as a function, for the same searches and continuations as a return map."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class PlainMap(Map):
 
     Args:
         function: `(values, at) -> image` of one point (n,) in JAX, `values` the parameters by name.
-        names: of the coordinates.
+        names: names of the coordinates.
         defaults: (name, number) of each parameter.
         angles: the coordinates that are angles, rad.
-        invariants: (name, function `(values, at) -> number`) of what the map conserves.
+        invariants: (name, function `(values, at) -> number`) of each conserved quantity.
     """
 
     function: Callable[[Mapping[str, Any], jax.Array], jax.Array]

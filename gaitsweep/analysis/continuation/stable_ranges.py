@@ -1,36 +1,35 @@
-"""The ranges of a parameter in which branches of steady gaits are stable, and what ends them."""
+"""The parameter ranges in which branches of fixed points are stable, and what bounds them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import AnalysisError, require
+from gaitsweep.analysis.records import AnalysisError, require
 
-# What a continuation marks on a branch, between pieces of different stability.
+# Special points of a continuation at which the stability of a branch may change.
 MARKS = frozenset({"fold", "corner", "flip", "neimark_sacker", "branch_point"})
-LEAST = 0.02  # of the width that a table's branches have: a narrower piece is none
+LEAST = 0.02  # least width of a stable range, as a share of the width of all branches
 
 
 def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> pd.DataFrame:
-    """The pieces of each branch on which it is stable, in the order in which they were followed.
+    """The stable pieces of each branch, in the order in which they were followed.
 
-    A piece's range goes out to its outermost points, folds and the like at its ends included. It may go on
-    over a bend or a jump of the map, as the gait does in a run.
+    A range reaches to the outermost points of its piece, with the special points at its ends. It may extend
+    over a corner or a jump of the map, as the gait does in a simulation.
 
     Args:
         table: a continuation's table.
-        parameter: the column of the parameter along which branches were followed.
-        least: the least width of a piece, as a share of that of all branches.
+        parameter: the column of the continuation parameter.
+        least: the least width of a piece, as a share of the width of all branches.
 
     Returns:
-        One record a piece: row, gait (the commonest on it, where the table has it), low and high (the
-        parameter's), low_by and high_by (a mark's name; kink beside a bend or jump of the map; start where
-        the branch begins; range, most, closed or lost where it ends; or nothing, where stability changes
-        unmarked).
+        One record a piece: row, gait (the most frequent one, where the table has it), low and high (of the
+        parameter), low_by and high_by (the special point there; kink at a corner or jump of the map; start
+        where the branch begins; range, most, closed or lost where it ends; or empty).
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     require(table, "row", "point", parameter, "stable", "special", "end")
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
@@ -44,11 +43,11 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
     return pieces.iloc[np.flatnonzero(wide)].reset_index(drop=True)
 
 
-def edges(table: pd.DataFrame, parameter: str, gait: str, least: float = LEAST) -> pd.DataFrame:
-    """Where one gait is stable in each row: row, low, high, low_by, high_by, its widest piece.
+def range_of_gait(table: pd.DataFrame, parameter: str, gait: str, least: float = LEAST) -> pd.DataFrame:
+    """The widest stable range of one gait in each row: row, low, high, low_by, high_by.
 
     Raises:
-        AnalysisError: a column is not there, or no branch is stable in that gait.
+        AnalysisError: the table does not have a column, or no branch is stable in that gait.
     """
     require(table, "gait")
     ranges = stable_ranges(table, parameter, least)
@@ -84,7 +83,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
 
 
 def _by(special: np.ndarray, end: np.ndarray, k: int) -> str:
-    """What is at a point that ends a range."""
+    """What bounds a range at a point."""
     if special[k] in MARKS:
         return str(special[k])
     if end[k]:

@@ -1,4 +1,4 @@
-"""Which attractor a trajectory of a map comes to: what decides it, and many followed until it is known."""
+"""Attractor mappers: functions that assign trajectories of a map to attractors."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from gaitsweep.engine.poincare.poincare_return import Way
 from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.errors import ArgumentError
 
-# The label of a trajectory that has come to no attractor yet; of one that ended by the `Way` w it is -1 - w.
+# The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `Way` w.
 UNDECIDED = -1
-# Lanes in a call at least: fewer take a kernel as long, and every size is compiled for itself.
+# Least number of lanes in a call: fewer take a kernel as long, and every size is compiled separately.
 FEWEST = 8
 
-# (where trajectories are now, the pair of each, cycles since they began) -> the label of each one's
-# attractor, 0 or more, or UNDECIDED.
-Decide = Callable[[Images, np.ndarray, int], np.ndarray]
+# (images of n trajectories, the pair of each (n,), cycles since the start) -> the labels (n,) of their
+# attractors, 0 or more, or UNDECIDED.
+AttractorMapper = Callable[[Images, np.ndarray, int], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Nearest:
-    """Decided is what is within `reach` of an attractor.
+class ProximityMapper:
+    """Assigns a trajectory within `reach` to that attractor.
 
     Args:
         mapping: the map.
-        attractors: coordinates of one point of each, (k, size), or other ones for each pair, (pairs, k,
-            size); several points of one label for attractors that are not fixed points.
-        labels: of these points, (k,); 0, 1, ... if not said.
-        reach: as a share of the smallest distance between points of different labels; it has to be less than
-            the way from any of these points to an edge. Distances are the largest of any coordinate, as a
-            share of its size at the attractors.
+        attractors: coordinates of one point of each, (k, size), or for each pair, (pairs, k, size); several
+            points with one label for attractors that are not fixed points.
+        labels: of these points, (k,); by default 0, 1, ...
+        reach: as a share of the smallest distance between points of different labels; it must be less than
+            the distance from any of these points to an edge. A distance is the largest of any coordinate,
+            relative to its magnitude at the attractors.
 
     Raises:
-        ValueError: one label for each point is not given, or all are the same.
+        ValueError: the number of labels is not that of the points, or all labels are equal.
     """
 
     mapping: Map
@@ -52,7 +52,7 @@ class Nearest:
     def __post_init__(self) -> None:
         k = np.shape(self.attractors)[-2]
         if len(self._labels) != k:
-            raise ArgumentError(f"labels are {len(self._labels)}, but there are {k} points of attractors.")
+            raise ArgumentError(f"There are {len(self._labels)} labels, but {k} points of attractors.")
         if len(set(self._labels.tolist())) < 2:
             raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
 
@@ -86,19 +86,19 @@ class Nearest:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Gaits:
-    """Decided is everything after so many cycles, by the label that the model gives.
+class LabelMapper:
+    """Assigns every trajectory, after a number of cycles, to the attractor with the model's gait label.
 
-    Enough cycles are those after which a trajectory has left the edge however near to it it began.
+    The number must be large enough that each trajectory has left the edge, however near it started.
 
     Args:
         mapping: the return map of a model.
         values: parameters, numbers or one for each pair (n,).
-        after: cycles.
-        only: gaits that count; what has another label is not decided. All, if not said.
+        after: number of cycles.
+        only: gaits that count as attractors; other labels are undecided. By default all gaits count.
 
     Raises:
-        ValueError: a gait that the model does not have.
+        ValueError: the model does not have a gait in `only`.
     """
 
     mapping: ReturnMap
@@ -138,7 +138,7 @@ class Gaits:
 
 
 def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
-    """Where each pair's is, of what is given for all at once or for each."""
+    """The index of each pair in an argument that has one entry for all pairs, or one for each."""
     if given > 1 and np.max(pair) >= given:
         raise ArgumentError(
             f"{what} are given for {given} pairs, but there are more: give one for each, or for all."
@@ -147,7 +147,7 @@ def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
 
 
 def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> Images:
-    """The images of points (n,), n > 0, in no smaller batch than `FEWEST`."""
+    """The images of points (n,), n > 0, in a batch of at least `FEWEST`."""
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
     found = mapping.images(points[order], {name: each[order] for name, each in values.items()})
@@ -155,23 +155,28 @@ def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> Ima
 
 
 def fates(
-    mapping: Map, points: Points, values: dict[str, np.ndarray], pair: np.ndarray, decide: Decide, most: int
+    mapping: Map,
+    points: Points,
+    values: dict[str, np.ndarray],
+    pair: np.ndarray,
+    mapper: AttractorMapper,
+    most: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The labels (n,) of trajectories, and how often the map was evaluated for each, (n,).
+    """Follow trajectories to their attractors: the labels (n,) and the evaluations of the map for each (n,).
 
     Args:
         mapping: the map.
-        points: n points where trajectories begin.
+        points: n initial points.
         values: parameters (pairs,).
-        pair: (n,) to which each trajectory belongs.
-        decide: what decides.
-        most: cycles after which what is not decided is left so.
+        pair: (n,) the pair of each trajectory.
+        mapper: assigns trajectories to attractors.
+        most: the largest number of cycles; trajectories without an attractor then are `UNDECIDED`.
 
     Returns:
         Labels of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `Way` w.
 
     Raises:
-        ValueError: `decide` does not give a label for each trajectory.
+        ValueError: `mapper` does not give one label for each trajectory.
     """
     labels, cycles = np.full(len(points), UNDECIDED), np.zeros(len(points), int)
     going = np.arange(len(points))
@@ -180,10 +185,10 @@ def fates(
             break
         images = advanced(mapping, points, {name: each[pair[going]] for name, each in values.items()})
         cycles[going] = cycle
-        found = np.asarray(decide(images, pair[going], cycle))
+        found = np.asarray(mapper(images, pair[going], cycle))
         if found.shape != going.shape:
             raise ArgumentError(
-                f"decide gave an array of shape {found.shape}, but must give one label for each of "
+                f"mapper gave an array of shape {found.shape}, but must give one label for each of "
                 f"{going.size} trajectories."
             )
         labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.way)
@@ -193,5 +198,5 @@ def fates(
 
 
 def ended(label: Any) -> Way:
-    """How a trajectory with this negative label ended."""
+    """The `Way` in which a trajectory with this negative label ended."""
     return Way(-1 - int(label))

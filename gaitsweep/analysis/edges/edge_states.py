@@ -1,10 +1,10 @@
-"""Edge states: what trajectories on the edge between two basins come to, for many pairs of starts at once.
+"""Edge states: the attractors within a basin boundary, for many pairs of starts at once.
 
-Two points that come to different attractors have the edge between them. They are brought together along the
-line between them, then followed while they stay together, which they do along the edge; once they are apart
-they are brought together again. What lies between them comes to what attracts within the edge: a saddle, a
-cycle, or something that does not come to rest (Skufca, Yorke and Eckhardt 2006, Phys. Rev. Lett. 96:174101;
-Mehling, Boerner and Lucarini 2023, arXiv:2308.16251).
+The boundary lies between two points that lead to different attractors. The pair is bisected along the line
+between the points, then both are followed as long as they stay close, which they do along the boundary. Once
+they separate, they are bisected again. The trajectory between them converges to a saddle, a cycle or a
+chaotic set within the boundary (Skufca, Yorke and Eckhardt 2006, Phys. Rev. Lett. 96:174101; Mehling, Boerner
+and Lucarini 2023, arXiv:2308.16251).
 """
 
 from __future__ import annotations
@@ -14,26 +14,32 @@ import dataclasses
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.edges.attractor_mappers import Decide, Gaits, Nearest
-from gaitsweep.analysis.edges.edge_search import Limits, Outcome
-from gaitsweep.analysis.edges.edge_tracking import Tracking
+from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper, LabelMapper, ProximityMapper
+from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome, Tracking
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
 
-__all__ = ["Decide", "EdgeStates", "Gaits", "Limits", "Nearest", "Outcome", "edge_states"]
+__all__ = [
+    "AttractorMapper",
+    "EdgeLimits",
+    "EdgeOutcome",
+    "EdgeStates",
+    "LabelMapper",
+    "ProximityMapper",
+    "edge_states",
+]
 
 
 @dataclasses.dataclass(frozen=True)
 class EdgeStates:
-    """What a search gave for each pair (n,).
+    """The results of the searches of n pairs.
 
-    `points` where it ended, as `newton` takes them for starts: the edge state, or, beside a third basin, the
-    start that leads there; `outcome` (n,) an `Outcome`; `table`, a record a pair:
-    row, the parameters that were given, the coordinates of the edge state, outcome (the name), period,
-    residual (the largest share, of its size, by which a coordinate is not back after a period), growth (by
-    which factor the two came apart in a cycle: an estimate of the multiplier across the edge), one and other
-    (labels of the two attractors), met (the label of what ended the search, where that is neither: -1 not
-    decided, -1 - w for the `Way` w), rounds, bisections, evaluations (of the map).
+    `points` the edge states, as starts for `newton` (where a third basin was met, a start that leads there);
+    `outcome` (n,) an `EdgeOutcome`; `table`, one record a pair: row, the given parameters, the coordinates of
+    the edge state, outcome (the name), period, residual (largest relative change of a coordinate over a
+    period), growth (the factor by which the two separate in a cycle: an estimate of the multiplier across the
+    edge), label_1 and label_2 (of the two attractors), met (the label that ended the search, where it is
+    neither: -1 undecided, -1 - w for the `Way` w), rounds, bisections, evaluations (of the map).
     """
 
     points: Points
@@ -42,43 +48,38 @@ class EdgeStates:
 
     @property
     def found(self) -> np.ndarray:
-        """Which searches came to a fixed point or a cycle, (n,)."""
-        return (self.outcome == Outcome.fixed) | (self.outcome == Outcome.periodic)
+        """Which searches found a fixed point or a cycle, (n,)."""
+        return (self.outcome == EdgeOutcome.fixed) | (self.outcome == EdgeOutcome.periodic)
 
 
 def edge_states(
     mapping: Map,
-    ones: Points,
-    others: Points,
+    u1: Points,
+    u2: Points,
     values: Values,
     *,
-    decide: Decide | None = None,
-    limits: Limits | None = None,
+    mapper: AttractorMapper | None = None,
+    limits: EdgeLimits | None = None,
 ) -> EdgeStates:
-    """The edge states between the basins of n pairs of points.
+    """Find the edge states between the basins of n pairs of points.
 
     Args:
         mapping: a return map, or any other.
-        ones, others: n points each, such as `ReturnMap.settled` gives. What the map conserves should be the
-            same for both.
+        u1, u2: n points each, such as `ReturnMap.settled` gives, with equal conserved quantities.
         values: parameters, numbers or one for each pair (n,).
-        decide: which attractor a trajectory has come to, from its images, its pair and the cycles gone:
-            a label from 0 on, or -1 as long as that is not known. `Nearest`, `Gaits`, or any function. If not
-            said, the nearer of the two points where the pair's own trajectories are after `limits.settle`
-            cycles.
-        limits: lengths and numbers.
+        mapper: a `ProximityMapper`, a `LabelMapper` or any `AttractorMapper` function. By default the pair's
+            own two trajectories after `limits.settle_cycles` cycles are its attractors.
+        limits: tolerances and limits.
 
     Raises:
-        ValueError: not as many points on one side as on the other; a parameter that the map does not have.
+        ValueError: u1 and u2 differ in length, or the map does not have a parameter that is given.
     """
-    if len(ones) != len(others):
-        raise ArgumentError(
-            f"ones are {len(ones)} points and others {len(others)}, but each needs its other."
-        )
-    limits = limits or Limits()
-    n = len(ones)
-    search = Tracking(mapping, ones, others, mapping.complete(values, n), decide, limits)
-    for _ in range(limits.rounds):
+    if len(u1) != len(u2):
+        raise ArgumentError(f"u1 has {len(u1)} points and u2 has {len(u2)}, but both need as many.")
+    limits = limits or EdgeLimits()
+    n = len(u1)
+    search = Tracking(mapping, u1, u2, mapping.complete(values, n), mapper, limits)
+    for _ in range(limits.max_rounds):
         if not search.going.any():
             break
         search.round()
@@ -93,12 +94,12 @@ def _table(mapping: Map, values: Values, search: Tracking) -> pd.DataFrame:
     for k, quantity in enumerate(mapping.coordinates):
         columns[quantity.name] = np.where(reached, search.edge.at[:, k], np.nan)
     columns |= {
-        "outcome": [Outcome(code).name for code in search.outcome],
+        "outcome": [EdgeOutcome(code).name for code in search.outcome],
         "period": search.period,
         "residual": search.residual,
         "growth": search.growth,
-        "one": search.labels[:, 0],
-        "other": search.labels[:, 1],
+        "label_1": search.labels[:, 0],
+        "label_2": search.labels[:, 1],
         "met": search.met,
         "rounds": search.rounds,
         "bisections": search.bisections,

@@ -1,34 +1,30 @@
-"""How often the body pitches in a cycle of its legs: once, as in canters and gallops, or twice, as in walks.
-
-    python -m gaitsweep.analysis.gaits.body_oscillation results/planar_quadruped_loads
+"""The pitching of the body in a gait cycle: once, as in canters and gallops, or twice, as in walks.
 
 Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Discussion.
 """
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
-from gaitsweep.analysis.gaits.records import axes_of, require
+from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, family
 
 
 def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
-    """The amplitudes with which the pitch goes once and twice a cycle, over the whole cycles of each row.
+    """The amplitudes of the pitch at once and twice the gait frequency, over the complete cycles of each row.
 
     Args:
         trace: row, t (s), pitch (rad) and u_f_LF, ...
 
     Returns:
-        One record for each row with one of the nine gaits: row, what varies, gait, period (s), once and twice
-        (rad: half of what is between the extremes of each part).
+        One record for each row with one of the nine gaits: row, swept axes, gait, period (s), once and twice
+        (amplitudes, rad).
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     require(trace, "row", "t", "pitch")
     every = gaits_in(trace)
@@ -46,19 +42,10 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     return gaits.assign(once=parts[:, 0], twice=parts[:, 1])
 
 
-def main() -> None:
-    from gaitsweep.table import load
-
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("directory", help="the result directory of a trace")
-    found = body_oscillation(load(parser.parse_args().directory))
+def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
+    """The mean of `body_oscillation` for each set of parameters and family of gaits, repetitions pooled."""
+    found = body_oscillation(trace)
     found["family"] = [family(str(gait)) for gait in found["gait"]]
-    axes = [
-        name for name in axes_of(found.rename(columns={"gait": "status"})) if name not in ("seed", "pair")
-    ]
-    means = found.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))
-    print(means.round(4).to_string())
-
-
-if __name__ == "__main__":
-    main()
+    names = list(found.columns)
+    axes = [name for name in names[1 : names.index("gait")] if name not in ("seed", "pair")]
+    return found.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))

@@ -1,11 +1,7 @@
-"""The gait of each row of any table of a four-legged model, and how many rows show which.
-
-python -m gaitsweep.analysis.gaits.gait_tables results/planar_quadruped_onsets --window 15 24
-"""
+"""The gait of each row of any table of a four-legged model, and the number of rows with each gait."""
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,9 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.crossing_onsets import onsets_of_crossings
-from gaitsweep.analysis.gaits.records import FAILURES, AnalysisError, axes_of, require
-from gaitsweep.analysis.gaits.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
+from gaitsweep.analysis.gaits.swing_onsets import GAITS, Steadiness, gait_of, onsets_in, onsets_of_crossings
+from gaitsweep.analysis.records import FAILURES, AnalysisError, axes_of, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, STRICT, THRESHOLD, margin, place
 
 FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}
@@ -32,26 +27,26 @@ def gaits_in(
     thresholds: Sequence[float] = (THRESHOLD, STRICT),
     steadiness: Steadiness | None = None,
 ) -> pd.DataFrame:
-    """The gait of each row, its shifts and how steady they are, at every threshold.
+    """The gait of each row at each threshold, with its shifts and their steadiness.
 
     Args:
         table: a trace with a signal for each leg; records of crossings with since_LF_n and so on (return
             maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` is the
-            model's own, found with its own threshold from averages that it kept.
-        signals, level, falling: of a trace: each leg's column by its name, and when it begins to swing, as in
-            `swing_onsets.onsets_in`. The potentials u_f_LF, ... if not given; for feet
+            model's own label at its own threshold.
+        signals, level, falling: for a trace, the column of each leg and its threshold, as in
+            `swing_onsets.onsets_in`; by default the potentials u_f_LF, ... For feet:
             signals={"LF": "contact_1", ...}, level=0.5, falling=True.
-        window: begin and end of what is read, s; of no effect on a settle table.
-        thresholds: largest shift that is none, cycles; the gait at each but the first is a column of its own.
-        steadiness: what is steady; of no effect on a settle table.
+        window: begin and end of the time that is used, s; not used for a settle table.
+        thresholds: largest shift of a pair in phase, cycles; each but the first adds a column of gaits.
+        steadiness: criteria of a steady gait; not used for a settle table.
 
     Returns:
-        One record a row: row, what varies, and the columns of `swing_onsets.gait_of`; of a settle table
-        cycles, period, variation, delta_1, delta_2, antiphase, length (least of the shifts'), steady, gait,
-        gait_at_0.05 and margin.
+        One record a row: row, swept axes, and the columns of `swing_onsets.gait_of`; for a settle table
+        cycles, period, variation, delta_1, delta_2, antiphase, length (the least of the shifts), steady,
+        gait, gait_at_0.05 and margin.
 
     Raises:
-        AnalysisError: the table is of no such kind, or a column is not there.
+        AnalysisError: the table is of another kind, or does not have a column.
     """
     if signals is None and _MEAN.format(1) in table.columns:
         found = _of_averages(table, thresholds)
@@ -67,14 +62,14 @@ def gaits_in(
 
 
 def gaits_counted(found: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
-    """How many rows show each gait, one line for each set of what varies but the `repeats`.
+    """The number of rows with each gait, for each set of the swept axes except `repeats`.
 
     Args:
-        found: what `gaits_in` gives.
-        repeats: columns in which rows of one set differ.
+        found: the result of `gaits_in`.
+        repeats: axes along which rows are repetitions.
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     require(found, "row", "gait", "cycles")
     columns = list(found.columns)
@@ -94,7 +89,7 @@ def onsets_of(
     level: float = 0.0,
     falling: bool = False,
 ) -> pd.DataFrame:
-    """The onsets (row, leg, t) that a trace, a table of crossings or a table of onsets holds.
+    """The swing onsets (row, leg, t) in a trace, a table of crossings or a table of onsets.
 
     Args, raises: as for `gaits_in`.
     """
@@ -115,7 +110,7 @@ def onsets_of(
 
 
 def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFrame:
-    """The gaits of a settle table from the averages that its rows end with."""
+    """The gaits of a settle table, from the averages at the end of its rows."""
     names = {"delta_1": _MEAN.format(1), "delta_2": _MEAN.format(2)}
     names |= {name: f"{name}_end" for name in ("period", "variation", "antiphase", "length")}
     require(table, "row", "cycles", "gait", *names.values())
@@ -138,23 +133,3 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
     }
     return found
-
-
-def main() -> None:
-    from gaitsweep.table import load
-
-    parser = argparse.ArgumentParser(description="How many rows show which gait, over what varies.")
-    parser.add_argument("directory", help="a result directory: crossings, a trace or ends")
-    parser.add_argument(
-        "--window", nargs=2, type=float, default=(-math.inf, math.inf), help="begin and end, s"
-    )
-    parser.add_argument(
-        "--threshold", type=float, default=THRESHOLD, help="largest shift that is none, cycles"
-    )
-    given = parser.parse_args()
-    found = gaits_in(load(given.directory), window=tuple(given.window), thresholds=(given.threshold,))
-    print(gaits_counted(found).to_string(index=False))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Which gaits a parameter set shows over speed: one line for each set of a table with many starts."""
+"""The repertoire of gaits of each parameter set in a table with many starts."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.records import FAILURES, require
+from gaitsweep.analysis.records import FAILURES, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART
 
-# Gaits and their mirror images, by what they are called together; slow ones first.
+# The gaits and mirror images of each kind; slow kinds first.
 KINDS = {
     "walk": ("L-walk", "D-walk"),
     "trot": ("trot",),
@@ -23,7 +23,7 @@ KINDS = {
 def repertoire(
     table: pd.DataFrame, sets: Sequence[str], *, gait: str = "gait", speed: str = "speed_end"
 ) -> pd.DataFrame:
-    """What each parameter set does over all its rows, one line a set, in the order of the table.
+    """Count the gaits of each parameter set: one record for each set, in the order of the table.
 
     Columns: the `sets` themselves; `rows`; `fell`; `unsteady`; a count for each of the nine gaits; `gaits`,
     how many of the nine there are; `speed_walk` and so on, the median speed (m/s) of each of `KINDS`;
@@ -31,12 +31,12 @@ def repertoire(
 
     Args:
         table: a hold or settle table.
-        sets: the columns that name a parameter set.
+        sets: the columns that define a parameter set.
         gait: the column of gaits.
         speed: the column of speeds, m/s.
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     require(table, *sets, gait, speed, "status")
     keys = list(sets)

@@ -1,4 +1,4 @@
-"""From the times at which four legs begin to swing to their phases, whether they are steady, and the gait."""
+"""Phases, steadiness and gaits of four legs from their swing onsets."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.gaits.records import FAILURES, AnalysisError, require
+from gaitsweep.analysis.records import FAILURES, AnalysisError, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, STRICT, THRESHOLD, margin, place
 
 GAITS = (*CHART, "unsteady", "none")
 _UNSTEADY, _NONE = len(CHART), len(CHART) + 1
+_SAME = 1e-6  # s; two records of one onset differ by rounding errors alone
 
 
 @dataclasses.dataclass(frozen=True)
 class Steadiness:
-    """What a gait has to be to have a name (the first two: Fukuoka et al. 2015 as completed by the project).
+    """The criteria of a steady gait (the first two: Fukuoka et al. 2015, completed by the project).
 
     `length`: least resultant length of delta_1, delta_2 and the fore legs' shift; `variation`: largest
     coefficient of variation of the period; `skipped`: largest share of a row's intervals between onsets of a
@@ -38,19 +39,19 @@ class Steadiness:
 def onsets_in(
     trace: pd.DataFrame, signals: Mapping[str, str], level: float = 0.0, falling: bool = False
 ) -> pd.DataFrame:
-    """The onsets in a trace: where a signal comes to exceed a level, straight between samples.
+    """The swing onsets in a trace: times at which a signal exceeds a level, by linear interpolation.
 
     Args:
-        trace: a trace table: row, t and the signals; samples that are NaN have no onset beside them.
-        signals: for each leg, by its name in `LEGS`, the column of its signal.
+        trace: a trace table: row, t and the signals; there is no onset beside a NaN sample.
+        signals: the column of each leg's signal, by the leg's name in `LEGS`.
         level: in the signals' unit. A leg swings while u_f > 0; for contacts take 0.5 and `falling`.
-        falling: whether an onset is where the signal comes to lie below the level.
+        falling: whether an onset is where the signal falls below the level.
 
     Returns:
         One record an onset: row, leg, t (s), status where the trace has it.
 
     Raises:
-        AnalysisError: a column is not there, or a leg is none.
+        AnalysisError: the table does not have a column, or a leg is none.
     """
     require(trace, "row", "t", *signals.values())
     _refuse_others(signals)
@@ -69,6 +70,35 @@ def onsets_in(
     return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
 
 
+def onsets_of_crossings(table: pd.DataFrame, name: str = "since_{}_n") -> pd.DataFrame:
+    """The swing onsets in a table of crossings, for `gait_of`.
+
+    If a leg begins to swing twice between two crossings, the first onset is unknown.
+
+    Args:
+        table: records with row, crossing, t (s), status if known, and for each leg the time since its last
+            onset (s), as return maps and ramps of `planar_quadruped` have them.
+        name: the column of a leg, with {} for the leg's name.
+
+    Returns:
+        One record an onset: row, leg, t (s), status where the table has it.
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    require(table, "row", "crossing", "t", *(name.format(leg) for leg in LEGS))
+    kept = [column for column in ("row", "status") if column in table.columns]
+    crossed = table.loc[table["crossing"] > 0]
+    parts = []
+    for leg in LEGS:
+        t = crossed["t"].to_numpy(float) - crossed[name.format(leg)].to_numpy(float)
+        part = crossed[kept].assign(leg=leg, t=t)
+        part = part.loc[np.isfinite(t) & (t > 0.0)].sort_values(["row", "t"], kind="stable")
+        again = part.groupby("row")["t"].diff() < _SAME
+        parts.append(part.loc[~again])
+    return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
+
+
 def gait_of(
     onsets: pd.DataFrame | np.ndarray,
     *,
@@ -80,22 +110,22 @@ def gait_of(
     thresholds: Sequence[float] = (THRESHOLD, STRICT),
     steadiness: Steadiness | None = None,
 ) -> pd.DataFrame:
-    """The gait of each row, from when its legs begin to swing.
+    """The gait of each row, from the swing onsets of its legs.
 
-    A leg's phase is where its onsets lie in the cycles of another leg, averaged around the circle. A row's
-    gait is one of the nine; `unsteady`; or `none` where it failed, has too few cycles to tell, or has pairs
-    that are not in antiphase.
+    A leg's phase is the circular mean of the positions of its onsets in the cycles of another leg. A row's
+    gait is one of the nine, `unsteady`, or `none` if it failed, has too few cycles, or has pairs that are not
+    in antiphase.
 
     Args:
         onsets: records with row, leg (a name of `LEGS`) and t (s), and status if known; or times
             (rows, 4, k), NaN where there are fewer. In any order; NaN is left out.
-        legs: which leg each of an array's four is.
-        reference: the leg against which phases are given.
-        window: begin and end of what is read, s: numbers, or one for each of the result's rows.
-        rows: the rows of the result, those without onsets included; if not given, those in `onsets`.
-        failed: rows that fell, besides those whose status says so.
-        thresholds: largest shift that is none, cycles; the gait at each but the first is a column of its own.
-        steadiness: what is steady.
+        legs: the names of an array's four legs.
+        reference: the leg with phase 0.
+        window: begin and end of the time used, s: numbers, or one for each of the result's rows.
+        rows: the rows of the result, including those without onsets; by default those in `onsets`.
+        failed: rows that fell, besides those with a failed status.
+        thresholds: largest shift of a pair in phase, cycles; each but the first adds a column of gaits.
+        steadiness: criteria of a steady gait.
 
     Returns:
         One record a row, everything in cycles but for `period` (s), NaN where it is not known: row, cycles
@@ -159,11 +189,11 @@ def _inside(records: pd.DataFrame, window: tuple[Any, Any], count: int) -> pd.Da
 
 
 def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The onsets with how long the cycle `lasts` that each begins (NaN: none); the rows' cycles."""
+    """The onsets with the duration `lasts` of the cycle each begins (NaN: none), and the rows' cycles."""
     records = records.sort_values(["row", "leg", "t"], kind="stable", ignore_index=True)
     since = records.groupby(["row", "leg"])["t"].diff()
     usual = since.groupby(records["row"]).transform("median").to_numpy(float)
-    again = since.to_numpy(float) < 0.5 * usual  # a leg that begins so soon has begun already
+    again = since.to_numpy(float) < 0.5 * usual  # a second onset so soon belongs to the same swing
     odd = np.bincount(records["row"].to_numpy()[again], minlength=count)
     records, usual = records.loc[~again], usual[~again]
     lasts = -records.groupby(["row", "leg"])["t"].diff(-1).to_numpy(float)
@@ -206,7 +236,7 @@ def _shifts(cycles: pd.DataFrame, reference: str, count: int) -> dict[str, np.nd
 
 
 def _phases(mine: pd.DataFrame, others: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of one leg's onsets that lie in cycles of another, and their phases there, in [0, 1)."""
+    """The rows of one leg's onsets within cycles of another, and their phases there, in [0, 1)."""
     begins = others.dropna()
     begins = begins.assign(begin=begins["t"])  # of `others`, an empty frame would take all its rows again
     pairs = pd.merge_asof(mine[["row", "t"]], begins, on="t", by="row")
@@ -216,7 +246,7 @@ def _phases(mine: pd.DataFrame, others: pd.DataFrame) -> tuple[np.ndarray, np.nd
 
 
 def _mean(row: np.ndarray, phase: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The circular mean of each row's phases, cycles, and its resultant length, (count,); NaN of none."""
+    """The circular mean of each row's phases, cycles, and its resultant length, (count,); NaN if none."""
     angle = 2.0 * math.pi * phase
     x, y = np.bincount(row, np.cos(angle), count), np.bincount(row, np.sin(angle), count)
     with np.errstate(invalid="ignore"):

@@ -1,11 +1,7 @@
-"""The gaits that follow each other along a row of a four-legged model, such as while its speed changes.
-
-python -m gaitsweep.analysis.transitions.gait_bouts results/planar_quadruped_ramp
-"""
+"""Gait bouts: the sequence of gaits along a row of a four-legged model, for example as its speed changes."""
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,8 +13,8 @@ from gaitsweep.analysis.gaits.gait_tables import onsets_of
 from gaitsweep.analysis.gaits.swing_onsets import Steadiness, gait_of
 from gaitsweep.models.planar_quadruped.nine_gaits import STRICT, THRESHOLD, family
 
-# What moves on purpose is not steady in its period: a passage is judged by its shifts alone. Whole cycles of
-# all legs are not asked for, since of two onsets between crossings, as in a trot, the first is not known.
+# The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
+# are not required, since of two onsets between crossings, as in a trot, the first is not known.
 PASSING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
 
 
@@ -31,20 +27,20 @@ def gaits_along(
     falling: bool = False,
     thresholds: Sequence[float] = (THRESHOLD, STRICT),
 ) -> pd.DataFrame:
-    """The gait over every few successive cycles of LF, along each row; nothing need be steady in its period.
+    """The gait in each window of a few successive cycles of LF along each row; its period may vary.
 
     Args:
         table: a trace or a table of crossings, as for `gaits_in`.
-        cycles: how many cycles are read at once.
+        cycles: number of cycles in a window.
         signals, level, falling, thresholds: as for `gaits_in`.
 
     Returns:
-        One record for each such window: row, begin, end and t (their middle, s), delta_1, delta_2, gait,
-        gait_at_0.05, family (walk, trot, canter, gallop), and speed (m/s) where the table has x or speed_n;
-        the parameter that a ramp moves, and the pass, where there are any.
+        One record a window: row, begin, end and t (their middle, s), delta_1, delta_2, gait, gait_at_0.05,
+        family (walk, trot, canter, gallop), and speed (m/s) where the table has x or speed_n; for a ramp also
+        the moving parameter and the pass.
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     onsets = onsets_of(table, signals=signals, level=level, falling=falling)
     windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
@@ -63,17 +59,17 @@ def gaits_along(
     return along.assign(**_beside(table, along))
 
 
-def spells(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.DataFrame:
-    """The stretches over which one gait lasts, in order.
+def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.DataFrame:
+    """The gait bouts of each row, in order: intervals over which one gait lasts.
 
     Args:
-        along: as `gaits_along` gives it.
-        by: the column that tells gaits apart: family, gait or gait_at_0.05.
-        least: windows of which a stretch has at least; shorter ones are left out, and what they part is one.
+        along: the result of `gaits_along`.
+        by: the column of gaits: family, gait or gait_at_0.05.
+        least: least number of windows in a bout; shorter bouts are left out, and their neighbours joined.
 
     Returns:
-        One record a stretch: row, `by`, begin and end (s, of the middles of its windows), windows, and for
-        each other number of `along` its value at the first and the last window (speed_begin, speed_end, ...).
+        One record a bout: row, `by`, begin and end (s, middles of the first and last window), windows, and
+        the values of the other numbers of `along` in these two windows (speed_begin, speed_end, ...).
     """
     numbers = [name for name in along.columns if name not in ("row", "begin", "end", "t")]
     numbers = [name for name in numbers if pd.api.types.is_numeric_dtype(along[name])]
@@ -90,7 +86,7 @@ def spells(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.DataFr
 
 
 def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Windows of some cycles of LF (row, begin, end), and the onsets inside, whose row is their window's."""
+    """Windows of some cycles of LF (row, begin, end), and the onsets inside, with their window as row."""
     row, t = onsets["row"].to_numpy(), onsets["t"].to_numpy(float)
     at = np.flatnonzero((onsets["leg"] == "LF").to_numpy())
     first, last = at[:-cycles], at[cycles:]
@@ -113,13 +109,13 @@ def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFr
 
 
 def _runs(names: np.ndarray) -> list[np.ndarray]:
-    """The places (n,) of each run of one name."""
+    """The indices (n,) of each run of equal names."""
     turns = np.flatnonzero(names[1:] != names[:-1]) + 1
     return [part for part in np.split(np.arange(len(names)), turns) if len(part)]
 
 
 def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Speed, moving parameter and pass at each window, as far as the table has them."""
+    """Speed, moving parameter and pass in each window, if the table has them."""
     run = table.attrs.get("job", {}).get("run", {})
     straight = [name for name in (run.get("parameter"), "x", "speed_n") if name in table.columns]
     found = {name: np.full(len(along), np.nan) for name in straight}
@@ -144,22 +140,3 @@ def _beside(table: pd.DataFrame, along: pd.DataFrame) -> dict[str, np.ndarray]:
             found["pass"][at] = mine["pass"].to_numpy(float)[nearest]
     speed = found.pop("speed_n", found.pop("x", None))
     return found if speed is None else found | {"speed": speed}
-
-
-def main() -> None:
-    from gaitsweep.table import load
-
-    parser = argparse.ArgumentParser(description="The gaits that follow each other along each row.")
-    parser.add_argument("directory", help="a result directory: a ramp, a return map or a trace")
-    parser.add_argument("--by", default="family", help="what tells gaits apart: family, gait, gait_at_0.05")
-    given = parser.parse_args()
-    found = spells(gaits_along(load(given.directory)), given.by, least=3)
-    for row, mine in found.groupby("row"):
-        told = [
-            f"{s[given.by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")
-        ]
-        print(f"row {row}, m/s: {', '.join(told)}")
-
-
-if __name__ == "__main__":
-    main()

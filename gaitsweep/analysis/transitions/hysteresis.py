@@ -1,8 +1,8 @@
-"""Hysteresis: where a state is lost as a parameter rises and falls, and the area between the two branches.
+"""Hysteresis: the transition points as a parameter rises and falls, and the area of the loop.
 
-Reads ramps (a parameter that moves slowly), staircases (one that is held at each value in turn) and settled
-rows. A ramp lags: it jumps after the edge, the later the faster it is. A staircase's interval holds the edge
-if its holds are long enough; the intervals from settled rows on each branch need no such proviso.
+The functions read ramps (a slowly moving parameter), staircases (a parameter held at each value in turn) and
+settled rows. A ramp lags: it jumps after the transition point, and the faster it is, the later. The interval
+of a staircase contains the point if its holds are long enough; those of settled rows always do.
 """
 
 from __future__ import annotations
@@ -13,30 +13,31 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.circular import TURN, is_circular, mean_direction, unwrapped, wrapped
-from gaitsweep.analysis.gaits.records import UNDECIDED, axes_of, require, section_column
+from gaitsweep.analysis.circular import is_circular, mean_direction
+from gaitsweep.analysis.records import UNDECIDED, axes_of, require, section_column
 from gaitsweep.analysis.transitions.jumps import Course, courses, records_of, rising, stretches
+from gaitsweep.circular import TURN, wrapped_difference
 
-LEAST = 0.15  # in the observable's unit: a smaller change is no jump
+LEAST = 0.15  # least change of a jump, in the observable's unit
 
 
 def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
     """The jumps of each row and pass of a ramp or a staircase.
 
     Args:
-        table: a ramp or staircase table; records that are NaN and the last ones before a fall are left out.
-        observable: a section observable (delta_13); an angle is followed around the circle.
-        parameter: the column of the parameter that moves.
-        least: the least change that counts, in the observable's unit: from one hold to the next, or within
-            40 crossings of a ramp; besides, four times the lower quartile of such changes along the row.
+        table: a ramp or staircase table; NaN records and the last ones before a fall are left out.
+        observable: a section observable (delta_13); angles are unwrapped.
+        parameter: the column of the moving parameter.
+        least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
+            of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
 
     Returns:
-        One record a jump: row, what varies, pass, direction (rising or falling, the parameter's), `low` and
+        One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
         `high` (the parameter's interval: from the last value before the jump to the first after it; for a
-        ramp, where a tenth and nine tenths of it are done), before, after, size (after - before, signed).
+        ramp, where a tenth and nine tenths of it are completed), before, after, size (after - before).
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     name = section_column(table, observable)
     circular, axes = is_circular(table, name), axes_of(table)
@@ -63,10 +64,9 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
 
 
 def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
-    """Of each row and pass the largest of its `jumps`, in the same columns; none where it goes to and fro.
+    """The largest of the `jumps` of each row and pass, in the same columns, without oscillating passes.
 
-    A row that turns back twice or more often within a pass, as an irregular gait does, stands on no branch
-    and so loses none.
+    A row that reverses direction at least twice within a pass, as an irregular gait does, is on no branch.
     """
     found = jumps(table, observable, parameter, least)
     size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
@@ -77,29 +77,29 @@ def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: f
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 
 
-def edges(
+def transition_points(
     table: pd.DataFrame,
     observable: str,
     parameter: str,
     least: float = LEAST,
     by: Sequence[str] = (),
 ) -> pd.DataFrame:
-    """Where the state is lost in each pass, over all rows on a branch: of each its `largest_jumps`.
+    """The transition point of each pass, over all rows on a branch: their `largest_jumps`.
 
     Args:
         table, observable, parameter, least: as for `jumps`.
-        by: columns of what varies; rows that share them are taken together.
+        by: swept axes; rows with equal values are pooled.
 
     Returns:
-        One record a pass in which any row jumps: by, pass, direction, `low` and `high` (medians over the
-        rows; of an even number the outer one), `lowest` and `highest` (over all of them), size (median), rows
-        (that jump so), of (all rows).
+        One record for each pass with a jump: by, pass, direction, `low` and `high` (medians over the rows;
+        the outer one for an even number), `lowest` and `highest` (over all rows), size (median), rows (that
+        jump), of (all rows).
     """
     by = list(by)
     largest = largest_jumps(table, observable, parameter, least)
     require(largest, *by)
     keys = [*by, "pass", "direction"]
-    edge = (
+    points = (
         largest.groupby(keys, sort=True, observed=True)
         .agg(
             low=("low", lambda low: low.quantile(0.5, interpolation="lower")),
@@ -113,31 +113,31 @@ def edges(
     )
     if by:
         rows = table.groupby(by, observed=True).agg(of=("row", "nunique")).reset_index()
-        return edge.merge(rows, on=by, how="left")
-    return edge.assign(of=table["row"].nunique())
+        return points.merge(rows, on=by, how="left")
+    return points.assign(of=table["row"].nunique())
 
 
-def edges_by_gait(
+def transition_points_by_gait(
     table: pd.DataFrame, parameter: str, start: str, gait: str = "gait", by: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Where each gait is lost, from settled rows at many values of a parameter, started on each branch.
+    """The transition points of each gait, from settled rows at many values of a parameter on each branch.
 
-    At one value a gait is kept if a row settles in it, and lost if none of the rows from its own starts does:
-    those values of `start` from which it is reached anywhere in the table. Rows that reached their limit of
-    cycles or time decide nothing (a ghost of a lost gait holds them for long): a value at which nothing else
-    would show that the gait is lost is passed over, and the interval is the wider for it.
+    At one value a gait is kept if a row settles in it, and lost if no row from its own starts does. Its own
+    starts are the values of `start` from which it is reached anywhere in the table. Rows that reached their
+    limit of cycles or time are not used, since a ghost of a lost gait may hold them for long. A value without
+    other rows from the gait's own starts is skipped, which widens the interval.
 
     Args:
         table: a settle table.
         parameter: the column of the parameter.
-        start: the column of the start that chooses the branch.
+        start: the column of the start that selects the branch.
         gait: the column of the gait; `none` is not one.
-        by: columns of what else varies; each of their combinations has its own edges.
+        by: other swept axes; each of their combinations has its own transition points.
 
     Returns:
-        One record an edge: by, gait, direction (rising where the gait is lost as the parameter rises), kept
-        and lost (the last value at which it is kept, the first at which it is lost), low and high (the same
-        in order), rows (that settled in it at `kept`).
+        One record a point: by, gait, direction (rising if the gait is lost as the parameter rises), kept and
+        lost (the last value at which it is kept, the first at which it is lost), low and high (the same in
+        order), rows (that settled in it at `kept`).
     """
     by = list(by)
     require(table, "status", parameter, start, gait, *by)
@@ -157,18 +157,19 @@ def edges_by_gait(
 
 
 def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFrame:
-    """The area between the branches of each pass up and the pass down beside it (parameter x observable).
+    """The area of each hysteresis loop: between a rising pass and the next falling one.
 
-    Each branch is the observable over the parameter (mean direction where a value has several records),
-    straight between its values; differences of angles go the shorter way. A ramp's lag adds to the area.
+    A branch is the observable over the parameter (the circular mean of several records at one value), linear
+    between its values; angles differ by the shorter way. The area has the unit parameter x observable. The
+    lag of a ramp adds to it.
 
     Returns:
-        One record a row and pair of passes: row, what varies, loop (0, 1, ...), area (of the absolute
-        difference), signed (of rising minus falling), low and high (where both passes are); NaN where a row
-        has not both passes. Rows with fewer than two records are left out.
+        One record a row and pair of passes: row, swept axes, loop (0, 1, ...), area (of the absolute
+        difference), signed (rising minus falling), low and high (the common range of both passes); NaN if a
+        row lacks one of the passes. Rows with fewer than two records are left out.
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     name = section_column(table, observable)
     circular, axes = is_circular(table, name), axes_of(table)
@@ -184,7 +185,7 @@ def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:
 
 
 def _edges_of(part: pd.DataFrame, parameter: str, start: str, reached: np.ndarray) -> list[dict[str, object]]:
-    """The edges of one gait, given which rows ended in it."""
+    """The transition points of one gait, given the rows that ended in it."""
     undecided = part["status"].astype(str).isin(list(UNDECIDED)).to_numpy()
     settled = reached & ~undecided
     own = part[start].isin(part.loc[settled, start].unique()).to_numpy()
@@ -217,7 +218,7 @@ def _area(course: Course, first: int, circular: bool) -> dict[str, float]:
     grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
     here, there = (np.interp(grid, at, value) for at, value in branches)
     difference = (here - there) if rising(course, first) else (there - here)
-    difference = wrapped(difference) if circular else difference
+    difference = wrapped_difference(difference) if circular else difference
     area, signed = np.trapezoid(np.abs(difference), grid), np.trapezoid(difference, grid)
     return {"area": float(area), "signed": float(signed), "low": float(low), "high": float(high)}
 
@@ -230,4 +231,4 @@ def _branch(course: Course, number: int, circular: bool) -> tuple[np.ndarray, np
     if not circular or not len(at):
         return at, np.bincount(which, value) / np.bincount(which) if len(at) else at
     means = np.array([mean_direction(value[which == i]) for i in range(len(at))])
-    return at, unwrapped(means)
+    return at, np.unwrap(means)

@@ -1,7 +1,8 @@
-"""Where a section observable jumps from one branch to another along a row.
+"""Jumps of a section observable from one branch to another along a row.
 
-A course is one row's records in their order, the observable unwrapped. A jump of a staircase lies between two
-holds; that of a ramp is a stretch of crossings over which the smoothed observable moves faster than a branch.
+A course is the ordered records of one row, with the observable unwrapped. A jump of a staircase is between
+two holds; a jump of a ramp is a stretch of crossings in which the smoothed observable changes faster than on
+a branch.
 """
 
 from __future__ import annotations
@@ -14,21 +15,21 @@ import numpy as np
 import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
-from gaitsweep.analysis.circular import is_circular, unwrapped
-from gaitsweep.analysis.gaits.records import require, section_column, sound
+from gaitsweep.analysis.circular import is_circular
+from gaitsweep.analysis.records import require, section_column, sound
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
-SPAN = 40  # crossings of a ramp within which it has to move by `least` to jump
-# Shares of a jump that its slow ends may take: what a branch bends before its edge, where crossings are many;
-# between holds next to nothing, as a hold just beyond the edge may have moved so little.
+SPAN = 40  # crossings of a ramp within which a jump changes the observable by `least`
+# Shares of a jump in its slow ends, which are cut off. A ramp has many crossings on the bent end of a branch;
+# of a staircase only the small change of a hold just beyond the edge is cut off.
 CROSSING_FOOT, HOLD_FOOT = 0.1, 0.02
-STEEPER = 4.0  # times as much as a row's slower changes: else it is a branch that is steep, or noise
+STEEPER = 4.0  # least ratio of a jump to the row's slower changes; else it is a steep branch or noise
 
 
 class Course(NamedTuple):
-    """One row of a ramp or a staircase, (n,) each: the observable is unwrapped, and smoothed for a ramp.
+    """One row of a ramp or a staircase, (n,) each; the observable is unwrapped, and smoothed for a ramp.
 
-    `settled` says which records stand on a branch (None for a ramp); `first` is the row's first record.
+    `settled` marks the records on a branch (None for a ramp); `first` is the row's first record.
     """
 
     first: pd.Series
@@ -46,7 +47,7 @@ class Stretch(NamedTuple):
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
-    """The rows of a ramp or staircase table that have two records at least; NaN and falls are left out."""
+    """The rows of a ramp or staircase table with at least two records; NaN and falls are left out."""
     name = section_column(table, observable)
     stairs = "stair" in table.columns
     order = "stair" if stairs else "crossing"
@@ -59,7 +60,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         if len(part) - begin < 2:
             continue
         value = part[name].to_numpy(float)[begin:]
-        value = unwrapped(value) if circular else value
+        value = np.unwrap(value) if circular else value
         settled = part["settled"].to_numpy(bool)[begin:] if stairs and "settled" in part.columns else None
         if stairs:
             settled = np.ones(len(value), bool) if settled is None else settled
@@ -70,9 +71,9 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
 
 
 def stretches(course: Course, least: float) -> list[Stretch]:
-    """The jumps of a course by `least` or more (in the observable's unit), in their order.
+    """The jumps of a course by `least` or more (in the observable's unit), in order.
 
-    They also have to be larger than four times the lower quartile of the course's changes.
+    A jump is also larger than four times the lower quartile of the course's changes.
     """
     if course.settled is not None:
         return _between_holds(course.value, course.settled, least)
@@ -80,13 +81,13 @@ def stretches(course: Course, least: float) -> list[Stretch]:
 
 
 def where_it_moves(parameter: np.ndarray) -> int:
-    """The last record before a ramp begins to move: what was held before it is a transient of the start."""
+    """The index of the last record before a ramp moves; earlier ones are a transient of the start."""
     moved = np.flatnonzero(parameter != parameter[0]) if len(parameter) else np.zeros(0, int)
     return max(int(moved[0]) - 1, 0) if len(moved) else 0
 
 
 def records_of(course: Course, number: int) -> np.ndarray:
-    """The records of a pass, (k,), the turning point before it included; none where it is missing."""
+    """The indices (k,) of a pass's records with the turning point before it; empty without such a pass."""
     mine = np.flatnonzero(course.passes == number)
     return np.arange(max(mine[0] - 1, 0), mine[-1] + 1) if len(mine) else mine
 
@@ -98,7 +99,7 @@ def rising(course: Course, number: int) -> bool:
 
 
 def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list[Stretch]:
-    """Changes between holds; those that an unsettled hold parts, while still moving on, are one jump."""
+    """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
     found = []
@@ -115,7 +116,7 @@ def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list
 
 
 def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> Stretch:
-    """A stretch without the slow ends of it: those that make up less than `foot` of the whole change each."""
+    """A stretch without its slow ends, each of which holds less than the share `foot` of the change."""
     share = (value[start : stop + 1] - value[start]) / ((value[stop] - value[start]) or 1.0)
     after = int(np.argmax(share >= 1.0 - foot))
     before = int(np.flatnonzero(share[: after + 1] <= foot)[-1])

@@ -1,7 +1,7 @@
-"""Where the data of a one-dimensional map break off: gaps without points, and jumps of the map.
+"""Breaks in the data of a one-dimensional map: gaps without points, and jumps of the map.
 
-A curve through the data of both sides of a break would show values that no trajectory has, and a zero of the
-drift where there is none. So a map is smoothed, and searched for fixed points, on each piece by itself.
+A curve across a break would have values that no trajectory has, and false zeros of the drift. So a map is
+smoothed, and searched for fixed points, on each piece separately.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _STEP = (1.0 / 3.0, 2.0)  # of the lines' difference: what the two points in the
 def breaks(
     value: np.ndarray, change: np.ndarray, share: np.ndarray, first: np.ndarray, bandwidth: float, step: float
 ) -> np.ndarray:
-    """After which of the points, sorted by their value, the map's data break off, bool (n - 1,).
+    """Whether there is a break after each of the points, sorted by their value, bool (n - 1,).
 
-    A gap is wider than the spacing of the points around it justifies: 4 times as wide as they lie, twice as
-    wide as the rows' first points lie, or two bandwidths. Spacings below `step` are none. At a jump, the
+    A gap is wider than the spacing of the points around it: 4 times their spacing, twice the spacing of the
+    rows' first points, or two bandwidths. Spacings below `step` are no gaps. At a jump, the
     lines through the points on both sides (4 at least, within a bandwidth) differ, between the two points in
     the middle, by 6 standard errors and by 3 times their largest residual.
 

@@ -1,10 +1,10 @@
-"""First return maps of one section observable, read from successive crossings of many starts.
+"""First return maps of one section observable, from successive crossings of many starts.
 
-The map x_n -> x_{n+1} is read as its drift x_{n+1} - x_n over x_n, smoothed by local fits. Where the drift
-is zero the map has a fixed point, stable where its slope (1 + the drift's) is between -1 and 1; where it is
-small without being zero, a ghost: rows stay there for long, and leave. Nothing is told of the map where the
-data have a gap, and it is not smoothed over a jump. All this holds as far as the state is one-dimensional on
-the section: let the faster directions die out first (`run.after_cycles`).
+The map x_n -> x_{n+1} is represented by its drift x_{n+1} - x_n over x_n, smoothed by local fits. The map has
+a fixed point where the drift is zero, stable if its slope (1 + the drift's) is between -1 and 1. Where the
+drift is small without a zero, the map has a ghost: rows stay there for long, then leave. The map has no value
+in gaps of the data, and is not smoothed over jumps. The method assumes a one-dimensional state on the
+section: let the faster directions decay first (`run.after_cycles`).
 """
 
 from __future__ import annotations
@@ -15,34 +15,35 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.chain.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
-from gaitsweep.analysis.circular import TURN, cut, is_circular, on_line, wrapped
-from gaitsweep.analysis.gaits.records import axes_of, require, section_column, sound
+from gaitsweep.analysis.circular import cut, is_circular, on_line
+from gaitsweep.analysis.records import axes_of, require, section_column, sound
+from gaitsweep.analysis.transitions.drift import NEAR, Drift, drifts_of, ghosts_of, zeros_of
+from gaitsweep.circular import TURN, wrapped_difference
 
-BANDWIDTH = 0.05  # rad: half the width of the window of the local lines
-_SHARE = 0.05  # of the values' range: the bandwidth of what is no angle
-_NEIGHBOURS = 0.25  # rad: fixed points of two neighbouring parameter values farther apart are not one branch
-_NEAR_ON_A_LINE = 0.25  # of the values' range: the same for what is no angle
+BANDWIDTH = 0.05  # rad; half the width of the window of the local lines
+_SHARE = 0.05  # bandwidth of an observable that is no angle, as a share of its range
+_NEIGHBOURS = 0.25  # rad; largest distance between points of one branch at neighbouring parameter values
+_NEAR_ON_A_LINE = 0.25  # the same for an observable that is no angle, as a share of its range
 
 By = str | Sequence[str] | None
 
 
 def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
-    """Successive section values of a table with one record a crossing.
+    """Pairs of successive section values in a table with one record a crossing.
 
-    Rows that failed lose their last ten crossings, and pairs with a crossing missing between are none.
+    Failed rows lose their last ten crossings; there is no pair across a missing crossing.
 
     Args:
         table: a return map's table, or any with row and crossing.
         observable: a section observable (delta_13).
-        by: columns to keep beside those that vary.
+        by: columns to keep besides the swept axes.
 
     Returns:
-        One record a pair: row, what varies and `by`, crossing, value (x_n), next (x_{n+1}, angles in
+        One record a pair: row, swept axes and `by`, crossing, value (x_n), next (x_{n+1}, angles in
         [0, 2 pi)), change (x_{n+1} - x_n, angles by the shorter way).
 
     Raises:
-        AnalysisError: a column is not there.
+        AnalysisError: the table does not have a column.
     """
     name, kept = section_column(table, observable), dict.fromkeys([*axes_of(table), *_listed(by)])
     require(table, "row", "crossing", *kept)
@@ -54,25 +55,27 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
     found = table[["row", *kept, "crossing"]].iloc[first].reset_index(drop=True)
     here, there = value[first], value[first + 1]
     if is_circular(table, name):
-        return found.assign(value=np.mod(here, TURN), next=np.mod(there, TURN), change=wrapped(there - here))
+        return found.assign(
+            value=np.mod(here, TURN), next=np.mod(there, TURN), change=wrapped_difference(there - here)
+        )
     return found.assign(value=here, next=there, change=there - here)
 
 
 def drift(
     table: pd.DataFrame, observable: str, by: By = None, bandwidth: float | None = None
 ) -> pd.DataFrame:
-    """The smoothed drift where there are points enough, along the observable.
+    """The smoothed drift along the observable, where there are enough points.
 
     Args:
         table, observable: as for `pairs`.
-        by: columns of which each combination has a map of its own.
-        bandwidth: half the width of the window in which a line is fitted, in the observable's unit; 0.05 rad
-            for an angle and a twentieth of the values' range for others if not given.
+        by: columns; each combination of their values has its own map.
+        bandwidth: half the width of the window in which a line is fitted, in the observable's unit; by
+            default 0.05 rad for an angle and a twentieth of the values' range for others.
 
     Returns:
-        One record a place, five to a bandwidth: by, value (angles on one turn, uncut where the data are),
-        drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter), count,
-        piece (the number of the piece of the data, between gaps and jumps, that the place lies on).
+        One record for each of five points in a bandwidth: by, value (angles on one turn, cut where no data
+        are), drift, slope (of the drift), drift_error and slope_error (standard errors from the scatter),
+        count, piece (the number of the piece of the data, between gaps and jumps).
     """
     found = []
     for place, piece, curve in _drifts(table, observable, by, bandwidth):
@@ -95,20 +98,19 @@ def drift(
 def fixed_points(
     table: pd.DataFrame, observable: str, by: By = None, bandwidth: float | None = None
 ) -> pd.DataFrame:
-    """The fixed points of the return map: zero crossings of the drift from one sure sign to the other.
+    """The fixed points of the return map: zeros of the drift between significant values of opposite sign.
 
-    A sign is sure where the drift is two standard errors from zero. There is no fixed point in a gap of the
-    data or where the map jumps, and none without points on both sides, the drift's sign turning between them;
-    but where rows come to rest at an end of the data there is one. The last fit, at the fixed point, is a
-    parabola where the data show that the map bends.
+    A value is significant if it is two standard errors from zero. There is no fixed point in a gap or at a
+    jump, and none without points of both signs on its two sides, except where rows come to rest at an end of
+    the data. The final fit at the fixed point is a parabola if the data show curvature.
 
     Args:
         table, observable, by, bandwidth: as for `drift`.
 
     Returns:
         One record a fixed point: by, value, value_error, slope (of the map), slope_error, stable, count (of
-        the pairs in its window). Errors are standard errors from the scatter. Stable means |slope| < 1; that
-        it is below 1 is read from the sure signs on both sides, which noise does not turn as it does a slope.
+        the pairs in its window). Errors are standard errors from the scatter. Stable means |slope| < 1.
+        Whether the slope is below 1 follows from the signs on both sides, which are more robust to noise.
     """
     columns = [*_listed(by), "value", "value_error", "slope", "slope_error", "stable", "count"]
     found = []
@@ -136,14 +138,14 @@ def ghosts(
     bandwidth: float | None = None,
     near: float = NEAR,
 ) -> pd.DataFrame:
-    """Where the drift comes close to zero and turns back: what is left of two fixed points that have met.
+    """The ghosts: minima of the size of the drift near zero, left behind by a saddle-node bifurcation.
 
     Args:
         table, observable, by, bandwidth: as for `drift`.
-        near: the largest size of drift that counts, in the observable's unit a crossing.
+        near: the largest drift of a ghost, in the observable's unit a crossing.
 
     Returns:
-        One record a ghost: by, value, drift (least in size there, signed), drift_error (standard error).
+        One record a ghost: by, value, drift (signed), drift_error (standard error).
     """
     found = []
     for place, _, curve in _drifts(table, observable, by, bandwidth):
@@ -159,7 +161,7 @@ def branches(
     parameter: str,
     bandwidth: float | None = None,
 ) -> pd.DataFrame:
-    """The branch diagram: the fixed points at each value of a parameter, joined into branches.
+    """The bifurcation diagram: the fixed points at each value of a parameter, joined into branches.
 
     Args:
         tables_by_parameter: a return map's table with the parameter as a column, or one table for each value.
@@ -167,9 +169,9 @@ def branches(
         parameter: the column of the parameter, and its name in the result.
 
     Returns:
-        As `fixed_points`, and `branch`: a number for the fixed points of one stability that are each other's
-        nearest from one value of the parameter to the next, and no farther apart than 0.25 rad (of what is no
-        angle: a quarter of the values' range).
+        As `fixed_points`, with `branch`: a number for the fixed points of one stability that are mutually
+        nearest at neighbouring values of the parameter, at most 0.25 rad apart (a quarter of the values'
+        range if the observable is no angle).
     """
     if isinstance(tables_by_parameter, Mapping):
         found = [
@@ -199,7 +201,7 @@ def _listed(by: By) -> list[str]:
 def _drifts(
     table: pd.DataFrame, observable: str, by: By, bandwidth: float | None
 ) -> Iterator[tuple[dict[str, Any], int, Drift]]:
-    """The drift of each combination of `by`, piece by piece: its values, the piece's number, the curve."""
+    """The drift of each combination of `by` and piece: the values of `by`, the piece's number, the curve."""
     name, names = section_column(table, observable), _listed(by)
     circular = is_circular(table, name)
     found = pairs(table, observable, by)
@@ -219,7 +221,7 @@ def _drifts(
 def _joined(
     points: pd.DataFrame, parameter: str, tried: Sequence[float], reach: float, circular: bool
 ) -> np.ndarray:
-    """The branch of each fixed point; none goes on over a value of the parameter at which it has no point."""
+    """The branch number of each fixed point; a branch ends at a parameter value without a point of it."""
     branch = np.full(len(points), -1)
     if not len(points):
         return branch
@@ -229,7 +231,7 @@ def _joined(
     before = np.zeros(0, int)
     for now in at:
         apart = value[now][:, None] - value[before][None, :]
-        apart = np.abs(wrapped(apart) if circular else apart)
+        apart = np.abs(wrapped_difference(apart) if circular else apart)
         apart = np.where(stable[now][:, None] == stable[before][None, :], apart, np.inf)
         for i, point in enumerate(now):
             j = int(np.argmin(apart[i])) if len(before) else -1

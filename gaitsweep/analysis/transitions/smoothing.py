@@ -1,4 +1,4 @@
-"""Local regression: a smooth curve through scattered points, its slope, and the errors of both."""
+"""Local regression: a smooth curve through scattered points, its slope, and their standard errors."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-LEAST = (3.0, 6.0)  # points, by their shares, in the window of a line and of a parabola
-SPREAD = 0.02  # mean square distance of these points from their middle, in bandwidths; evenly spread: 0.2
+LEAST = (3.0, 6.0)  # least weight of the points in the window of a line and of a parabola
+SPREAD = 0.02  # least variance of these points, in squared bandwidths; 0.2 if evenly spread
 WIDER = (1.0, 1.5, 2.25)  # bandwidths tried for a line where points are few
-_WORST = 1e9  # condition of a fit that still tells something
-_BENT = 3.0  # standard errors of its bending that a parabola has to show
+_WORST = 1e9  # largest condition number of a fit
+_BENT = 3.0  # least curvature of a parabola, in standard errors
 _NOTHING = (float("nan"),) * 4
-LEAST_GROUPS = (
-    12  # of points that may err together, for errors that know of them: of fewer they are too small
-)
+LEAST_GROUPS = 12  # least number of groups for clustered errors, which are too small with fewer
 
 
 class Smooth(NamedTuple):
-    """The curve at some places, (k,) each: value and slope with their standard errors, points in the window.
+    """The curve at k positions, (k,) each: value and slope with standard errors, points in the window.
 
-    All but the points are NaN where there are too few points.
+    All but the number of points are NaN where there are too few points.
     """
 
     at: np.ndarray
@@ -41,23 +39,23 @@ def local_polynomial(
     degree: int = 1,
     widen: bool = True,
 ) -> Smooth:
-    """Fit a line or a parabola around each place, by weights that fall to zero at `bandwidth` from it.
+    """Fit a line or a parabola around each position, with weights that fall to zero at `bandwidth`.
 
-    The weights are Epanechnikov's, 1 - (distance/bandwidth)^2. Where there are too few points within a
-    bandwidth, or all in one place, a line is fitted to those within 1.5 or 2.25 of it, if that helps. The
-    errors come from the scatter around the fit, whatever its size along x (jackknifed residuals in a
-    sandwich); points of a group may err together. What a line loses to the curve's bending is not in them:
-    value by bandwidth^2/10 times the second derivative amid the data, and slope by about half a bandwidth
-    times it at their end; a parabola does not.
+    The weights are Epanechnikov's, 1 - (distance/bandwidth)^2. If the points within a bandwidth are too few
+    or coincide, a line is fitted to those within 1.5 or 2.25 bandwidths, if that helps. The errors are
+    heteroscedastic (jackknifed residuals in a sandwich estimator), with correlated errors within groups. They
+    do not contain the bias of a line by curvature: bandwidth^2/10 times the second derivative for the value
+    amid the data, and about half a bandwidth times it for the slope at their end. A parabola has no such
+    bias.
 
     Args:
         x, y: the points, (n,).
-        group: which points belong together, such as those of one row, (n,).
-        share: how much each point counts when it is asked whether there are points enough, (n,).
-        at: the places, (k,).
+        group: the group of each point, such as its row, (n,).
+        share: the weight of each point in the test for enough points, (n,).
+        at: the positions, (k,).
         bandwidth: half the width of the window, in the unit of x.
-        degree: 1 or 2; a parabola is fitted only where its bending is three standard errors from none.
-        widen: whether a line may take a wider window where points are few.
+        degree: 1 or 2; a parabola is fitted only if its curvature is three standard errors from zero.
+        widen: whether the window of a line may be widened where points are few.
     """
     order = np.argsort(x, kind="stable")
     x, y, group, share = x[order], y[order], group[order], share[order]
@@ -78,7 +76,7 @@ def local_polynomial(
 
 
 def _enough(distance: np.ndarray, weight: np.ndarray, least: float) -> bool:
-    """Whether there are `least` points by their weights, and not all in one place."""
+    """Whether the points have the weight `least`, and do not coincide."""
     if len(distance) < 4 or weight.sum() < least:
         return False
     middle = np.average(distance, weights=weight)
@@ -88,16 +86,16 @@ def _enough(distance: np.ndarray, weight: np.ndarray, least: float) -> bool:
 def _fit(
     distance: np.ndarray, y: np.ndarray, group: np.ndarray, share: np.ndarray, degree: int
 ) -> tuple[float, ...]:
-    """Value, slope and their standard errors at distance 0, the bandwidth being 1."""
+    """The value, slope and their standard errors at distance 0, for bandwidth 1."""
     weight = 1.0 - distance**2
     if not _enough(distance, weight * share, LEAST[degree - 1]):
         return _NOTHING
     design = distance[:, None] ** np.arange(degree + 1)
     normal = design.T @ (weight[:, None] * design)
-    # columns to one length: then the condition tells points in one place from points far from it
+    # columns of equal length: then the condition number detects points that coincide
     scale = np.sqrt(np.diag(normal))
     if np.linalg.cond(normal / np.outer(scale, scale)) > _WORST:
-        return _NOTHING  # all in one place: they have settled, and tell no slope
+        return _NOTHING  # all points coincide, as of settled rows: no slope
     inverse = np.linalg.inv(normal)
     fit = inverse @ (design.T @ (weight * y))
     leverage = weight * np.einsum("ij,jk,ik->i", design, inverse, design)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
 from gaitsweep.engine.recorders.recorder import (
@@ -179,8 +180,7 @@ def slowest(moved: jax.Array) -> jax.Array:
 def change(model: Model, difference: jax.Array) -> jax.Array:
     """Differences of observables, those of angles wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
-    wrapped = jnp.mod(difference + jnp.pi, 2.0 * jnp.pi) - jnp.pi
-    return jnp.where(circular[None, :], wrapped, difference)
+    return jnp.where(circular[None, :], wrapped_difference(difference), difference)
 
 
 def _each(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:

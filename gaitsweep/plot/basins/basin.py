@@ -1,4 +1,4 @@
-"""Basins of attraction: the gait that each start leads to, over two varied quantities (Ambe 2021, Fig. 5)."""
+"""Basins of attraction: the gait that each start leads to, over two swept quantities (Ambe 2021, Fig. 5)."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
-    FAILED,
-    NOT_SETTLED,
     PlotError,
     axis_label,
     categories,
@@ -42,19 +41,20 @@ def basin(
     panels: str | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Cells coloured by what each start led to, one panel for each value of `panels`, shares in the legend.
+    """Cells coloured by the outcome of each start, one panel for each value of `panels`, shares in the
+    legend.
 
     Starts on a grid are drawn as cells; others as points. A numeric `hue` is drawn on a colour scale. Rows
-    that failed or did not settle are hatched grey; cells whose rows are not there yet are left white.
+    that failed or did not settle are hatched grey; cells without a row yet are left white.
 
     Args:
-        table: a settle table; partial ones are drawn as far as they go.
+        table: a settle table; a partial table is drawn as far as it goes.
         x, y: columns along the axes.
-        hue: column that colours; panels: column of which each value gets a panel.
+        hue: column that sets the colour; panels: column; each of its values has a panel.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or a cell has several rows.
+        PlotError: the table does not have a column, or a cell has several rows.
     """
     for name in (x, y, hue, *([panels] if panels else [])):
         column(table, name)
@@ -78,7 +78,7 @@ def basin(
         looks = style.colours(names), style.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
-        # the grid of all panels tells which cells one of them lacks
+        # the grid of all panels shows which cells one panel lacks
         whole = tuple(np.unique(table[name].dropna().to_numpy(float)) for name in (x, y))
         for axes, value, part in zip(grid, values, parts, strict=False):
             drawn = _cells(axes, part, x, y, hue, shown.loc[part.index], limits, looks, whole)
@@ -124,7 +124,7 @@ def _cells(
     looks: _Looks,
     whole: tuple[np.ndarray, ...],
 ):
-    """Draw one panel; returns what a colour scale is read from, for a numeric hue."""
+    """Draw one panel; returns the artist of the colour scale for a numeric hue."""
     part = rows_where(part, part[x].notna() & part[y].notna())
     if not len(part):
         style.message(axes, "no rows yet")
@@ -165,7 +165,7 @@ def _points(
     limits: tuple | None,
     looks: _Looks,
 ):
-    """Starts that lie on no grid, one point each."""
+    """Starts that form no grid, one point each."""
     size = float(np.clip(4e3 / len(part), 2.0, 30.0))
     if limits is not None:
         colour = part[hue]
@@ -182,7 +182,7 @@ def _points(
 def _legend(
     figure: Figure, parts: list[pd.Series], names: list[str], looks: _Looks, panels: str, inferred: float
 ) -> None:
-    """Below the panels: each outcome with its share, panel by panel where they are few."""
+    """The legend below the panels: each outcome with its share, for each panel if there are few."""
     colour, _ = looks
     apart = parts if 1 < len(parts) <= _PANELS_A_ROW else [pd.concat(parts)]
     handles = []

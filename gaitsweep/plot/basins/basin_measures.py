@@ -1,4 +1,4 @@
-"""Basins in numbers: shares with intervals, entropies, and the share of uncertain starts over their error."""
+"""Basin measures: fractions with intervals, basin entropies, uncertainty fraction over eps."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.attractors.matching import follow_attractors
 from gaitsweep.analysis.basins.measures import Basins, basins
-from gaitsweep.analysis.gaits.records import axes_of
+from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
 
-_MOST_NAMED = 6  # lines that a legend names; of more a bar shows the shades
+_MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
 _SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 
 
@@ -32,18 +32,17 @@ def basin_measures(
     panels: str | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Three panels: the share of each outcome with its interval, entropies, and uncertain starts over eps.
+    """Three panels: the fraction of each outcome with its interval, entropies, uncertainty fraction over eps.
 
     Args:
-        table: a settle table, refined or not; partial ones are measured as far as they go.
-        axes: columns of the starts; what varies besides `panels` if not given.
-        hue: column of what starts come to; `attractor` groups the settled states, and follows them along
-            `panels`.
-        panels: column of which each value is measured by itself.
+        table: a settle table, refined or not; a partial table is measured as far as it goes.
+        axes: columns of the starts; by default the swept axes other than `panels`.
+        hue: column of the outcomes; `attractor` groups the settled states, and matches them along `panels`.
+        panels: column; each of its values is measured separately.
         title: text above the figure.
 
     Raises:
-        PlotError, AnalysisError: a column is not there, or there is nothing to measure along.
+        PlotError, AnalysisError: the table does not have a column, or no axis is left.
     """
     if panels:
         column(table, panels)
@@ -72,7 +71,7 @@ def _with_attractors(table: pd.DataFrame, panels: str | None) -> pd.DataFrame:
 
 
 def _along(axes: Axes, table: pd.DataFrame, panels: str | None, measured: Basins) -> dict[object, float]:
-    """Where the values of the panels' column stand along an axis, which is labelled accordingly."""
+    """The positions of the panels' values along an axis, which is labelled with them."""
     if panels is None:
         axes.set_xticks([])
         axes.set_xlim(-1.0, 1.0)
@@ -149,7 +148,7 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
 
 
 def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:
-    """A bar of the lines' shades, from the first value of the panels' column to the last, and the slopes."""
+    """A colour bar of the lines, from the first value of the panels' column to the last, and the slopes."""
     values = list(measured[panels])
     bar = axes.inset_axes((0.1, -0.36, 0.8, 0.05))
     bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_SHADES, aspect="auto", vmin=0.0, vmax=1.0)

@@ -1,4 +1,4 @@
-"""Cells around values on a grid: whether values lie on one, the edges of cells, and their hatching."""
+"""Cells around values on a grid: detection of the grid, edges of cells, and hatching."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gaitsweep.plot import style
 
 
 def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, marked: np.ndarray) -> None:
-    """Hatch the marked cells, runs of neighbours in a row as one rectangle."""
+    """Hatch the marked cells; neighbours in a row become one rectangle."""
     across, up = edges
     cells = np.zeros((len(up) - 1, len(across) - 1), bool)
     cells[at] = marked
@@ -25,7 +25,7 @@ def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, mar
 
 
 def on_grid(values: np.ndarray) -> bool:
-    """Whether sorted values lie on a grid: all steps whole multiples of the smallest, up to rounding."""
+    """Whether sorted values form a grid: all steps are whole multiples of the smallest, up to rounding."""
     gaps = np.diff(values)
     if not len(gaps):
         return True
@@ -34,8 +34,10 @@ def on_grid(values: np.ndarray) -> bool:
 
 
 def filled(values: np.ndarray) -> np.ndarray:
-    """Sorted values that lie on a grid, with those between them that are missing, so that no cell grows over
-    its missing neighbour; values as they are where their steps are no multiples of the smallest."""
+    """Sorted values of a grid with the missing ones between them, so that no cell covers a missing neighbour.
+
+    Values that form no grid are returned as they are.
+    """
     gaps = np.diff(values)
     if not len(gaps):
         return values
@@ -47,7 +49,7 @@ def filled(values: np.ndarray) -> np.ndarray:
 
 
 def cell_edges(centres: np.ndarray) -> np.ndarray:
-    """Edges of cells around their centres (of a grid: `filled`), half way between neighbours."""
+    """The edges of cells, half way between neighbouring centres (for a grid: `filled`)."""
     if len(centres) == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = 0.5 * (centres[1:] + centres[:-1])

@@ -1,4 +1,4 @@
-"""Gait maps: which gaits are stable at each place of a plane of two parameters, each from several starts."""
+"""Gait maps: the gaits reached from several starts at each point of a plane of two parameters."""
 
 from __future__ import annotations
 
@@ -11,30 +11,29 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
-from gaitsweep.plot.columns import FAILED, NOT_SETTLED, column, described, is_angle, outcome, rows_where
+from gaitsweep.plot.columns import column, described, is_angle, outcome, rows_where
 
-OTHER = "another gait"  # settled, in none that the model names
+OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (NOT_SETTLED, FAILED)
 
 
 def gait_map(table: pd.DataFrame, *, x: str, y: str, hue: str = "gait", title: str | None = None) -> Figure:
     """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
 
-    A gait belongs to a cell's set if any of its starts settles there; starts that fall or do not settle take
-    nothing away. A cell of which no start settles in a named gait is `another gait`, `not settled` or
-    `failed`, the first of these that any of its starts is. The legend gives each set's share of the cells.
+    A gait belongs to a cell's set if any start of the cell settles in it; starts that fall or do not settle
+    do not change the set. A cell without a named gait is `another gait`, `not settled` or `failed`: the first
+    of these that occurs among its starts. The legend gives each set's share of the cells.
 
     Args:
-        table: a settle table, several starts for each pair of x and y; partial ones are drawn as far as they
-            go.
-        x, y: columns along the axes.
-        hue: the column of the gait; `none` is not a gait.
-        title: text above the figure.
+        table: a settle table, several starts for each pair of x and y; a partial table is drawn as far as it
+        goes. x, y: columns along the axes. hue: the column of the gait; `none` is not a gait. title: text
+        above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     for name in (x, y, hue):
         column(table, name)
@@ -74,7 +73,7 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
 
 
 def _ordered(sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """The sets that occur: single gaits first, then several together, cells without a gait last."""
+    """The sets that occur: single gaits first, then sets of several, cells without a gait last."""
     present = list(dict.fromkeys(sets))
     without = [(OTHER,), *((name,) for name in _HATCHED)]
     gaits = sorted((each for each in present if each not in without), key=lambda each: (len(each), each))
@@ -82,13 +81,13 @@ def _ordered(sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 
 def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """A gait's own colour for it alone, another for each set of several, greys for none."""
+    """The colour of each set: a single gait's own, another for sets of several, greys for none."""
     alone = style.colours(dict.fromkeys(name for each in sets for name in each if name != OTHER))
     colour = {
         each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]] for each in sets if len(each) == 1
     }
     free = [each for each in ("#009E73", *style.SPARE_COLOURS) if each not in alone.values()]
-    free = free or list(style.SPARE_COLOURS)  # many gaits leave none
+    free = free or list(style.SPARE_COLOURS)  # with many gaits no colour is free
     several = [each for each in sets if len(each) > 1]
     return colour | {each: free[number % len(free)] for number, each in enumerate(several)}
 
@@ -113,7 +112,7 @@ def _words(names: tuple[str, ...]) -> str:
 
 
 def _draw(axes: Axes, sets: pd.DataFrame, x: str, y: str, colour: dict[tuple[str, ...], str]) -> None:
-    """Cells where the places lie on a grid, else a point for each place."""
+    """Cells if the parameter sets form a grid, else one point for each set."""
     across, up = np.unique(sets[x]), np.unique(sets[y])
     colours = np.array([to_rgba(colour[each]) for each in sets["set"]])
     if not (on_grid(across) and on_grid(up) and len(sets) >= 0.02 * len(across) * len(up)):

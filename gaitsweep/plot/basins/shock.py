@@ -1,4 +1,4 @@
-"""The smallest shock of each start: how far the nearest start is that comes out otherwise."""
+"""The minimal fatal shock of each start: the distance to the nearest start with another outcome."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def shock(
     """Cells coloured by their distance, along x and y, to the nearest start with another outcome.
 
     Args:
-        table: a settle table, refined or not; partial ones are drawn as far as they go.
+        table: a settle table, refined or not; a partial table is drawn as far as it goes.
         x, y: columns of the starts along the axes, in one unit.
-        hue: column of what starts come to.
-        panels: column of which each value gets a panel, measured by itself.
+        hue: column of the outcomes.
+        panels: column; each of its values has a panel, measured separately.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or a cell has several rows.
+        PlotError: the table does not have a column, or a cell has several rows.
         AnalysisError: x and y have different units.
     """
     for name in (x, y, hue, *([panels] if panels else [])):
@@ -41,6 +41,6 @@ def shock(
     measured.loc[far, "shock"] = np.nan
     known = {"unit": unit_of(table, x), "symbol": r"\mathrm{smallest\ shock}", "circular": False}
     measured.attrs = {**table.attrs, "quantities": {**table.attrs.get("quantities", {}), "shock": known}}
-    # what failed has a shock too, to what does not
+    # failed starts have a shock too: the distance to one that does not fail
     measured["status"] = Status.settled.name
     return basin(measured, x=x, y=y, hue="shock", panels=panels, title=title)

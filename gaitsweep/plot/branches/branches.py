@@ -23,19 +23,19 @@ def branches(
 ) -> Figure:
     """The fixed points of the return map over a parameter: stable ones filled, unstable ones open.
 
-    Neighbours of one stability are joined, by a solid line where stable and a broken one where not; bars are
-    two standard errors. Values at which no fixed point is found are marked below.
+    Neighbours of the same stability are joined, by a solid line if stable and a dashed one if not; bars are
+    two standard errors. Parameter values without a fixed point are marked below.
 
     Args:
         table: a return map's table over several values of x.
         y: the observable, by its own name or its column's (delta_13 or delta_13_n).
         x: the column of the parameter.
-        bandwidth: half the window of the regression, in the observable's unit; 0.05 rad for an angle and a
-            twentieth of the values' range for others if not given.
+        bandwidth: half the window of the regression, in the observable's unit; by default 0.05 rad for an
+            angle and a twentieth of the values' range for others.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     name = column(table, y, ("_n", ""))
     for each in (x, "row", "crossing"):
@@ -65,7 +65,7 @@ def branches(
 
 
 def _draw(axes: Axes, found: pd.DataFrame, x: str) -> None:
-    """Each branch: its line, broken where it leaps around the circle, and its points with their errors."""
+    """Each branch: its line, interrupted where an angle wraps, and its points with their errors."""
     for _, branch in found.groupby("branch", sort=True):
         stable = bool(branch["stable"].iloc[0])
         colour = _COLOUR[stable]

@@ -1,4 +1,4 @@
-"""Branches of fixed points over a parameter, stable and unstable ones, with what happens along them."""
+"""Branches of fixed points over a parameter, stable and unstable, with their bifurcations."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def continuation(
     intervals: Mapping[str, Sequence[float]] | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Branches over a parameter: solid where stable, broken where not, folds and the like marked.
+    """Branches over a parameter: solid where stable, dashed where not, bifurcations marked.
 
-    A thin dotted line leads over a place where the map bends or jumps, and the branch with it.
+    A thin dotted line crosses a corner or a jump of the map.
 
     Args:
         table: a continuation's table.
-        y: what the map observes (delta_13).
-        x: the column of the parameter; the one that the table's job moves if not given.
-        hue: column of another parameter that differs between branches, or of the gait, shown by colour.
-        intervals: by name, ranges (low, high) of x to show beside, as found in another way.
+        y: the observable of the map (delta_13).
+        x: the column of the parameter; by default the one that the table's job moves.
+        hue: column shown by colour: another parameter that differs between branches, or the gait.
+        intervals: by name, ranges (low, high) of x to show for comparison.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     name = column(table, y, ("_n", ""))
     x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
@@ -87,7 +87,7 @@ def _numbers(table: pd.DataFrame, hue: str) -> bool:
 
 
 def _names(table: pd.DataFrame, hue: str) -> dict[Any, str]:
-    """What each row is for the most part."""
+    """The most frequent value of each row."""
     return {row: str(branch[hue].astype(str).mode().iloc[0]) for row, branch in table.groupby("row")}
 
 
@@ -98,7 +98,7 @@ def _span(table: pd.DataFrame, hue: str) -> Normalize:
 
 
 def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
-    """A colour for each row, where colour shows another parameter or the gait."""
+    """A colour for each row, if colour shows another parameter or the gait."""
     if hue is None:
         return {}
     if not _numbers(table, hue):
@@ -110,13 +110,13 @@ def _colours(table: pd.DataFrame, hue: str | None) -> dict[Any, Any]:
 
 
 def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None:
-    """One branch: its pieces, solid, broken or dotted, and its marks."""
+    """One branch: its pieces, solid, dashed or dotted, and its bifurcations."""
     at, value = branch[x].to_numpy(float), branch[y].to_numpy(float)
     if is_angle(branch, y):
-        value = value[0] + np.concatenate([[0.0], np.cumsum((np.diff(value) + np.pi) % (2 * np.pi) - np.pi)])
+        value = np.unwrap(value)
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
-    # a piece between two points is as stable as its end that is no turning point
+    # the stability of a piece between two points is that of its end that is no bifurcation
     plain = ~np.isin(special, list(LOOKS))
     pieces = [
         "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
@@ -124,7 +124,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
     ]
     start = 0
     number = branch["point"].to_numpy(int)
-    absent = np.diff(number) > 1  # no line over a point that the table has not
+    absent = np.diff(number) > 1  # no line across a point that the table lacks
     for (kind, missing), group in itertools.groupby(zip(pieces, absent, strict=True)):
         end = start + len(list(group))
         if missing:

@@ -1,4 +1,4 @@
-"""Section observables against the number of the crossing, one line a start (Ambe 2021, Fig. 3)."""
+"""Section observables over the number of the crossing, one line for each start (Ambe 2021, Fig. 3)."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ def cycles(
     hue: str = "row",
     title: str | None = None,
 ) -> Figure:
-    """One panel for each observable, one line for each row; broken where crossings are missing or an angle
-    wraps.
+    """One panel for each observable, one line for each row.
+
+    Lines are interrupted where crossings are missing or an angle wraps.
 
     Args:
         table: a crossing table (return map or ramp).
         y: observables by their own name or their column's (psi_1 or psi_1_n), a panel each.
-        x: column along the axis; hue: column that colours the lines, or their start.
+        x: column along the axis; hue: column that sets the colour of the lines, or their start.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     names = [column(table, name, ("_n", "")) for name in y]
     x = column(table, x, ("", "_n"))
@@ -69,7 +70,7 @@ def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
 
 
 def _line_colours(values: Sequence[Any]) -> dict[Any, str]:
-    """A colour for each value: a gait's own where it is one, else a palette's, round and round where many."""
+    """A colour for each value: a gait's own if it is one, else a palette's, repeated if there are many."""
     if all(isinstance(value, str) for value in values):
         return dict(style.colours(map(str, values)))
     palette = style.SPARE_COLOURS[:6]
@@ -81,7 +82,7 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle:
     across, up = part[x].to_numpy(float), part[name].to_numpy(float)
     parted = np.zeros(max(len(up) - 1, 0), bool)
     if "crossing" in part.columns:
-        parted |= np.diff(part["crossing"].to_numpy(int)) > 1  # crossings that the table has not
+        parted |= np.diff(part["crossing"].to_numpy(int)) > 1  # crossings that the table lacks
     up = np.mod(up, 2 * np.pi) if angle else up
     if angle:
         parted |= np.abs(np.diff(up)) > np.pi
@@ -100,7 +101,7 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, colour: str, angle:
 def _labels(
     table: pd.DataFrame, lines: Sequence[pd.DataFrame], names: Sequence[str], hue: str
 ) -> tuple[dict[object, str], str]:
-    """What each line is called and what that means: its start where the table has it, else its hue."""
+    """The name and meaning of each line: its start if the table has it, else its hue."""
     starts = [name[:-2] for name in names if name.endswith("_n") and name[:-2] in table.columns]
     if hue != "row" or len(starts) < len(names):
         return {part[hue].iloc[0]: str(part[hue].iloc[0]) for part in lines}, symbol(table, hue)

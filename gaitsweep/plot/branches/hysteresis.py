@@ -15,8 +15,8 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import cut
-from gaitsweep.analysis.gaits.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, edges, largest_jumps
+from gaitsweep.analysis.records import sound
+from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
@@ -34,12 +34,14 @@ from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
-_FAINT = 4  # rows beyond which each is drawn fainter
+_FAINT = 4  # with more rows each is drawn fainter
 
 
 class _Panel(NamedTuple):
     heading: str
-    table: pd.DataFrame | None  # None where there is none yet: the heading says of what, the note why
+    table: (
+        pd.DataFrame | None
+    )  # None if the table does not exist yet; the heading names it, the note gives the reason
     note: str = ""
 
 
@@ -53,7 +55,7 @@ def hysteresis(
     least: float = LEAST,
     title: str | None = None,
 ) -> Figure:
-    """An observable over the parameter that moves, the way up and the way down apart, jumps shaded.
+    """An observable over the moving parameter, rising and falling passes distinguished, jumps shaded.
 
     A ramp is a thin line through its crossings; a staircase has a marker at the end of each hold, open where
     the hold had not settled, and a faint line between holds of one branch. The legend gives the interval of
@@ -62,15 +64,16 @@ def hysteresis(
     Args:
         table: a ramp or staircase table.
         y: the observable, by its own name or its column's (delta_13 or delta_13_n).
-        parameter: the column of the parameter; the one that the job moves if not given.
-        panels: column of which each value gets a panel.
+        parameter: the column of the parameter; by default the one that the job moves.
+        panels: column; each of its values has a panel.
         with_table: a second table to show beside the first, such as the staircase beside the ramp: a table,
-            or the path of a result directory (from here, or from where the first table's directory lies).
-        least: least change of the observable that counts as a jump, in its unit.
+            or the path of a result directory (relative to here, or to the parent of the first table's
+            directory).
+        least: the least change of the observable at a jump, in its unit.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or no parameter moves.
+        PlotError: the table does not have a column, or no parameter moves.
     """
     parameter = parameter or _moving(table)
     shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
@@ -122,7 +125,7 @@ def _run_of(table: pd.DataFrame) -> Mapping[str, Any]:
 
 
 def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
-    """A table's panels; their headings say how its parameter moves where another table stands beside it."""
+    """A table's panels; with a second table, their headings describe how the parameter moves."""
     if panels is None:
         return [_Panel(_pace(table), table)]
     pace = f", {_pace(table)}" if beside else ""
@@ -149,13 +152,13 @@ def _second(table: pd.DataFrame, other: str | pd.DataFrame | None, panels: str |
 
 
 def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
-    """The panels of a second table, with what has to be known of it in their headings."""
+    """The panels of a second table, with the remarks on it in their headings."""
     told = "\n".join(remarks(table))
     return [panel._replace(heading=f"{panel.heading}\n{told}") for panel in shown] if told else shown
 
 
 def _pace(table: pd.DataFrame) -> str:
-    """How a table's parameter moves, in words, with its speed where the job says it."""
+    """How a table's parameter moves, in words, with its speed if the job gives it."""
     run = _run_of(table)
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
@@ -165,7 +168,7 @@ def _pace(table: pd.DataFrame) -> str:
 
 
 def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
-    """Where the circle is cut for the axis; None for what is no angle."""
+    """The angle at which the circle is cut for the axis; None if the observable is no angle."""
     tables = [table for table in tables if name in table.columns]
     if not tables or not is_angle(tables[0], name):
         return None
@@ -175,7 +178,7 @@ def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
 def _draw(
     axes: Axes, panel: _Panel, name: str, parameter: str, least: float, origin: float | None
 ) -> list[Patch]:
-    """One panel: each row's passes, and the jumps' intervals shaded; returns what tells of the jumps."""
+    """One panel: each row's passes, and the jumps' intervals shaded; returns the jumps' legend."""
     axes.set_title(panel.heading if panel.table is not None else "")
     if panel.table is None:
         style.message(axes, panel.note)
@@ -190,17 +193,17 @@ def _draw(
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
     axes.margins(y=0.1)  # room for the arrows
     jumping = largest_jumps(panel.table, name, parameter, least)["row"]
-    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first to jump on each way
+    with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
     for row, part in table.groupby("row", sort=True):
         passes = draw_row(axes, part, name, parameter, origin, alpha, least)
         if row == with_arrows:
             draw_arrows(axes, passes)
-    found = edges(panel.table, name, parameter, least)
+    found = transition_points(panel.table, name, parameter, least)
     handles = []
     for edge in found.to_dict("records"):
         colour = UP if edge["direction"] == "rising" else DOWN
         axes.axvspan(edge["low"], edge["high"], color=colour, alpha=0.18, lw=0.8, zorder=0)
-        handles.append(Patch(color=colour, alpha=0.35, lw=0, label=_told(edge, table, parameter)))
+        handles.append(Patch(color=colour, alpha=0.35, lw=0, label=_in_words(edge, table, parameter)))
     return handles
 
 
@@ -222,8 +225,8 @@ def _below(axes: Axes, handles: list[Patch]) -> None:
     )
 
 
-def _told(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
-    """An edge in words: `f rises: 2.86 to 2.9 Hz`."""
+def _in_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
+    """A transition point in words: `f rises: 2.86 to 2.9 Hz`."""
     verb = "rises" if edge["direction"] == "rising" else "falls"
     interval = f"{edge['low']:.4g} to {edge['high']:.4g} {unit_of(table, parameter)}".rstrip()
     rows = "" if edge["of"] == 1 else f", {edge['rows']} of {edge['of']} rows"
@@ -231,7 +234,7 @@ def _told(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
 
 
 def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[str]) -> list[Line2D]:
-    """What the colours that are drawn and the markers mean."""
+    """The legend of the colours and markers that are drawn."""
     stairs = [panel.table for panel in shown if panel.table is not None and "stair" in panel.table.columns]
     handles = []
     for colour, marker, words in ((UP, "^", "rises"), (DOWN, "v", "falls")):

@@ -13,11 +13,11 @@ from matplotlib.transforms import ScaledTranslation
 from gaitsweep.analysis.circular import on_line
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 
-UP, DOWN = "#D55E00", "#0072B2"  # apart for the colour-blind, and in lightness
+UP, DOWN = "#D55E00", "#0072B2"  # distinct for colour-blind readers, and in lightness
 
 
 class Pass(NamedTuple):
-    """A pass as drawn: the parameter, the observable, (n,) each, and its colour."""
+    """A drawn pass: the parameter and the observable, (n,) each, and its colour."""
 
     at: np.ndarray
     value: np.ndarray
@@ -35,7 +35,7 @@ def draw_row(
 ) -> list[Pass]:
     """Draw one row: each pass as a line (of a ramp) or markers (of a staircase); returns its passes.
 
-    No line goes over a record that is missing, around the circle, or, between holds, over a jump by `least`.
+    No line crosses a missing record, a wrap of an angle, or, between holds, a jump by `least`.
     """
     stairs = "stair" in part.columns
     if not stairs:
@@ -69,7 +69,7 @@ def draw_row(
 
 
 def draw_arrows(axes: Axes, passes: list[Pass]) -> None:
-    """An arrow half way along each pass, on the side of it where the other passes are not."""
+    """An arrow half way along each pass, on the side away from the other passes."""
     heights = []
     for one in passes:
         middle = 0.5 * (one.at[0] + one.at[-1])

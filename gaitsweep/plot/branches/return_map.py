@@ -28,7 +28,7 @@ from gaitsweep.plot.columns import (
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
 _POINTS, _CURVE, _POINT, _GHOST = "#B8B8B8", "#0072B2", "#D55E00", "#009E73"
-_FAST = 2.0  # ranges of the other steps that fast ones take: they are left out of the limits
+_FAST = 2.0  # steps larger than so many ranges of the others are left out of the axis limits
 FORMS = ("change", "next")
 
 
@@ -44,21 +44,20 @@ def return_map(
     """The change from crossing to crossing over the value, or the next value over it with the diagonal.
 
     A grey point is one step of one start; the line is their local linear regression with two standard errors
-    on either side, broken where the points have a gap, a jump or two branches. Fixed points are filled where
-    they are stable and open where they are not; a triangle marks a ghost, where the change comes near to zero
-    and turns back.
+    on either side, interrupted where the points have a gap, a jump or two branches. Stable fixed points are
+    filled, unstable ones open; a triangle marks a ghost, where the change comes near to zero and turns back.
 
     Args:
         table: a return map's table.
         y: the observable, by its own name or its column's (delta_13 or delta_13_n).
-        panels: column of which each value gets a panel.
+        panels: column; each of its values has a panel.
         form: "change" for x_{n+1} - x_n over x_n, "next" for x_{n+1}.
-        bandwidth: half the window of the regression, in the observable's unit; 0.05 rad for an angle and a
-            twentieth of the values' range for others if not given.
+        bandwidth: half the window of the regression, in the observable's unit; by default 0.05 rad for an
+            angle and a twentieth of the values' range for others.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or the form is neither of the two.
+        PlotError: the table does not have a column, or the form is none of these two.
     """
     if form not in FORMS:
         raise PlotError(f"form is {form}, but is one of {' and '.join(FORMS)}.")
@@ -94,7 +93,7 @@ def return_map(
 
 
 def _label(table: pd.DataFrame, name: str, form: str) -> str:
-    """What stands on the vertical axis: `change a crossing (rad)` or the next value."""
+    """The label of the vertical axis: `change a crossing (rad)` or the next value."""
     unit = unit_of(table, name)
     what = (
         "change from one crossing\nto the next"
@@ -107,7 +106,7 @@ def _label(table: pd.DataFrame, name: str, form: str) -> str:
 def _panel(
     axes: Axes, part: pd.DataFrame, name: str, form: str, bandwidth: float | None, origin: float | None
 ) -> set[str]:
-    """One map: points, curve, fixed points and ghosts; returns which of them there are."""
+    """One map: points, curve, fixed points and ghosts; returns which of them occur."""
     steps = pairs(part, name)
     if not len(steps):
         style.message(axes, "no two crossings yet")
@@ -152,7 +151,7 @@ def _panel(
 
 
 def _curve(axes: Axes, curve: pd.DataFrame, form: str, origin: float | None) -> None:
-    """The smoothed change and two standard errors on either side, broken where `drift` tells of none."""
+    """The smoothed change and two standard errors on either side, interrupted where `drift` has no value."""
     at = _on_axis(curve["value"], origin)
     order = np.argsort(at)
     at, mean, piece = at[order], curve["drift"].to_numpy(float)[order], curve["piece"].to_numpy()[order]
@@ -172,7 +171,7 @@ def _on_axis(values: Any, origin: float | None) -> np.ndarray:
 
 
 def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
-    """Limits that the steps fill, without those few that are far faster than the others; ticks in pi."""
+    """Axis limits from the steps, without the few that are far larger than the others; ticks in pi."""
     if form == "change":
         marked = [np.asarray(line.get_ydata(), float) for axes in grid for line in axes.lines]
         points = [np.asarray(each.get_offsets())[:, 1] for axes in grid for each in axes.collections[:1]]
@@ -191,7 +190,7 @@ def _scale(grid: Sequence[Axes], form: str, origin: float | None) -> None:
 
 
 def _key(seen: set[str]) -> list[Line2D]:
-    """What the marks mean, of those that are there."""
+    """The legend of the marks that occur."""
     point: dict[str, Any] = {"ls": "", "marker": "o", "ms": 6.0, "mew": 1.3, "color": _POINT}
     handles = {
         "points": Line2D([], [], ls="", marker=".", color=_POINTS, label="one step of one start"),

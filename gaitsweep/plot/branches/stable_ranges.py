@@ -1,4 +1,4 @@
-"""Where steady gaits are stable in a plane of two parameters, between the folds of their branches."""
+"""Regions of stable gaits in a plane of two parameters, bounded by bifurcations of their branches."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.continuation.stable_ranges import MARKS, edges
+from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import LOOKS, WORDS
@@ -25,20 +25,20 @@ def stable_ranges(
 ) -> Figure:
     """The range of one parameter in which each gait is stable, over another that differs between branches.
 
-    An area for each gait, another colour where two are stable; its edges are marked by what ends the gait
-    there. An edge without a mark is where the branch was left or lost, or where stability changes at a bend
-    or jump of the map or unmarked; one without a line is where branches begin, or leave their range.
+    Each gait has an area, with another colour where two are stable; edges are marked by the bifurcation
+    there. An edge without a mark is where the branch was left or lost, or where stability changes at a corner
+    or jump of the map; an edge without a line is where branches begin, or leave their range.
 
     Args:
-        table: a continuation's table. Where several branches have one gait at one value of y, the ranges in
-            which it is stable have to meet, and count as one.
+        table: a continuation's table. If several branches have the same gait at one value of y, their stable
+            ranges must touch, and are joined.
         y: the column of the parameter that differs between branches.
-        x: the column of the one along which they were followed; the one that the job moves if not given.
+        x: the column of the continuation parameter; by default the one that the job moves.
         hue: the column of the gait.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, y is not of numbers, or a gait's ranges at one value of y lie apart.
+        PlotError: a column is not there, y is not numeric, or a gait's ranges at one value of y are disjoint.
     """
     x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
     for name in (x, y, hue, "row", "point", "stable", "special", "end"):
@@ -59,24 +59,24 @@ def stable_ranges(
 
 
 def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
-    """The ranges of each gait that has a name, with the value `up` of y, in its order."""
+    """The ranges of each named gait, with the value `up` of y, in the order of y."""
     up = dict(zip(table["row"], table[y], strict=True))
     found = {}
     for name in dict.fromkeys(ranges_of(table, x)["gait"]):
         if name != "none":
-            area = edges(table, x, name)
+            area = range_of_gait(table, x, name)
             area = area.assign(up=[up[row] for row in area["row"]])
             area = pd.DataFrame(
                 [_union(same, f"{name} at {y} = {at:g}", x) for at, same in area.groupby("up", sort=True)]
             )
-            # no area goes over a value of y at which the gait is not stable
+            # no area crosses a value of y at which the gait is not stable
             every = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
             found[name] = every.merge(area, on="up", how="left").fillna({"low_by": "", "high_by": ""})
     return found
 
 
 def _union(same: pd.DataFrame, what: str, x: str) -> pd.Series:
-    """The one range that the ranges of branches at one place make together."""
+    """The union of the ranges of branches at one value of y."""
     same = same.sort_values("low", kind="stable")
     low, high = same["low"].to_numpy(float), same["high"].to_numpy(float)
     reach = np.maximum.accumulate(high)
@@ -110,7 +110,7 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
 
 
 def _overlaps(areas: dict[str, pd.DataFrame]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """For each two gaits: low, high and up (n,) of where both are stable, NaN where they are not."""
+    """For each pair of gaits: low, high and up (n,) of the range where both are stable, NaN where not."""
     names, found = list(areas), []
     for number, one in enumerate(names):
         for other in names[number + 1 :]:

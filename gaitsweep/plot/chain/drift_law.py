@@ -1,4 +1,4 @@
-"""How long a multi-legged chain with unequal ends takes to its one gait, against the law of the drift."""
+"""The settling time of a multi-legged chain with unequal ends, compared with the law of the drift."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.models.multilegged.theory.conserved import drift, worst_case_cycles
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import FAILED, NOT_SETTLED, PlotError, column, outcome, rows_where
+from gaitsweep.plot.columns import PlotError, column, outcome, rows_where
 
-EQUAL = 1e-9  # in the unit of what differs
+EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
 APART = {
     "m": "difference of head's and tail's mass |m$_{N+1}$ − m$_1$|, kg",
@@ -26,18 +27,18 @@ APART = {
 def drift_law(table: pd.DataFrame, *, of: str = "m", hue: str = "gait", title: str | None = None) -> Figure:
     """Cycles until settled over the asymmetry of the ends, and the worst case of eqs. (30)-(32).
 
-    For each pair of ends and each gait the most and the median number of cycles of its starts. Pairs that do
-    not drift, which keep all their gaits, are left out, and so are starts that come to none of them. Unequal
-    masses are drawn over their difference, which the drift is proportional to; others over the drift itself.
+    Shown are the largest and the median number of cycles for each pair of ends and each gait. Pairs that do
+    not drift, which keep all their gaits, are left out, and so are starts without a gait. Unequal masses are
+    drawn over their difference, to which the drift is proportional; others over the drift itself.
 
     Args:
         table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.
-        of: what differs: m, kappa, a, or `ends` for all of these that the table has.
+        of: the parameter that differs: m, kappa, a, or `ends` for all of these that the table has.
         hue: the column of the gait.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or `of` is not one of those.
+        PlotError: the table does not have a column, or `of` is not one of those.
     """
     if of not in APART:
         raise PlotError(f"of is {of}, but what can differ between the ends is one of {', '.join(APART)}.")
@@ -93,8 +94,7 @@ def _ticks(axis: Axis) -> None:
 
 
 def _pairs(table: pd.DataFrame, kept: pd.DataFrame, ends: list[str], hue: str, by_mass: bool) -> pd.DataFrame:
-    """For each pair of ends that drifts and each gait: the median and most cycles, how far apart the ends
-    are, and the law's cycles."""
+    """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
     springs = sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
     chain = chain_of(table)
     groups = kept.groupby([*ends, kept[hue].astype(str)])["cycles"].agg(["median", "max"])

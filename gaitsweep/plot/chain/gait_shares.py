@@ -1,4 +1,4 @@
-"""Shares of the multi-legged chain's gaits over parameters, with the edges of the paper's conditions."""
+"""Fractions of the multi-legged chain's gaits over parameters, with the limits of the paper's conditions."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ _LINES = {
     "m/2 < m$_B$ < m, m g/κ < a < L": Line2D([], [], color="black", lw=0.9, ls="--"),
     "edge of where the wave is a motion of the chain": Line2D([], [], **_EXACT),
 }
-_PLACES = 240  # along each axis of a map of sets that lie on no grid
+_PLACES = 240  # points along each axis of a map of sets that form no grid
 
 
 def gait_shares_figure(
     table: pd.DataFrame, *, x: str, y: str | None = None, title: str | None = None
 ) -> Figure:
-    """The share of starts that come to each gait: curves over x, or a map over x and y for each gait.
+    """The fraction of starts with each gait: curves over x, or a map over x and y for each gait.
 
-    Curves have their 95 % intervals. Broken lines are the edges of m/2 < m_B < m and of m g/kappa < a < L,
-    solid ones those of the exact conditions (`existence`); what is not along the axes is taken from the job,
-    or from Table 1 where it varies. On a map of sets that lie on no grid each place shows the nearest set,
+    Curves have their 95 % intervals. Dashed lines are the limits of m/2 < m_B < m and of m g/kappa < a < L,
+    solid ones those of the exact conditions (`existence`); parameters that are not on the axes are those of
+    the job, or of Table 1 if they vary. If the sets form no grid, each point of a map shows the nearest set,
     and the sets are white dots.
 
     Args:
@@ -46,7 +46,7 @@ def gait_shares_figure(
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     for name in (x, y):
         if name is not None:
@@ -75,7 +75,7 @@ def gait_shares_figure(
 
 
 def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
-    """Cells where the sets lie on a grid, those that share a cell averaged; else the nearest set's share."""
+    """Cells if the sets form a grid, averaged over a cell's sets; else the fraction of the nearest set."""
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
     across, up = np.unique(shares[x]), np.unique(shares[y])
     if len(shares) >= 0.5 * len(across) * len(up) and on_grid(across) and on_grid(up):
@@ -88,7 +88,7 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     middles = (np.arange(_PLACES) + 0.5) / _PLACES
     places = np.stack(np.meshgrid(middles, middles), axis=-1)
     away, nearest = KDTree((points - low) / size).query(places)
-    # nothing is said of places that are far from every set
+    # points far from every set stay empty
     known = np.where(away < 3.0 / np.sqrt(len(points)), shares[gait].to_numpy(float)[nearest], np.nan)
     edges = np.linspace(0.0, 1.0, _PLACES + 1)[:, None] * size + low
     axes.plot(*points.T, ".", ms=1.0, mew=0, color="white", zorder=2, rasterized=True)  # the sets themselves
@@ -122,7 +122,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
 
 
 def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
-    """Lines on which a condition turns, where it depends on what the axes show, all else as in the job."""
+    """The limits of the conditions that depend on the axes, with all other parameters as in the job."""
     low, high = axes.get_xlim(), axes.get_ylim()
     along = np.linspace(*low, 401)
     sets = pd.DataFrame({x: along})
@@ -148,7 +148,7 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
 
 
 def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) -> None:
-    """Lines on which a gait stops to be a motion of the chain; all else as in the job, or as in Table 1."""
+    """The limits of existence of each gait; other parameters as in the job, or as in Table 1."""
     low, high = axes.get_xlim(), axes.get_ylim()
     # parameters are above zero, where a figure's margin may not be
     along = np.linspace(max(low[0], 1e-3 * low[1]), low[1], 241 if y is None else 161)
@@ -165,7 +165,7 @@ def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) ->
         drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
         for turn in np.flatnonzero(np.diff(there[0].astype(int))):
             at, step = 0.5 * (along[turn] + along[turn + 1]), along[1] - along[0]
-            if min(abs(at - each) for each in drawn) > step:  # not twice, for two gaits or two conditions
+            if min(abs(at - each) for each in drawn) > step:  # not drawn twice for two gaits or conditions
                 axes.axvline(at, zorder=0, **_EXACT)
     axes.set_xlim(low)
     axes.set_ylim(high)

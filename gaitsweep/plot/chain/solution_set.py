@@ -1,4 +1,4 @@
-"""Settled states in space and two projections, the analytic solutions over them (Ambe 2021, Fig. 4)."""
+"""Settled states in space and in two projections, with the analytic solutions (Ambe 2021, Fig. 4)."""
 
 from __future__ import annotations
 
@@ -11,20 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import (
-    FAILED,
-    NOT_SETTLED,
-    PlotError,
-    axis_label,
-    categories,
-    column,
-    is_angle,
-    outcome,
-    rows_where,
-)
+from gaitsweep.plot.columns import PlotError, axis_label, categories, column, is_angle, outcome, rows_where
 
 _PSI = ("psi_1", "psi_2", "psi_3")
 
@@ -38,18 +29,17 @@ def solution_set(
     points: Mapping[str, Sequence[float]] | None = None,
     title: str | None = None,
 ) -> Figure:
-    """Where rows settled: in the space of three observables, and projected on two pairs of them.
+    """The settled states in the space of three observables, and projected on two pairs of them.
 
     Args:
         table: a settle table; rows that failed or did not settle are left out and counted in the legend.
         axes: three observables, by their own name or their column's (psi_1 or psi_1_end).
-        hue: column that colours the points.
-        theory: whether to draw the analytic solutions; for psi_1, psi_2, psi_3 of the multi-legged chain.
-        points: places to mark, by name, three numbers each.
-        title: text above the figure.
+        hue: column that sets the colour of the points.
+        theory: whether to draw the analytic solutions; only for psi_1, psi_2, psi_3 of the multi-legged
+        chain. points: points to mark, by name, three numbers each. title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or axes or points have not three entries.
+        PlotError: the table does not have a column, or axes or points do not have three entries.
     """
     if len(axes) != 3:
         raise PlotError(f"axes has {len(axes)} entries: this figure is drawn over three observables.")
@@ -104,7 +94,7 @@ def _scatter(
             "linewidths": 0.8 if marker[name] == "x" else 0,
             "clip_on": False,
         }
-        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # thicker than the lines over them
+        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # larger than the width of the lines over them
         space.scatter(*place.T, s=size, depthshade=False, **look)
         low.scatter(place[:, 0], place[:, 1], s=size, rasterized=True, **look)
         high.scatter(place[:, 1], place[:, 2], s=size, rasterized=True, **look)
@@ -161,7 +151,7 @@ def _legend(
 
 
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:
-    """Ends of the analytic pieces on section 1, shape (n, 2, 3), or why there are none to draw."""
+    """The ends of the analytic pieces on section 1, (n, 2, 3), or the reason why there are none."""
     none = np.zeros((0, 2, 3))
     if any(name.removesuffix("_end") not in _PSI for name in axes):
         return none, "they are known for psi_1, psi_2 and psi_3 only."

@@ -1,4 +1,4 @@
-"""When each foot is on the ground, in the limbs' colours, up to the moment that a picture shows."""
+"""Footfalls in the limbs' colours, up to the time of a frame."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from gaitsweep.plot.gaits.footprints import spells
+from gaitsweep.plot.gaits.footprints import contact_intervals
 from gaitsweep.plot.movie.side_view import limb_colours
 from gaitsweep.skeleton import Limb
 
 _BAR = 0.66
-_MOST_NAMES = 16  # beyond, only some limbs are named
+_MOST_NAMES = 16  # with more limbs only some are named
 
 
 class Footfalls:
-    """A bar for each foot while it stands, the first limb on top; time in s to the right."""
+    """Footfall bars of each foot over time (s), the first limb on top."""
 
     def __init__(self, axes: Axes, limbs: Sequence[Limb], t: np.ndarray, contact: np.ndarray) -> None:
         """Draw all bars.
 
         Args:
-            axes: where they are drawn; a window of time is chosen later.
-            limbs: their names and colours.
+            axes: the axes; their window of time is set later.
+            limbs: names and colours of the limbs.
             t: times of the whole trace, (n,) s.
             contact: 1 while a foot is on the ground, (n, limbs).
         """
         self._axes = axes
         colours = limb_colours(limbs)
         for row, colour in enumerate(colours):
-            starts, stops = spells(t, contact[:, row])
+            starts, stops = contact_intervals(t, contact[:, row])
             bars = list(zip(starts, stops - starts, strict=True))
             axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
         every = -(-len(limbs) // _MOST_NAMES)
@@ -51,13 +51,13 @@ class Footfalls:
         self._axes.set_xlim(low, high)
 
     def now(self, t: float) -> None:
-        """Put the moment at `t` (s), and hide what comes after it."""
+        """Set the current time `t` (s), and hide later footfalls."""
         self._now.set_xdata([t, t])
         self._veil.set_x(t)
         self._veil.set_width(max(self._axes.get_xlim()[1] - t, 0.0))
 
     def moments(self, times: Sequence[float]) -> None:
-        """Mark some moments (s), numbered from 1, in the place of one."""
+        """Mark several times (s), numbered from 1, instead of one."""
         self._now.set_visible(False)
         for number, t in enumerate(times):
             self._axes.axvline(t, color="black", lw=0.8, ls=(0, (4, 2)), zorder=4)

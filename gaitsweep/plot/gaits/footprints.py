@@ -1,4 +1,4 @@
-"""Footprint diagrams: when each leg is on the ground (Ambe 2021, Fig. 6 and 7)."""
+"""Footprint diagrams: the contacts of each leg over time (Ambe 2021, Fig. 6 and 7)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from matplotlib.ticker import MultipleLocator
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
 
-_NEAR = 0.3  # of a cycle: swings of neighbours farther apart than this are not one wave
-_HOP = 0.5  # of a leg's longest swing: shorter spells off the ground are no swings
+_NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
+_HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
 _BAR = 0.62
 _MOST_PANELS = 24
 
@@ -35,10 +35,10 @@ def footprints(
 
     Args:
         table: a trace table with columns t (s) and contact_1, contact_2, ... (1 on the ground).
-        panels: column of which each value gets a panel, one below the other; all in one where None.
+        panels: column; each of its values has a panel, one below the other; all in one where None.
         titles: titles of the panels, in order.
-        guides: whether swings of neighbouring legs that follow each other are joined, forwards and backwards
-            in the direct and the retrograde wave's colour.
+        guides: whether successive swings of neighbouring legs are joined by lines, in the colour of the
+            direct or the retrograde wave.
         title: text above the figure.
 
     Raises:
@@ -80,7 +80,7 @@ def footprints(
 def _heading(
     table: pd.DataFrame, panels: str | None, value: Any, number: int, titles: Sequence[str]
 ) -> str | None:
-    """A panel's title: the one given for its row or its place, else what is fixed in it."""
+    """A panel's title: the one given for its row or position, else the value of its column."""
     if value is None:
         return titles[0] if titles else None
     place = int(value) if panels == "row" else number  # rows of a partial table keep their own titles
@@ -92,7 +92,7 @@ def _heading(
 def _panel(
     axes: Axes, part: pd.DataFrame, legs: Sequence[int], heading: str | None, guides: bool
 ) -> set[str]:
-    """Draw one panel; which way swings were joined in it."""
+    """Draw one panel; returns the directions in which its swings are joined."""
     part = rows_where(part, part["t"].notna())
     axes.set_yticks(range(len(legs)), [f"Leg {leg}" for leg in legs])
     axes.tick_params(axis="y", length=0)
@@ -102,7 +102,7 @@ def _panel(
         style.message(axes, "nothing was recorded")
         return set()
     t = part["t"].to_numpy(float)
-    stances = [spells(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
+    stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
     for row, (starts, stops) in enumerate(stances):
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors="black", linewidth=0)
@@ -116,17 +116,19 @@ def _panel(
     above = axes.secondary_xaxis("top", functions=there_and_back)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
     above.xaxis.set_major_locator(_whole(t[-1] - t[0], period))
-    axes.set_title(title.get_text(), loc="left", y=1.0, pad=17)  # beside the upper axis' label, not above it
+    axes.set_title(
+        title.get_text(), loc="left", y=1.0, pad=17
+    )  # level with the label of the upper axis, not above it
     return _guides(axes, [_swings(*one) for one in stances], period) if guides else set()
 
 
 def _whole(duration: float, period: float) -> MultipleLocator:
-    """Ticks at whole cycles, ten of them at most."""
+    """Ticks at whole cycles, at most ten."""
     return MultipleLocator(max(1, int(np.ceil(duration / period / 10))))
 
 
-def spells(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends of the spells on the ground; a sample holds half way to its neighbours."""
+def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Start and end times of the contacts; a sample extends half way to its neighbours."""
     down = np.nan_to_num(contact) > 0.5
     edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]
     turns = np.flatnonzero(np.diff(np.r_[False, down, False]))
@@ -134,9 +136,9 @@ def spells(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The stances of a leg with the hops inside them filled: spells off the ground that are no swing.
+    """The stances of a leg, with short losses of contact inside them filled.
 
-    A foot leaves the ground for a moment where its leg stops growing and the mass above it does not.
+    A foot leaves the ground for a moment where its leg stops extending and the mass above it does not.
     """
     gaps = starts[1:] - stops[:-1]
     if not len(gaps):
@@ -146,12 +148,12 @@ def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
-    """Middles of the spells off the ground between two spells on it."""
+    """The middles of the swings between two stances."""
     return 0.5 * (stops[:-1] + starts[1:])
 
 
 def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) -> float | None:
-    """Mean time between touchdowns of a leg, stumbles left out; None where none has two."""
+    """The mean time between touchdowns of a leg without stumbles; None if no leg has two touchdowns."""
     gaps = np.concatenate([np.diff(starts[starts > beginning]) for starts, _ in stances])
     if not len(gaps):
         return None
@@ -159,7 +161,7 @@ def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) 
 
 
 def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float) -> set[str]:
-    """Join each swing to the next leg's nearest one; returns which way they pass, of those that there are."""
+    """Join each swing to the next leg's nearest one; returns the directions of the waves that occur."""
     drawn = set()
     for row, (here, there) in enumerate(itertools.pairwise(swings)):
         if not len(there):

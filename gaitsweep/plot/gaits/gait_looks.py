@@ -1,4 +1,4 @@
-"""How the nine gaits and the four legs look in figures: colours, markers, footfall bars."""
+"""Colours and markers of the nine gaits, and footfall bars of four legs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.gaits.footprints import spells
+from gaitsweep.plot.gaits.footprints import contact_intervals
 
-# A colour for a kind of gait, a marker for its side; in the order of speed.
+# A colour for each family of gaits, a marker for its side, in the order of speed.
 COLOURS = MappingProxyType(
     {
         "D-walk": "#8C4A00",
@@ -53,7 +53,7 @@ _BAR = 0.62
 
 
 def gait_key(gaits: Iterable[str]) -> list[Line2D]:
-    """The handles of a legend for those of the gaits that occur, in the order of speed."""
+    """Legend handles of the gaits that occur, in the order of speed."""
     present = set(gaits)
     return [
         Line2D([], [], ls="", marker=MARKERS[gait], color=COLOURS[gait], ms=4.5, label=NAMES.get(gait, gait))
@@ -63,12 +63,12 @@ def gait_key(gaits: Iterable[str]) -> list[Line2D]:
 
 
 def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> None:
-    """A bar for each leg while it is on the ground, the first on top; light grey where none is.
+    """A bar for each leg while it is on the ground, the first leg on top; flight phases in light grey.
 
     Args:
-        axes: where they are drawn, over time in s.
+        axes: the axes, over time in s.
         samples: a part of one row of a trace: t and contact_1, ... in the order of `LEGS`.
-        legs: which legs, from above.
+        legs: the legs, from top to bottom.
 
     Raises:
         PlotError: a contact is not in the table.
@@ -79,7 +79,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
     t = samples["t"].to_numpy(float)
     down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
     for row, leg in enumerate(legs):
-        starts, stops = spells(t, down[:, row])
+        starts, stops = contact_intervals(t, down[:, row])
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
     shade_flights(axes, t, down)
@@ -91,6 +91,6 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
 
 
 def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:
-    """Light grey where no leg is on the ground; `t` (n,) s, `down` (n, legs)."""
-    for start, stop in zip(*spells(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
+    """Light grey flight phases; `t` (n,) s, `down` (n, legs)."""
+    for start, stop in zip(*contact_intervals(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
         axes.axvspan(float(start), float(stop), facecolor="#E6E6E6", linewidth=0, zorder=0)

@@ -1,4 +1,4 @@
-"""Which gaits follow each other while a parameter rises and falls (Fukuoka 2015, Fig. 2 and 4)."""
+"""The sequence of gaits while a parameter rises and falls (Fukuoka 2015, Fig. 2 and 4)."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ _BAR = 0.36
 def gait_ramp(
     table: pd.DataFrame, *, panels: str | None = None, cycles: int = 3, title: str | None = None
 ) -> Figure:
-    """Two bars for each row, the way up above the way down, coloured by the gait over every few cycles.
+    """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window of
+    cycles.
 
     Args:
-        table: a ramp, or a trace along which a parameter moves, of a model whose gaits are the nine.
-        panels: column of which each value gets a panel.
-        cycles: how many cycles give one reading of the gait.
+        table: a ramp, or a trace with a moving parameter, of a model with the nine gaits.
+        panels: column; each of its values has a panel.
+        cycles: number of cycles in a window.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there, or no parameter moves.
+        PlotError: the table does not have a column, or no parameter moves.
     """
     parameter = str(table.attrs.get("job", {}).get("run", {}).get("parameter"))
     if parameter not in table.columns or "pass" not in table.columns:
@@ -57,7 +58,7 @@ def gait_ramp(
 
 
 def _kind(gait: str) -> str:
-    """A gait's name without its side, where both sides have one colour."""
+    """A gait's name without its side, since both sides have one colour."""
     return {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}.get(
         gait[:2] if gait.endswith("canter") else "", "gallop" if gait.endswith("gallop") else gait
     )
@@ -83,8 +84,7 @@ def _panel(axes: Axes, along: pd.DataFrame, rows: np.ndarray, parameter: str) ->
 
 
 def _bar(axes: Axes, part: pd.DataFrame, parameter: str, height: float) -> None:
-    """The readings of one pass, each from half way to the one before to half way to the next, but no farther
-    than readings usually lie apart."""
+    """The intervals of one pass's windows, half way to their neighbours but no farther than usual."""
     if len(part) < 2:
         return
     at = part[parameter].to_numpy(float)

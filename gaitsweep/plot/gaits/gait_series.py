@@ -1,4 +1,4 @@
-"""Time series of a walk: flexors, loads, footfalls, pitch, the gait along time (Fukuoka 2015, Fig. 2-6)."""
+"""Time series of a walk: flexors, loads, footfalls, pitch and gait (Fukuoka 2015, Fig. 2-6)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
-from gaitsweep.analysis.transitions.gait_bouts import gaits_along, spells
+from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, rows_where, written
@@ -21,8 +21,8 @@ from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, foot
 
 _MOST_STRIPS = 12
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
-_LEAST = 3  # windows of a gait that is named along time
-_LETTER = 0.075  # inches that a letter of a gait's name takes
+_LEAST = 3  # least number of windows of a named gait bout
+_LETTER = 0.075  # inches; width of a letter of a gait's name
 
 
 def gait_series(
@@ -35,22 +35,22 @@ def gait_series(
     titles: Sequence[str] | None = None,
     title: str | None = None,
 ) -> Figure:
-    """What each flexor gives out, footfalls and pitch over time; flight phases in grey.
+    """The output of each flexor, footfalls and pitch over time; flight phases in grey.
 
-    Each row is a strip; the peaks of loads at touchdown are cut off. A single row may go over several strips
-    of a given length, with the gait's name along time: for a walk whose speed changes.
+    Each row is a strip; the peaks of loads at touchdown are cut off. A single row may extend over several
+    strips of a given length, with the name of each gait bout: for a walk whose speed changes.
 
     Args:
         table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
         row: the only row to show.
-        window: begin and end of what is shown, s.
-        strip: length of a strip, s; a row's gait then stands along time instead of in its title.
-        loads: whether the loads on the feet are drawn too.
-        titles: titles of the strips, in place of rows' own.
+        window: begin and end of the time shown, s.
+        strip: length of a strip, s; gaits are then named over time instead of in the title.
+        loads: whether to draw the loads on the feet.
+        titles: titles of the strips instead of the default ones.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     for name in ("row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads)):
         column(table, name)
@@ -91,7 +91,7 @@ def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | 
 
 
 def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Sequence[str] | None) -> str:
-    """The title given, or the gait, its speed and what varies."""
+    """The given title, or the gait, its speed and the swept axes."""
     if titles is not None:
         return titles[number] if number < len(titles) else ""
     row = part["row"].iloc[0]
@@ -128,7 +128,9 @@ def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None,
     if "load" in grid:
         grid["load"].set_ylabel("load (N)")
         loads = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float)
-        grid["load"].set_ylim(0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0))  # touchdowns are far above
+        grid["load"].set_ylim(
+            0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0)
+        )  # peaks at touchdown are far higher
     for kind in ("flexor", "load", "pitch"):
         if kind in grid:
             shade_flights(grid[kind], t, down)
@@ -140,14 +142,14 @@ def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None,
 
 
 def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame) -> None:
-    """The gaits along time as bars with their names, and the speed at round times."""
+    """The gait bouts as bars with their names, and the speed at round times."""
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
     mine = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
     width = style.PAGE * 0.86 / (high - low)  # inches a second
-    found = spells(mine, "gait", _LEAST).to_dict("records")
+    found = gait_bouts(mine, "gait", _LEAST).to_dict("records")
     for spell in found:
         begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
         if end <= begin:

@@ -1,4 +1,4 @@
-"""The rule of leg loading: each pair's shift against loads and tilt in its stance (Fukuoka 2015, Fig. 5)."""
+"""The rule of leg loading: each pair's shift over loads and pitch in its stance (Fukuoka 2015, Fig. 5)."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def loading_rule(
 ) -> Figure:
     """A panel for each measure: delta over it, a point for each diagonal pair of each steady row.
 
-    The two quarters where a pair's shift has the sign that the rule says are light grey. Above each panel r
-    and the share of pairs with a shift that lie there.
+    The two quadrants where a pair's shift has the sign of the rule are light grey. Above each panel are r and
+    the share of shifted pairs in these quadrants.
 
     Args:
         table: a trace or a settle table of `planar_quadruped`.
-        measures: those of `analysis.loading_rule.MEASURES` to show; all that the table tells if not given.
-        only, value: a column and the value that rows have in it; all rows if not given.
+        measures: those of `analysis.loading_rule.MEASURES` to show; by default all that the table gives.
+        only, value: a column and its value in the rows to show; by default all rows.
         title: text above the figure.
 
     Raises:

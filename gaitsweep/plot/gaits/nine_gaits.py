@@ -1,4 +1,4 @@
-"""The 3 x 3 table of gaits, an example's footfalls in each cell (Fukuoka 2015, Fig. 5c)."""
+"""The 3 x 3 table of gaits, with the footfalls of an example in each cell (Fukuoka 2015, Fig. 5c)."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (t
 def nine_gaits(table: pd.DataFrame, *, cycles: float = 2.5, title: str | None = None) -> Figure:
     """A cell for each gait: which leg of each diagonal pair swings first, with the footfalls of one row.
 
-    The row shown is the one of its gait that lies farthest from where another gait begins; a gait that no row
-    has leaves its cell empty.
+    The row shown is the one of its gait with the largest margin to another gait; the cell of a gait without
+    rows stays empty.
 
     Args:
-        table: a trace of a model whose gaits are the nine.
-        cycles: how many cycles are shown.
+        table: a trace of a model with the nine gaits.
+        cycles: number of cycles shown.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     for name in ("row", "t", *FLEXORS.values()):
         column(table, name)
@@ -85,7 +85,7 @@ def _empty(axes: Axes, gait: str) -> None:
 
 
 def _name(axes: Axes, gait: str, told: str = "") -> None:
-    """The gait above its cell, and below that what is told of the example."""
+    """The name of the gait above its cell, and below it a description of the example."""
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
     axes.annotate(gait, (0.0, 1.0), (0, 12), color=COLOURS[gait], weight="bold", fontsize=8.5, **look)
     axes.annotate(told, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)

@@ -1,4 +1,4 @@
-"""Gaits over speed: at which speeds each gait is found, for each value of a parameter."""
+"""Gaits over speed: the speeds at which each gait occurs, for each value of a parameter."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitsweep.analysis.basins.outcomes import UNSETTLED
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
+from gaitsweep.analysis.records import UNDECIDED
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, NAMES, ORDER, gait_key
 
-_SPREAD = 0.62  # of the distance between bands, over which rows of one speed spread
-_SAME = 0.02  # of the range of speeds: nearer points would hide each other
+_SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
+_SAME = 0.02  # distance below which points would hide each other, as a share of the range of speeds
 
 
 def speed_gaits(
@@ -27,20 +27,20 @@ def speed_gaits(
     speed: str = "speed",
     title: str | None = None,
 ) -> Figure:
-    """A point for each row at the speed at which it walks, in the band of its gait or of a parameter's value.
+    """A point for each row at its speed, in the band of its gait or of a parameter's value.
 
-    Rows of nearly one speed stand one above the other, so that how many starts came to a gait can be seen.
+    Rows of nearly the same speed are stacked, so that the number of starts with a gait is visible.
 
     Args:
-        table: a settle table of a model whose gaits are the nine; rows that fell are left out, and markers of
-            rows that had not settled are open.
-        y: `gait`, or the column whose values are bands; gaits are then told by colour and marker.
-        panels: column of which each value gets a panel.
-        speed: the observable along the axis.
+        table: a settle table of a model with the nine gaits; rows that fell are left out, and rows that had
+            not settled have open markers.
+        y: `gait`, or the column whose values are bands; colour and marker then show the gait.
+        panels: column; each of its values has a panel.
+        speed: the observable on the horizontal axis.
         title: text above the figure.
 
     Raises:
-        PlotError: a column is not there.
+        PlotError: the table does not have a column.
     """
     speed = column(table, speed, ("_end", ""))
     for name in (y, "status", *([panels] if panels else [])):
@@ -73,13 +73,13 @@ def speed_gaits(
 
 
 def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str, extent: float) -> None:
-    """The rows of one panel, each band's spread upwards and downwards around its middle."""
+    """The rows of one panel, spread vertically around the middle of each band."""
     axes.grid(axis="y", color="#EEEEEE", lw=0.6)
     axes.set_axisbelow(True)
     for place, band in enumerate(bands):
         mine = rows_where(part, part[y] == band)
         at = mine[speed].to_numpy(float)
-        moving = mine["status"].astype(str).isin(list(UNSETTLED)).to_numpy()
+        moving = mine["status"].astype(str).isin(list(UNDECIDED)).to_numpy()
         offset = _stacked(at, _SAME * extent) * _SPREAD
         for gait in ORDER:
             which = (mine["gait"] == gait).to_numpy()
@@ -90,7 +90,7 @@ def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str,
 
 
 def _stacked(at: np.ndarray, same: float) -> np.ndarray:
-    """Offsets (n,) in [-0.5, 0.5] that keep points of nearly one place apart."""
+    """Offsets (n,) in [-0.5, 0.5] that separate points at nearly the same position."""
     order = np.argsort(at, kind="stable")
     offset = np.zeros(len(at))
     groups = np.split(order, np.flatnonzero(np.diff(at[order]) > same) + 1) if len(at) else []

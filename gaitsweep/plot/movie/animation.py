@@ -1,4 +1,4 @@
-"""A row of a trace walking: the frames of a movie, and a strip of poses over a cycle."""
+"""Animations of one row of a trace: the frames of a movie, and a strip of poses over a cycle."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from gaitsweep.plot.gaits.footfalls import Footfalls
 from gaitsweep.plot.movie.side_view import SideView, bounds
 from gaitsweep.skeleton import Skeleton
 
-_WIDE = 8.0  # inches that any picture is wide, so that its text keeps its share of it
+_WIDE = 8.0  # inches; width of every frame, so that its text has the same relative size
 _CYCLES_SHOWN = 2.0
-_LONG = 1.6  # a body longer than twice this times its height has its poses in two lines
+_LONG = 1.6  # half of the ratio of length to height above which the poses are in two lines
 _EDGE = 0.012
-_LEFT, _RIGHT = 0.115, 0.975  # of the width: the charts
+_LEFT, _RIGHT = 0.115, 0.975  # sides of the charts, as shares of the width
 _INK = "#55595F"
 _FORWARD = "forward \N{LONG RIGHTWARDS ARROW}"
 
 
 @dataclasses.dataclass(frozen=True)
 class Clip:
-    """What is shown of a row.
+    """The data of an animation.
 
-    `skeleton` is the body at the times `t` (n,) s of the pictures; `contact` (m, limbs) is 1 on the ground at
-    the times `contact_t` (m,) s of the whole trace; `period` s of a cycle; `title` and `pace` are words.
+    `skeleton` is the body at the times `t` (n,) s of the frames; `contact` (m, limbs) is 1 on the ground at
+    the times `contact_t` (m,) s of the whole trace; `period` (s) of a cycle; `title` and `pace` are texts.
     """
 
     t: np.ndarray
@@ -52,7 +52,7 @@ class Clip:
 
     @property
     def camera(self) -> np.ndarray:
-        """What the picture follows, (n, 2) m: the body's middle, its swaying within a cycle left out."""
+        """The path of the camera, (n, 2) m: the body's middle, averaged over a cycle."""
         parts = self.skeleton.bodies or tuple(limb.points for limb in self.skeleton.limbs)
         middle = np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
         if len(self.t) < 3:
@@ -64,27 +64,27 @@ class Clip:
 
 
 class Scene(Protocol):
-    """The body's picture in axes."""
+    """A drawing of the body in axes."""
 
     def show(self, k: int) -> None:
         """Show sample k."""
 
 
-Drawn: TypeAlias = Callable[[Axes, Clip, bool], Scene]  # the picture in axes, with names in it or without
+Drawn: TypeAlias = Callable[[Axes, Clip, bool], Scene]  # draws the body in axes, with names or without
 
 
 def side_view(axes: Axes, clip: Clip, named: bool) -> Scene:
-    """The body's lines, drawn by Matplotlib."""
+    """The body as lines, drawn by Matplotlib."""
     return SideView(axes, clip.skeleton, clip.down, clip.camera, named=named)
 
 
 def frames(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Generator[np.ndarray]:
-    """The pictures of a movie, one for each of the clip's times.
+    """The frames of a movie, one for each of the clip's times.
 
     Args:
-        clip: what is shown.
+        clip: the data.
         size: width and height, pixels.
-        scene: makes the body's picture in the axes that are left for it.
+        scene: draws the body in its axes.
 
     Yields:
         RGB bytes (height, width, 3), each valid until the next.
@@ -137,7 +137,7 @@ def _clock(figure: Figure) -> Text:
 
 
 def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
-    """How much of the clip has passed."""
+    """The share of the clip that has passed."""
     axes.set_xlim(clip.t[0], clip.t[-1])
     axes.set_ylim(0.0, 1.0)
     axes.set_axis_off()
@@ -149,7 +149,7 @@ def _time_bar(axes: Axes, clip: Clip) -> Rectangle:
 
 @contextlib.contextmanager
 def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
-    """An empty figure of so many pixels, `_WIDE` inches wide whatever they are."""
+    """An empty figure of so many pixels, always `_WIDE` inches wide."""
     width, height = size
     with style.canvas(_WIDE, _WIDE * height / width) as figure:
         figure.set_layout_engine("none")
@@ -158,12 +158,12 @@ def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
 
 
 def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure:
-    """A strip of poses, side by side and numbered, above the footfalls in which they are marked.
+    """A strip of numbered poses, side by side, above the footfalls in which their times are marked.
 
     Args:
         clip: the poses, over a period or less.
         size: width and height, pixels.
-        scene: makes a pose's picture in its axes.
+        scene: draws a pose in its axes.
     """
     half, height, _ = bounds(clip.skeleton, clip.camera)
     lines = 2 if half > _LONG * height else 1
@@ -189,5 +189,5 @@ def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure
 
 
 def _chart_height(clip: Clip, tall: float) -> float:
-    """The share of a figure `tall` inches high that the footfalls get."""
+    """The share of the footfalls in the height of a figure `tall` inches high."""
     return min(0.25 + 0.17 * len(clip.skeleton.limbs), 0.4 * tall) / tall

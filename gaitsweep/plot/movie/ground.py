@@ -1,4 +1,4 @@
-"""The ground below a walking body: a strip whose marks, a round distance apart, pass by."""
+"""The ground below a walking body: a moving strip with marks at round distances."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Rectangle
 
 _STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"
-_MARKS = 7  # about so many across the picture
-# Room above the body and below the ground, in its height; where names stand there, and where none do.
+_MARKS = 7  # approximate number of marks across the frame
+# Space above the body and below the ground, as shares of its height, with names and without.
 _NAMED, _PLAIN = (1.22, 0.24), (1.12, 0.1)
 
 
 class Ground:
-    """A strip of ground in axes, of which it also sets the limits."""
+    """A strip of ground in axes, whose limits it sets."""
 
     def __init__(
         self, axes: Axes, half: float, height: float, depth: float, aside: np.ndarray, *, named: bool
@@ -22,12 +22,12 @@ class Ground:
         """Draw the strip.
 
         Args:
-            axes: whose limits are set to hold the body at one scale.
+            axes: the axes; their limits are set to contain the body at equal scales.
             half: half of the body's width, m.
             height: the body's height, m.
-            depth: how far the strip reaches to both sides, m.
-            aside: how a metre to the left is drawn, (2,) m.
-            named: whether marks say where they are.
+            depth: half the width of the strip, m.
+            aside: the drawn offset of a metre to the left, (2,) m.
+            named: whether marks show their position.
         """
         self._aside = aside * depth
         self.near = -float(self._aside[1])
@@ -53,7 +53,7 @@ class Ground:
         ]
 
     def show(self, place: float) -> None:
-        """Put the marks where they are when the picture's middle is `place` (m) along the ground."""
+        """Move the marks for a frame whose middle is at `place` (m) along the ground."""
         reach = self._half + abs(float(self._aside[0]))
         first, last = np.ceil((place - reach) / self._step), np.floor((place + reach) / self._step)
         marks = np.arange(first, last + 1.0) * self._step

@@ -1,4 +1,4 @@
-"""Movies on disk: GIF by Pillow, MP4 by the ffmpeg that imageio-ffmpeg brings."""
+"""Movie files: GIF by Pillow, MP4 by the ffmpeg program of imageio-ffmpeg."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from PIL import Image
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.table import replace_file
 
-_EXACT = 48  # colours of a GIF that are kept as they are
-_NEAR = 8  # of 255: Pillow looks colours up in steps of 4, and so may take any that lies this near
+_EXACT = 48  # colours of a GIF that are kept exactly
+_NEAR = 8  # of 255; Pillow looks colours up in steps of 4, so it may confuse colours this near
 _PLACES = np.array([65536, 256, 1], np.uint32)
 FORMATS = (".gif", ".mp4")
 
 
 def require(path: Path, fps: float) -> None:
-    """Refuse, before anything is drawn, what could not be written.
+    """Refuse a movie that could not be written, before anything is drawn.
 
     Raises:
-        PlotError: another format than .gif or .mp4, pictures too fast for GIF, no ffmpeg for MP4.
+        PlotError: the format is neither .gif nor .mp4, the frame rate is too high for GIF, or MP4 lacks
+            ffmpeg.
     """
     kind = path.suffix.lower()
     if kind not in FORMATS:
@@ -37,17 +38,17 @@ def require(path: Path, fps: float) -> None:
 
 
 def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str] = ()) -> None:
-    """Write a movie, whole or not at all.
+    """Write a movie; the file is replaced only if all of it is written.
 
     Args:
-        path: where it shall stand, .gif or .mp4; its folder exists.
-        frames: RGB bytes (height, width, 3), as many as there are.
-        fps: pictures a second.
-        colours: which a GIF, that has 256, has to have.
+        path: the file, .gif or .mp4; its folder exists.
+        frames: RGB bytes (height, width, 3) of each frame.
+        fps: frames a second.
+        colours: required among the 256 colours of a GIF.
 
     Raises:
-        PlotError: as `require`, or ffmpeg refuses.
-        OSError: the file cannot be written; what stood there stands.
+        PlotError: as for `require`, or ffmpeg fails.
+        OSError: the file cannot be written; an older file is kept.
     """
     require(path, fps)
     if path.suffix.lower() == ".gif":
@@ -57,7 +58,7 @@ def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence
 
 
 def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str]) -> None:
-    """All pictures in the same colours, so that what does not move stays the same to the bit."""
+    """All frames with one palette, so that pixels that do not change are equal to the bit."""
     first = next(frames)
     palette = _palette(first, colours)
 
@@ -76,7 +77,7 @@ def _gif(file: BinaryIO, frames: Iterator[np.ndarray], fps: float, colours: Sequ
 
 
 def _palette(picture: np.ndarray, wanted: Sequence[str]) -> Image.Image:
-    """256 colours: those wanted, the most frequent of this picture as they are, means of its others."""
+    """256 colours: those wanted, the most frequent ones of this frame, and means of its others."""
     packed, counts = np.unique(picture.astype(np.uint32) @ _PLACES, return_counts=True)
     frequent = packed[np.argsort(-counts, kind="stable")[: 4 * _EXACT], None] // _PLACES % 256
     means = Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).getpalette() or []
@@ -90,7 +91,7 @@ def _palette(picture: np.ndarray, wanted: Sequence[str]) -> Image.Image:
 
 
 def _apart(colours: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The colours without those near an earlier one."""
+    """The colours without those that are near an earlier one."""
     kept: list[np.ndarray] = []
     for colour in colours:
         if all(np.abs(colour.astype(int) - other).max() > _NEAR for other in kept):
@@ -99,7 +100,7 @@ def _apart(colours: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _ffmpeg() -> str:
-    """The program of imageio-ffmpeg."""
+    """The path of imageio-ffmpeg's program."""
     try:
         import imageio_ffmpeg  # pyright: ignore[reportMissingImports] (an extra)
 
@@ -111,6 +112,11 @@ def _ffmpeg() -> str:
 
 
 def _mp4(target: str, frames: Iterator[np.ndarray], fps: float) -> None:
+    """Write frames through ffmpeg.
+
+    `imageio_ffmpeg.write_frames` would hide ffmpeg's exit code and message, so that a movie that failed (full
+    disk) would replace the older one.
+    """
     first = next(frames)
     height, width, _ = first.shape
     # yuv420p, which every player reads, has one colour for 2 x 2 pixels
@@ -124,7 +130,7 @@ def _mp4(target: str, frames: Iterator[np.ndarray], fps: float) -> None:
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdin is not None
     try:
-        with contextlib.suppress(BrokenPipeError):  # it has ended, and says why
+        with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended, and its message gives the reason
             process.stdin.write(first.tobytes())
             for frame in frames:
                 process.stdin.write(frame.tobytes())

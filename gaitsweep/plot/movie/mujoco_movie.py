@@ -1,4 +1,4 @@
-"""A body rendered by MuJoCo without a display, where this machine has an OpenGL that can."""
+"""A body rendered by MuJoCo without a display, if this machine has a suitable OpenGL."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.movie.side_view import bounds, limb_colours
 from gaitsweep.skeleton import Skeleton
 
-BACKENDS = ("egl", "osmesa")  # ways to OpenGL without a display, the first that works is taken
-_PATIENCE = 90.0  # s for a picture; the first one waits for Python and MuJoCo to load
+BACKENDS = ("egl", "osmesa")  # OpenGL without a display; the first that works is used
+_PATIENCE = 90.0  # s for a frame; the first one includes the start of Python and MuJoCo
 _PAINTER = Path(__file__).with_name("mujoco_painter.py")
 
 
 class NoOpenGL(PlotError):
-    """MuJoCo cannot render here; the message says why."""
+    """MuJoCo cannot render on this machine; the message gives the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Body:
-    """What MuJoCo renders: an MJCF and its qpos (n, nq), m and rad, heading so far (rad) from the x axis."""
+class RenderedBody:
+    """The input of MuJoCo: an MJCF, its qpos (n, nq), m and rad, and the heading (rad) from the x axis."""
 
     mjcf: str
     qpos: np.ndarray
@@ -41,19 +41,21 @@ class Body:
 
 
 class Painter:
-    """A process that renders the pictures of a body one after the other."""
+    """A process that renders the frames of a body in order."""
 
-    def __init__(self, body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> None:
-        """Start the process and have its first picture.
+    def __init__(
+        self, body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]
+    ) -> None:
+        """Start the process and read its first frame.
 
         Args:
-            body: what is rendered, at n samples.
-            skeleton: the same body as lines, for the limbs' colours and how large it is.
-            camera: what is in the middle of each picture, (n, 2) m, forward and to the left.
-            size: width and height of a picture, pixels.
+            body: the body at n samples.
+            skeleton: the same body as lines, for its size and the limbs' colours.
+            camera: the middle of each frame, (n, 2) m, forward and to the left.
+            size: width and height of a frame, pixels.
 
         Raises:
-            NoOpenGL: no way to OpenGL works here.
+            NoOpenGL: no OpenGL backend works.
         """
         self._shape = (size[1], size[0], 3)
         self._at = 0
@@ -69,7 +71,7 @@ class Painter:
         raise NoOpenGL(f"MuJoCo cannot render here ({'; '.join(refusals)})")
 
     def picture(self, k: int) -> np.ndarray:
-        """The picture of sample k, RGB bytes (height, width, 3); samples are asked for in their order."""
+        """The frame of sample k, RGB bytes (height, width, 3); samples must be requested in order."""
         while self._at < k:
             try:
                 self._picture = self._read()
@@ -90,7 +92,7 @@ class Painter:
                 stream.close()
 
     def _read(self) -> np.ndarray:
-        """The next picture; NoOpenGL with the process's last words where there is none."""
+        """The next frame; raises NoOpenGL with the last message of the process if there is none."""
         assert self._process.stdout is not None
         wanted, got = int(np.prod(self._shape)), bytearray()
         deadline = time.monotonic() + _PATIENCE
@@ -107,7 +109,7 @@ class Painter:
 
 
 class Rendered:
-    """A painter's pictures in axes."""
+    """The frames of a painter in axes."""
 
     def __init__(self, axes: Axes, painter: Painter) -> None:
         axes.set_axis_off()
@@ -128,7 +130,7 @@ def pixels(axes: Axes) -> tuple[int, int]:
     return max(round(box.width), 1), max(round(box.height), 1)
 
 
-def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> bytes:
+def _request(body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]) -> bytes:
     half, tall, _ = bounds(skeleton, camera)
     cosine, sine = np.cos(body.heading), np.sin(body.heading)
     packed = io.BytesIO()
@@ -136,7 +138,8 @@ def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int
         packed,
         mjcf=np.array(body.mjcf),
         qpos=body.qpos,
-        middle=camera @ np.array([[cosine, sine], [-sine, cosine]]),  # back to where it walked
+        middle=camera
+        @ np.array([[cosine, sine], [-sine, cosine]]),  # rotated back to the direction of walking
         heading=body.heading,
         size=np.array(size),
         extent=np.array([half, tall]),
@@ -146,16 +149,16 @@ def _request(body: Body, skeleton: Skeleton, camera: np.ndarray, size: tuple[int
 
 
 def _start(request: bytes, backend: str) -> tuple[subprocess.Popen[bytes], io.BufferedRandom]:
-    """The painter at work; what it says goes to a file without a name."""
+    """The running painter; its messages go to an unnamed file."""
     environment = {**os.environ, "MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
     log = tempfile.TemporaryFile()  # noqa: SIM115 (the painter closes it)
-    # run as a file it need not wait for all that this package imports; -P hides the files beside it
+    # run as a file, it does not import this package; -P hides the files beside it
     command = [sys.executable, "-P", str(_PAINTER)]
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, bufsize=0
     )
     assert process.stdin is not None
-    with contextlib.suppress(BrokenPipeError):  # it is gone, and its last words say why
+    with contextlib.suppress(BrokenPipeError):  # the process has ended, and its last message gives the reason
         process.stdin.write(request)
     with contextlib.suppress(BrokenPipeError):
         process.stdin.close()

@@ -1,8 +1,8 @@
 """The program that renders a body with MuJoCo and OpenGL, for `mujoco_movie`.
 
-It reads an .npz from standard input and writes, for each sample, the bytes of an RGB picture to standard
-output. It is a process of its own because MuJoCo chooses its OpenGL once, when it is imported, and because a
-driver that crashes then takes nothing with it.
+It reads an .npz from standard input and writes the bytes of an RGB frame for each sample to standard output.
+It is a separate process because MuJoCo chooses its OpenGL once, when it is imported, and because a crash of
+the driver then ends only this process.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -17,16 +17,16 @@ import sys
 import mujoco
 import numpy as np
 
-_ASIDE, _DOWN = 28.0, -14.0  # degrees: how far the camera stands ahead of the right side, and looks down
-_VIEW = 25.0  # degrees from the bottom to the top of a picture
+_ASIDE, _DOWN = 28.0, -14.0  # degrees; azimuth of the camera ahead of the right side, and its elevation
+_VIEW = 25.0  # degrees; vertical field of view
 _TIGHT = 1.08
-_SHADOW = 1024  # pixels; where a processor does OpenGL's work, MuJoCo's 4096 take most of the time
+_SHADOW = 1024  # pixels; with software OpenGL, MuJoCo's 4096 take most of the time
 
 
 def main() -> None:
     given = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print must not come between the pictures
+    os.dup2(2, 1)  # output of libraries must not mix with the frames
     model = mujoco.MjModel.from_xml_string(str(given["mjcf"]))
     data = mujoco.MjData(model)
     width, height = (int(pixels) for pixels in given["size"])
@@ -41,7 +41,7 @@ def main() -> None:
     lamps = model.light_pos[hung]
     for qpos, middle in zip(given["qpos"], given["middle"], strict=True):
         data.qpos = qpos
-        model.light_pos[hung] = lamps + np.append(middle, 0.0)  # a lamp casts shadows near itself only
+        model.light_pos[hung] = lamps + np.append(middle, 0.0)  # a lamp casts shadows only near itself
         mujoco.mj_forward(model, data)
         camera.lookat[:2] = middle
         renderer.update_scene(data, camera)
@@ -51,13 +51,13 @@ def main() -> None:
 
 
 def _camera(given: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
-    """A free camera, so far away that the body is seen whole."""
+    """A free camera, far enough away that the whole body is visible."""
     half, tall = (float(length) for length in given["extent"])
     camera = mujoco.MjvCamera()
     camera.azimuth = 90.0 + _ASIDE + float(np.degrees(given["heading"]))
     camera.elevation = _DOWN
     camera.lookat[2] = 0.46 * tall
-    seen = 2.0 * np.tan(np.radians(0.5 * _VIEW))  # a metre away
+    seen = 2.0 * np.tan(np.radians(0.5 * _VIEW))  # height of the view at a metre's distance
     camera.distance = _TIGHT * (
         max(1.2 * tall, 2.0 * half / aspect) / seen + half * np.sin(np.radians(_ASIDE))
     )
@@ -65,14 +65,14 @@ def _camera(given: np.lib.npyio.NpzFile, aspect: float) -> mujoco.MjvCamera:
 
 
 def _light(model: mujoco.MjModel) -> None:
-    """Light that leaves the marks and shadows of a pale ground visible."""
+    """Light that keeps marks and shadows on a pale ground visible."""
     model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = 0.42, 0.4
     model.vis.headlight.specular[:] = 0.0
     model.light_diffuse[:], model.light_specular[:] = 0.3, 0.0
 
 
 def _paint_limbs(model: mujoco.MjModel, colours: np.ndarray) -> None:
-    """Give the bodies that carry one foot alone their limb's colour."""
+    """Colour the bodies that carry exactly one foot like their limb."""
     above: list[list[int]] = []
     for number in range(1, len(colours) + 1):
         site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"foot_{number}")

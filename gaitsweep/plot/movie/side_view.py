@@ -1,4 +1,4 @@
-"""A body seen from its right side and a little from above, walking over a ground with marks."""
+"""A drawing of a body from its right side, slightly from above, on a ground with marks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from scipy.spatial import ConvexHull, QhullError
 from gaitsweep.plot.movie.ground import Ground
 from gaitsweep.skeleton import Limb, Skeleton
 
-# A metre to the left is drawn so far (m) to the right and up.
+# The drawn offset (m) of a metre to the left: to the right and up.
 _ASIDE = np.array([0.28, 0.22])
 _PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_FAR = 0.45  # how much white is in the colour of the far limb of a pair
+_FAR = 0.45  # share of white in the colour of the far limb of a pair
 _BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
-_TURNS = 5  # of a spring
+_TURNS = 5  # turns of a spring
 _MOST_NAMES = 16
 
 
@@ -35,7 +35,7 @@ def limb_colours(limbs: Sequence[Limb]) -> list[str]:
 
 
 def heading(skeleton: Skeleton) -> float:
-    """Where a body looks on average, from its tail to its head, rad from the x axis."""
+    """The mean heading of a body, from its tail to its head, rad from the x axis."""
     if len(skeleton.bodies) < 2:
         return 0.0
     ahead = skeleton.bodies[0].mean(axis=(0, 1)) - skeleton.bodies[-1].mean(axis=(0, 1))
@@ -43,7 +43,7 @@ def heading(skeleton: Skeleton) -> float:
 
 
 def turned(skeleton: Skeleton, angle: float) -> Skeleton:
-    """A body turned back about the z axis by an angle (rad): by its heading, until it looks to the right."""
+    """A body rotated about the z axis by minus an angle (rad); with its heading, it faces to the right."""
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return dataclasses.replace(
@@ -55,12 +55,12 @@ def turned(skeleton: Skeleton, angle: float) -> Skeleton:
 
 
 def projected(points: np.ndarray) -> np.ndarray:
-    """Points (..., 3) m as they lie in the picture (..., 2), m."""
+    """The projection (..., 2) m of points (..., 3) m."""
     return points[..., [0, 2]] + points[..., 1:2] * _ASIDE
 
 
 def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]:
-    """Half the width, the height and half the ground's depth (m) that hold the body at all samples."""
+    """Half the width, the height and half the ground's depth (m) that contain the body at all samples."""
     middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
     parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
     every = np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)
@@ -71,18 +71,18 @@ def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]
 
 
 class SideView:
-    """The picture of one sample, in axes; `show` moves it to another."""
+    """The drawing of one sample in axes; `show` moves it to another sample."""
 
     def __init__(
         self, axes: Axes, skeleton: Skeleton, down: np.ndarray, camera: np.ndarray, *, named: bool = True
     ) -> None:
-        """Prepare the picture.
+        """Prepare the drawing.
 
         Args:
-            axes: where it is drawn.
+            axes: the axes.
             skeleton: the body over n samples.
             down: whether each limb is on the ground, (n, limbs).
-            camera: what is in the middle of the picture, (n, 2) m, forward and to the left.
+            camera: the middle of the drawing, (n, 2) m, forward and to the left.
             named: whether limbs and marks on the ground are named.
         """
         self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
@@ -92,7 +92,7 @@ class SideView:
         self._sole = 0.05 * self._height
         axes.set_axis_off()
         self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named)
-        # lines are as thick as suits a body drawn a hundred points tall
+        # line widths are for a body drawn a hundred points tall
         points = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
         self._thick = float(np.clip(72.0 * points / axes.figure.dpi / 110.0, 0.4, 1.5))
         self._limbs = [self._limb(i) for i in range(len(skeleton.limbs))]
@@ -105,7 +105,7 @@ class SideView:
         self.show(0)
 
     def show(self, k: int) -> None:
-        """Move the picture to sample k."""
+        """Show sample k."""
         middle = np.array([*self._camera[k], 0.0])
         for i, (line, foot, sole) in enumerate(self._limbs):
             at = projected(self._skeleton.limbs[i].points[k] - middle)
@@ -126,7 +126,7 @@ class SideView:
             self._ground.show(float(self._camera[k, 0]))
 
     def _limb(self, i: int) -> tuple[Line2D, Line2D, Line2D]:
-        """Links with their joints, the foot, and the mark below it while it stands."""
+        """Links with their joints, the foot, and the mark below it during stance."""
         colour, far, w = self._colours[i], self._skeleton.limbs[i].far, self._thick
         order = 2 if far else 7
         (line,) = self._axes.plot(
@@ -145,7 +145,7 @@ class SideView:
         return patch
 
     def _name_limbs(self) -> None:
-        """Near limbs are named below the ground, far ones above the body, each at its own mean place."""
+        """The names of near limbs below the ground, of far ones above the body, at their mean positions."""
         low, high = self._ground.near - 0.05 * self._height, 1.06 * self._height
         for limb, colour in zip(self._skeleton.limbs, self._colours, strict=True):
             roots = limb.points[:, 0].copy()
@@ -160,7 +160,7 @@ class SideView:
 def _hull(points: np.ndarray) -> np.ndarray:
     try:
         return points[ConvexHull(points).vertices]
-    except QhullError:  # all on one line, as a flat body's nearer side is
+    except QhullError:  # all points on one line, as on the near side of a flat body
         return points
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from gaitsweep.circular import wrapped_difference
 from gaitsweep.models.multilegged.theory.chain import (
     Chain,
     Scalar,
@@ -75,7 +76,7 @@ def distance_from(lines: Segments, psi: jax.Array) -> jax.Array:
 
     Exact within about 2 rad: beyond, the slanted pieces of set A may have a nearer image than the one used.
     """
-    away = wrapped_difference(psi[None, :], lines.middle)
+    away = wrapped_difference(psi[None, :] - lines.middle)
     along = jnp.sum(away * lines.direction, axis=1)
     nearest = jnp.clip(along, -lines.half, lines.half)
     apart = jnp.sqrt(jnp.sum((away - nearest[:, None] * lines.direction) ** 2, axis=1))
@@ -87,11 +88,6 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     circle = touchdown_phase(chain)
     # one set after another, so that long chains need no more memory than one set's pieces
     return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), all_steps(N, chain))
-
-
-def wrapped_difference(one: jax.Array, other: jax.Array) -> jax.Array:
-    """one - other in [-pi, pi), rad."""
-    return jnp.mod(one - other + jnp.pi, TWO_PI) - jnp.pi
 
 
 def locked_state(chain: Chain) -> jax.Array:
@@ -113,8 +109,8 @@ def locked_state(chain: Chain) -> jax.Array:
 def _locking(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     """How far psi is from a locked state, rad: the known one if N = 3, else any with two legs in phase."""
     if N == 3:
-        return jnp.sqrt(jnp.sum(wrapped_difference(psi, locked_state(chain)) ** 2))
-    return jnp.min(jnp.abs(wrapped_difference(psi, jnp.zeros_like(psi))))
+        return jnp.sqrt(jnp.sum(wrapped_difference(psi - locked_state(chain)) ** 2))
+    return jnp.min(jnp.abs(wrapped_difference(psi)))
 
 
 def classify(

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaitsweep.circular import wrapped_difference
 from gaitsweep.models.multilegged.theory.chain import Chain, reset, shift, touchdown_phase
 from gaitsweep.models.multilegged.theory.section import Leg, touches_early
 from gaitsweep.models.multilegged.theory.solution_sets import (
@@ -114,5 +115,5 @@ def jumps(N: int, branch: Branch, chain: Chain | None = None, section: int | Non
         if float(rule.low) + APART < s < float(rule.high) - APART:
             above, below = (solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
             change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
-            found.append(Jump(float(s), number, np.mod(change + np.pi, 2.0 * np.pi) - np.pi))
+            found.append(Jump(float(s), number, wrapped_difference(change)))
     return tuple(sorted(found, key=lambda jump: jump.s))

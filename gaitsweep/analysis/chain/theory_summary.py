@@ -1,10 +1,7 @@
-"""The theory's numbers for a chain: `python -m gaitsweep.models.multilegged.theory --N 9 --m_1 0.85`."""
+"""The results of the theory for one chain, as text."""
 
 from __future__ import annotations
 
-import argparse
-
-import jax
 import numpy as np
 
 from gaitsweep.models.multilegged.theory import conserved, waves
@@ -14,19 +11,14 @@ from gaitsweep.models.multilegged.theory.solution_sets import branches, rule_of
 from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
 
 
-def main() -> None:
-    """Print the solutions of a chain: numbers of the whole line, then a row for each set."""
-    parser = argparse.ArgumentParser(
-        prog="python -m gaitsweep.models.multilegged.theory", description=__doc__
-    )
-    parser.add_argument("--N", type=int, default=3, help="springs; the chain has N + 1 legs")
-    parser.add_argument("--omega", type=float, default=0.4, help="basic frequency, rad/s")
-    for name, value in Chain()._asdict().items():
-        parser.add_argument(f"--{name}", type=float, default=value)
-    given = vars(parser.parse_args())
-    N, omega = given.pop("N"), given.pop("omega")
-    jax.config.update("jax_enable_x64", True)
-    chain = Chain(**given)
+def theory_summary(N: int, omega: float, chain: Chain) -> str:
+    """The solutions of a chain: the numbers of its line of solutions, then one line for each set.
+
+    Args:
+        N: springs; the chain has N + 1 legs.
+        omega: basic frequency, rad/s.
+        chain: its parameters.
+    """
     speeds = waves.wave_speed(omega, chain)
     rows = {
         "b (rad/kg)": shift(chain),
@@ -39,12 +31,14 @@ def main() -> None:
         "drift of E (rad a cycle), eqs. (30)-(32)": conserved.drift(chain),
         "cycles to drift along all of it": conserved.worst_case_cycles(N, chain),
     }
-    for name, value in rows.items():
-        print(f"{name:42} {float(value):.6g}")
-    print("\nset          free phase      order of touchdowns in its middle; T_1, T_2; jumps; error of (22)")
+    lines = [f"{name:42} {float(value):.6g}" for name, value in rows.items()]
+    lines += [
+        "",
+        "set          free phase      order of touchdowns in its middle; T_1, T_2; jumps; error of (22)",
+    ]
     for branch in branches(N):
         rule = rule_of(N, branch, chain)
-        # not the middle itself, where two legs of set A touch at once
+        # not the middle itself, where two legs of set A touch down together
         s = float(rule.low + 0.45 * (rule.high - rule.low))
         order = " ".join(map(str, touchdown_order(N, branch, s, chain)))
         early = ", ".join(str(sorted(legs)) for legs in order_sets(N, branch, s, chain))
@@ -53,8 +47,5 @@ def main() -> None:
         error = np.abs(found - polynomial(N, branch)).max()
         name = branch.kind if branch.kind == "direct" else f"{branch.kind}, k = {branch.k}"
         ends = f"{float(rule.low):.4f} {float(rule.high):.4f}"
-        print(f"{name:12} {ends}   {order}; {early}; {', '.join(at) or 'none'}; {error:.0e}")
-
-
-if __name__ == "__main__":
-    main()
+        lines.append(f"{name:12} {ends}   {order}; {early}; {', '.join(at) or 'none'}; {error:.0e}")
+    return "\n".join(lines)

@@ -1,8 +1,7 @@
 """The smoothed drift of a one-dimensional map along a line or around the circle: its zeros and its ghosts.
 
-The drift is smoothed on each piece of the data between gaps and jumps (`map_pieces`), and told where there
-are data. It has a zero where the curve goes from one sure sign to the other and points on both sides bear it
-out.
+The drift is smoothed on each piece of the data between gaps and jumps (`map_pieces`). It has a zero where the
+curve changes between significant values of opposite sign, and the points on both sides confirm it.
 """
 
 from __future__ import annotations
@@ -13,24 +12,30 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import find_peaks
 
-from gaitsweep.analysis.circular import TURN, on_line
+from gaitsweep.analysis.circular import on_line
 from gaitsweep.analysis.transitions.map_pieces import breaks
 from gaitsweep.analysis.transitions.smoothing import Smooth, local_polynomial
+from gaitsweep.circular import TURN
 
-NEAR = 0.01  # rad a crossing: a slower drift is one that holds a row for long
-SURE = 2.0  # standard errors by which a drift differs from zero
-_A_BANDWIDTH = 5  # places of the curve in a bandwidth
-_AT_REST = 1e-4  # bandwidths a crossing: a row that is so slow has come to rest
-_OUTSIDE = 0.02  # bandwidths that the state at which rows come to rest may lie outside the data
-_NARROWER = (1.0, 0.5, 0.25, 0.125)  # bandwidths: a narrower window where the points bend away from the curve
-_AT_A_PLACE = 4  # points, by their shares, that tell whether the curve follows them there
+NEAR = 0.01  # rad a crossing; a slower drift holds a row for long
+SURE = 2.0  # standard errors from zero of a significant drift
+_A_BANDWIDTH = 5  # points of the curve in a bandwidth
+_AT_REST = 1e-4  # bandwidths a crossing; a slower row is at rest
+_OUTSIDE = 0.02  # bandwidths; largest distance of a rest state outside the data
+_NARROWER = (
+    1.0,
+    0.5,
+    0.25,
+    0.125,
+)  # bandwidths; windows are narrowed where the points deviate from the curve
+_AT_A_PLACE = 4  # least weight of the points in a test of the fit at one position
 _ASTRAY = (
     0.02,
     4.0,
-)  # what points at a place may lie beside the curve on average: bandwidths, standard errors
-_TWOFOLD = 3.0  # times as far apart as each is wide: two branches of points, of which the middle is neither
-_A_BRANCH, _BRANCHES = 2, 8  # points of each branch at least where both are, and of both
-_BRIDGED = (3.0, 0.5)  # what is left at a zero on one side: standard errors, shares of the drift on that side
+)  # largest mean deviation of points from the curve: bandwidths, standard errors
+_TWOFOLD = 3.0  # least ratio of the distance between two branches of points to their widths
+_A_BRANCH, _BRANCHES = 2, 8  # least number of points of each branch, and of both
+_BRIDGED = (3.0, 0.5)  # largest residual at a zero on one side: standard errors, shares of the drift there
 
 
 Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # value, change, row, share
@@ -39,8 +44,8 @@ Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # value, change,
 class Drift(NamedTuple):
     """One piece of a map: pairs as points (value, change, row and share of each), and the curve through them.
 
-    `begin` is where the turn begins if the curve closes around the circle; then the points near it stand on
-    both sides. `circular` says whether changes are angles.
+    `begin` is the start of the turn if the curve closes around the circle; points near it are then present on
+    both sides. `circular`: whether changes are angles.
     """
 
     value: np.ndarray
@@ -53,7 +58,7 @@ class Drift(NamedTuple):
     smooth: Smooth
 
     def at(self, place: float) -> Smooth:
-        """The curve at one place: by a parabola where the points show that it bends, else by a line."""
+        """The curve at one position: by a parabola if the points show curvature, else by a line."""
         where = np.array([place])
         where = where if self.begin is None else on_line(where, self.begin)
         found = None
@@ -78,16 +83,16 @@ def drifts_of(
 ) -> list[Drift]:
     """Smooth the change over the value by local lines, on each piece of the data.
 
-    Around the circle, where the data break off nowhere, the curve closes.
+    The curve closes around the circle if the data have no break.
 
     Args:
         value, change: (n,), each row's in their order; angles on one turn, in rad.
-        row: which row each pair is of, (n,).
+        row: the row of each pair, (n,).
         bandwidth: half the width of the window, in the unit of the value.
         circular: whether the value is an angle.
 
     Returns:
-        The pieces, ascending; of an angle they may go on beyond the end of the turn.
+        The pieces, ascending; those of an angle may extend beyond the end of the turn.
     """
     step = bandwidth / _A_BANDWIDTH
     share = once_a_place(value, row, step)
@@ -98,16 +103,18 @@ def drifts_of(
     if not circular:
         ends = np.flatnonzero(breaks(value, change, share, first, bandwidth, step)) + 1
     else:
-        # what is near the ends of the turn has its neighbours on the other side too
+        # points near the ends of the turn also have neighbours on the other side
         low = int(np.searchsorted(value, value[-1] - 4.0 * bandwidth))
         high = int(np.searchsorted(value, value[0] + 4.0 * bandwidth, "right"))
         around = np.r_[np.arange(low, n) - n, np.arange(n), np.arange(high) + n]
         again = around % n
         turned = value[again] + TURN * (around // n)
         broken = breaks(turned, change[again], share[again], first[again], bandwidth, step)
-        # the last of these n lies between the last point and the first one, a turn later
+        # the last of these n is between the last point and the first one, a turn later
         after = broken[n - low : n - low + n]
-        after |= np.abs(np.diff(change, append=change[0])) > 0.5 * TURN  # by the longer way: not through zero
+        after |= (
+            np.abs(np.diff(change, append=change[0])) > 0.5 * TURN
+        )  # more than half a turn: not through zero
         if not after.any():
             return [_closed(value, change, row, share, bandwidth, step)]
         begin = int(np.flatnonzero(after)[-1]) + 1
@@ -125,7 +132,7 @@ def _split(ends: np.ndarray, points: Points) -> list[Points]:
 
 
 def _piece(points: Points, bandwidth: float, step: float, circular: bool) -> Drift:
-    """A piece with ends: its curve goes from its first point to its last one."""
+    """A piece with ends: its curve extends from its first point to its last."""
     value, change, row, share = points
     low, high = float(value[0]), float(value[-1])
     at = np.arange(low, high, step)
@@ -137,7 +144,7 @@ def _piece(points: Points, bandwidth: float, step: float, circular: bool) -> Dri
 def _closed(
     value: np.ndarray, change: np.ndarray, row: np.ndarray, share: np.ndarray, bandwidth: float, step: float
 ) -> Drift:
-    """The only piece of a map whose data go all around the circle."""
+    """The single piece of a map whose data cover the circle."""
     low = float(value[0])
     around = np.concatenate([value - TURN, value, value + TURN])
     near = (around > low - 2.0 * bandwidth) & (around < low + TURN + 2.0 * bandwidth)
@@ -146,7 +153,7 @@ def _closed(
     count = int(np.ceil(TURN / step))
     at = low + TURN * np.arange(count) / count
     smooth = _followed((value, change, row, share), at, bandwidth)
-    # begin where the sign is surest, so that no zero lies across the ends
+    # begin at the most significant sign, so that no zero is at the ends
     sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
     way = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
     smooth = Smooth(*(each[way % count] for each in smooth))
@@ -155,8 +162,10 @@ def _closed(
 
 
 def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
-    """The curve through points sorted by value, in narrower windows where they bend; NaN where none follows
-    them, and where they lie on two branches."""
+    """The curve through points sorted by value, in narrower windows where they bend.
+
+    It is NaN where no window fits the points, and where they lie on two branches.
+    """
     smooth = local_polynomial(*points, at, bandwidth)
     smooth.value[_twofold(points, smooth, bandwidth)] = np.nan
     wrong = np.flatnonzero(_astray(points, smooth, bandwidth, bandwidth))
@@ -172,10 +181,10 @@ def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
 def _astray(
     points: Points, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
 ) -> np.ndarray:
-    """At which places the points there lie beside the curve on average, by more than they scatter, bool (k,).
+    """Whether the mean deviation of the points from the curve exceeds their scatter, bool (k,).
 
-    `width` is that of the window; points within a fifth of it are at a place. `unknown` is the answer where
-    they are too few; a curve that has gone astray in a wider window has to follow them more surely.
+    `width` is that of the window; points within a fifth of it belong to a position. `unknown` is the result
+    for too few points; a curve that failed in a wider window has to fit them more closely.
     """
     value, change, _, share = points
     wrong = np.full(len(smooth.at), unknown)
@@ -191,15 +200,15 @@ def _astray(
         effective = float(weight.sum()) ** 2 / float((weight**2).sum())
         error = np.sqrt(np.average((beside - mean) ** 2, weights=weight) / (effective - 1.0))
         much, many = _ASTRAY
-        off = abs(mean) / np.hypot(1.0, 1.0 + smooth.slope[k])  # from the map, at right angles to it
+        off = abs(mean) / np.hypot(1.0, 1.0 + smooth.slope[k])  # distance normal to the map
         wrong[k] = off > much * bandwidth and abs(mean) > (0.5 * many if unknown else many) * error
     return wrong
 
 
 def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
-    """At which places the points lie on two branches side by side, apart from each other, bool (k,).
+    """Whether the points lie on two separate branches, bool (k,).
 
-    So they do where the state is not one-dimensional, or a sign of another observable is not in the value.
+    This happens if the state is not one-dimensional, or if the sign of another observable is missing.
     """
     value, change, *_ = points
     low = np.searchsorted(value, smooth.at - bandwidth)
@@ -222,7 +231,7 @@ def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
 
 
 def _beside_own_branch(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Changes less the slope that those above a curve and those below it have in common."""
+    """The changes without the common slope of those above a curve and those below it."""
     tilt = 0.0
     for _ in range(3):
         level = beside - tilt * away
@@ -237,15 +246,15 @@ def _beside_own_branch(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
 
 
 def once_a_place(value: np.ndarray, row: np.ndarray, step: float) -> np.ndarray:
-    """How much each pair adds to what is known of the map: each visit of a row to a place once, (n,).
+    """The weight (n,) of each pair: each visit of a row to a position has the weight one.
 
-    Where a row lingers, its values only jitter or alternate, and change by -1 or -2 times what they are off
-    by: its many pairs tell where it lingers, but must not be taken for a curve of that slope. A row that
-    comes back, as a chaotic one does, makes another visit.
+    Where a row stays, its values fluctuate or alternate, with changes of -1 or -2 times their deviation:
+    these many pairs show the position, but must not count as a curve of that slope. A row that returns, as a
+    chaotic one does, makes another visit.
 
     Args:
-        value, row: of the pairs, (n,), each row's in their order.
-        step: the distance below which places count as one.
+        value, row: of the pairs, (n,), in order within each row.
+        step: the distance below which positions are equal.
     """
     leaves = (np.diff(row, prepend=np.nan) != 0) | (np.abs(np.diff(value, prepend=np.nan)) > step)
     visit = np.cumsum(leaves)
@@ -261,9 +270,9 @@ def once_a_place(value: np.ndarray, row: np.ndarray, step: float) -> np.ndarray:
 
 
 class Zero(NamedTuple):
-    """A zero of the drift: where, the curve there, and whether the drift falls through it as the value rises.
+    """A zero of the drift: its position, the curve there, and whether the drift falls with the value.
 
-    `within` is half the distance between the sure places on either side of it.
+    `within` is half the distance between the significant values on its two sides.
     """
 
     place: float
@@ -273,10 +282,10 @@ class Zero(NamedTuple):
 
 
 def zeros_of(drift: Drift) -> list[Zero]:
-    """Where the drift goes from one sure sign to the other, and where rows come to rest at an end of a piece.
+    """The zeros of the drift between significant values of opposite sign, and rest states at ends of a piece.
 
-    Noise makes several zeros of one: the middle one is taken of those between two sure places through which
-    the drift goes the right way. A zero that the points do not bear out (`_borne_out`) is none.
+    Noise may split a zero into several: the middle one with the right direction is used. Zeros that the
+    points do not confirm (`_confirmed`) are left out.
     """
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
@@ -293,13 +302,13 @@ def zeros_of(drift: Drift) -> list[Zero]:
         if abs(nearer - place) < drift.bandwidth / _A_BANDWIDTH:
             place, smooth = nearer, drift.at(nearer)
         falls = bool(value[i] > 0)
-        if np.isfinite(smooth.slope[0]) and _borne_out(drift, place, falls):
+        if np.isfinite(smooth.slope[0]) and _confirmed(drift, place, falls):
             found.append(Zero(place, smooth, falls, float(at[j] - at[i]) / 2))
     return [*_rest_at_ends(drift, found), *found]
 
 
 def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
-    """States that rows reach from one side only: a piece ends where its rows have come to rest."""
+    """States that rows reach from one side only: the end of a piece where its rows are at rest."""
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     sure = np.flatnonzero(np.isfinite(value) & (np.abs(value) > SURE * error))
     if drift.begin is not None or not sure.size:
@@ -318,8 +327,9 @@ def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
     return zeros
 
 
-def _borne_out(drift: Drift, place: float, falls: bool) -> bool:
-    """Whether the points show a zero: their changes have both signs, one on each side, and go through zero.
+def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
+    """Whether the points confirm a zero: their changes have opposite signs on its sides, and pass through
+    zero.
 
     Lines through the points of one side alone, within a bandwidth or a part of it, tell a curve through zero
     from one that bridges a jump: there both leave the zero on the side where their points are.

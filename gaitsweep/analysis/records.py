@@ -1,0 +1,92 @@
+"""Reads tables for the analyses: columns by name, swept axes, outcomes of rows, records before a fall."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Status, Verdict
+from gaitsweep.errors import UserError
+
+FAILURES, UNDECIDED = Status.of(Verdict.failed), Status.of(Verdict.undecided)
+SETTLED = Status.of(Verdict.sound)
+NOT_SETTLED, FAILED = "not settled", "failed"  # outcomes of rows without a label
+BEFORE_A_FALL = 10  # crossings before a failure that belong to the fall, not to a gait
+
+_AFTER_AXES = ("stair", "crossing", "pass", "t", "status")
+
+
+class AnalysisError(UserError, ValueError):
+    """A table does not allow this analysis; the message is a sentence for the user."""
+
+
+def section_column(table: pd.DataFrame, observable: str) -> str:
+    """The column of a section observable, from its own name or that of its column.
+
+    Raises:
+        AnalysisError: the table has no such column; the message names the near miss.
+    """
+    for name in (f"{observable}_n", observable):
+        if name in table.columns:
+            return name
+    raise AnalysisError(_not_there(table, observable))
+
+
+def require(table: pd.DataFrame, *names: str) -> None:
+    """Raise AnalysisError for the first column that the table does not have."""
+    for name in names:
+        if name not in table.columns:
+            raise AnalysisError(_not_there(table, name))
+
+
+def axes_of(table: pd.DataFrame) -> list[str]:
+    """The columns of the swept axes: those between `row` and the first column of the table's kind."""
+    names = [str(name) for name in table.columns]
+    ends = [names.index(name) for name in _AFTER_AXES if name in names]
+    return [name for name in names[: min(ends, default=0)] if name != "row"]
+
+
+def sound(table: pd.DataFrame, *columns: str) -> np.ndarray:
+    """Which records of crossings are valid: finite in the columns, and not among the last before a fall.
+
+    Rows that failed lose their last `BEFORE_A_FALL` crossings. All records of a staircase are kept: each is
+    the end of a hold that the model completed.
+    """
+    kept = np.asarray(np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1))
+    if "status" not in table.columns or "stair" in table.columns:
+        return kept
+    fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+    if fell.any():
+        to_the_end = table.groupby("row").cumcount(ascending=False).to_numpy()
+        kept = kept & ~(fell & (to_the_end < BEFORE_A_FALL))
+    return np.asarray(kept, bool)
+
+
+def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
+    """The outcome of each row: its label if it settled, else `not settled` or `failed`; NaN becomes `none`.
+
+    Raises:
+        AnalysisError: the table does not have the column.
+    """
+    require(table, label)
+    labels = np.where(table[label].notna(), table[label].astype(str), "none").astype(object)
+    if "status" in table.columns:
+        status = table["status"].astype(str)
+        labels[status.isin(list(UNDECIDED))] = NOT_SETTLED
+        labels[~status.isin(list(SETTLED | UNDECIDED))] = FAILED
+    return pd.Series(labels, index=table.index, dtype=object)
+
+
+def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
+    """The outcomes that occur: in the order of the label's categories, rows without a label last."""
+    kind = table[label].dtype
+    known = [str(each) for each in kind.categories] if isinstance(kind, pd.CategoricalDtype) else []
+    present = set(labels.unique())
+    others = sorted(present - set(known) - {NOT_SETTLED, FAILED, "none"})
+    order = [*(name for name in known if name != "none"), *others, "none", NOT_SETTLED, FAILED]
+    return [name for name in order if name in present]
+
+
+def _not_there(table: pd.DataFrame, name: str) -> str:
+    return f"{name} is not a column of this table{near_miss.suggestion(name, map(str, table.columns))}"

@@ -1,0 +1,173 @@
+"""The commands `gaitsweep analyse NAME`: each prints one analysis of a result directory.
+
+Each imports the analysis when it runs, so that `--help` need not wait for JAX and pandas.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="Analyse the table of a result directory, and print the numbers.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")]
+Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="A section observable.")]
+Parameter = Annotated[str, typer.Option("--parameter", metavar="NAME", help="The parameter that moves.")]
+
+
+def _print(found: Any, digits: int = 4, index: bool = False) -> None:
+    print(found.round(digits).to_string(index=index))
+
+
+@app.command()
+def gaits(
+    directory: Directory,
+    window: Annotated[
+        tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
+    ] = (-math.inf, math.inf),
+    threshold: Annotated[
+        float | None,
+        typer.Option("--threshold", metavar="X", help="Largest shift of a pair in phase, cycles."),
+    ] = None,
+) -> None:
+    """Count the rows of a four-legged model with each gait."""
+    from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
+    from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
+    from gaitsweep.table import load
+
+    thresholds = (THRESHOLD if threshold is None else threshold,)
+    _print(gaits_counted(gaits_in(load(directory), window=window, thresholds=thresholds)))
+
+
+@app.command()
+def gait_bouts(
+    directory: Directory,
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="family, gait or gait_at_0.05.")] = "family",
+) -> None:
+    """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
+    from gaitsweep.analysis.transitions import gait_bouts as bouts
+    from gaitsweep.table import load
+
+    found = bouts.gait_bouts(bouts.gaits_along(load(directory)), by, least=3)
+    for row, mine in found.groupby("row"):
+        each = [f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")]
+        print(f"row {row}, m/s: {', '.join(each)}")
+
+
+@app.command()
+def loading_rule(
+    directory: Directory,
+    split: Annotated[
+        str | None, typer.Option("--split", metavar="COLUMN", help="Analyse each of its values separately.")
+    ] = None,
+    predict: Annotated[
+        bool, typer.Option("--predict", help="Loads of trots without feedback, shifts of the walks with it.")
+    ] = False,
+) -> None:
+    """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
+    from gaitsweep.analysis.gaits import loading_rule as rule
+    from gaitsweep.table import load
+
+    table = load(directory)
+    if predict:
+        found = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
+    else:
+        found = rule.loading_rule(table, split=split)
+    _print(found, 3)
+
+
+@app.command()
+def body_oscillation(directory: Directory) -> None:
+    """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
+    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation
+    from gaitsweep.table import load
+
+    _print(family_oscillation(load(directory)), index=True)
+
+
+@app.command()
+def repertoire(
+    directory: Directory,
+    sets: Annotated[
+        list[str], typer.Option("--set", metavar="COLUMN", help="Names a parameter set; may be repeated.")
+    ],
+) -> None:
+    """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
+    from gaitsweep.analysis.gaits import repertoire as analysis
+    from gaitsweep.table import load
+
+    _print(analysis.repertoire(load(directory), sets))
+
+
+@app.command()
+def attractors(directory: Directory) -> None:
+    """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
+    from gaitsweep.analysis.attractors import attractors as analysis
+    from gaitsweep.table import load
+
+    table = load(directory)
+    found = analysis.attractors(table)
+    _print(found.summary)
+    if "gait" in table.columns:
+        share = analysis.agreement(table, found.column)
+        print(f"{100 * share:.2f} % of the rows have the most frequent gait of their attractor.")
+
+
+@app.command()
+def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
+    """Print where a ramp or staircase jumps between branches, and the areas of its hysteresis loops."""
+    from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points
+    from gaitsweep.table import load
+
+    table = load(directory)
+    _print(transition_points(table, observable, parameter))
+    _print(loop_area(table, observable, parameter))
+
+
+@app.command()
+def gait_transitions(
+    directory: Directory,
+    parameter: Parameter,
+    start: Annotated[str, typer.Option("--start", metavar="NAME", help="The start that selects the branch.")],
+) -> None:
+    """Print where each gait is lost, from settled rows at many values of a parameter."""
+    from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
+    from gaitsweep.table import load
+
+    _print(transition_points_by_gait(load(directory), parameter, start))
+
+
+@app.command()
+def multilegged_theory(
+    springs: Annotated[int, typer.Option("--N", help="Springs; the chain has N + 1 legs.")] = 3,
+    omega: Annotated[float, typer.Option("--omega", help="Basic frequency, rad/s.")] = 0.4,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the chain; may be repeated."),
+    ] = None,
+) -> None:
+    """Print the solutions of a chain of legs by the theory; no result directory is needed."""
+    import jax
+
+    from gaitsweep import near_miss
+    from gaitsweep.analysis.chain.theory_summary import theory_summary
+    from gaitsweep.errors import ArgumentError
+    from gaitsweep.expression import evaluate
+    from gaitsweep.models.multilegged.theory.chain import Chain
+
+    values = {}
+    for setting in settings or ():
+        name, _, value = setting.partition("=")
+        if name not in Chain._fields:
+            raise ArgumentError(f"{name} is not a parameter of the chain"
+                                f"{near_miss.suggestion(name, Chain._fields)}")  # fmt: skip
+        values[name] = evaluate(value, {})
+    jax.config.update("jax_enable_x64", True)
+    print(theory_summary(springs, omega, Chain(**values)))

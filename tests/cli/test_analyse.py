@@ -1,0 +1,92 @@
+"""The commands `gaitsweep analyse`: each prints the numbers of one analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import pytest
+from gait_traces import ends, traces
+from hysteresis_tables import staircase_table
+
+import gaitsweep.table
+from gaitsweep.cli import main
+
+Show = Callable[..., str]
+
+
+@pytest.fixture
+def show(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Show:
+    """What a command prints for a table."""
+
+    def shown(table: pd.DataFrame, *arguments: str) -> str:
+        monkeypatch.setattr(gaitsweep.table, "load", lambda _: table)
+        assert main(["analyse", arguments[0], "results/any", *arguments[1:]]) == 0
+        return capsys.readouterr().out
+
+    return shown
+
+
+def test_gaits_are_counted(show: Show) -> None:
+    lines = show(traces(("trot", "D-walk")), "gaits", "--window", "1", "20").splitlines()
+    assert [line.split()[1:] for line in lines] == [["D-walk", "trot"], ["0", "1"], ["1", "0"]]
+
+
+def test_bouts_have_their_speeds(show: Show) -> None:
+    trace = traces(("trot",))
+    printed = show(trace.assign(x=1.5 * trace["t"]), "gait-bouts")
+    assert printed == "row 0, m/s: trot 1.50 to 1.50\n"
+
+
+def test_the_loading_rule_is_judged(show: Show) -> None:
+    delta = np.linspace(-0.25, 0.25, 41)
+    table = ends(delta, -50.0 * delta, 0.1 * delta, axes={"k2": np.repeat([0.0, 0.08], [20, 21])})
+    lines = show(table, "loading-rule", "--split", "k2").splitlines()
+    assert lines[0].split()[:3] == ["k2", "measure", "pairs"]
+    assert len(lines) == 1 + 2 * 4
+
+
+def test_pitch_goes_with_the_gait(show: Show) -> None:
+    trace = traces(("trot",))
+    printed = show(trace.assign(pitch=0.1 * np.sin(trace["t"])), "body-oscillation")
+    assert "once" in printed
+    assert "trot" in printed
+
+
+def test_sets_have_their_repertoire(show: Show) -> None:
+    rows = [(0.1, "trot", 1.0, "settled"), (0.1, "L-walk", 0.4, "settled"), (0.2, "trot", 1.2, "settled")]
+    table = pd.DataFrame(rows, columns=["com_x", "gait", "speed_end", "status"])
+    assert len(show(table, "repertoire", "--set", "com_x").splitlines()) == 3
+
+
+def test_attractors_are_grouped(show: Show) -> None:
+    psi = np.repeat([1.0, 4.0], 20) + np.tile(np.linspace(0.0, 1e-3, 20), 2)
+    gait = np.repeat(["trot", "pace"], 20)
+    table = pd.DataFrame({"row": np.arange(40), "status": "settled", "gait": gait, "psi_1_end": psi})
+    printed = show(table, "attractors")
+    assert "A2" in printed
+    assert "100.00 % of the rows" in printed
+
+
+def test_hysteresis_has_points_and_areas(show: Show) -> None:
+    printed = show(staircase_table(hold=200), "hysteresis", "--observable", "delta_13", "--parameter", "f")
+    assert "rising" in printed
+    assert "area" in printed
+
+
+def test_gaits_are_lost_at_transition_points(show: Show) -> None:
+    f = np.array([1.0, 2.0, 3.0])
+    table = pd.DataFrame({"row": np.arange(3), "status": "settled", "f": f, "delta_13": 1.0})
+    table["gait"] = ["walk", "walk", "trot"]
+    printed = show(table, "gait-transitions", "--parameter", "f", "--start", "delta_13")
+    assert "walk rising" in " ".join(printed.split())
+
+
+def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyse", "multilegged-theory", "--N", "4", "--set", "m_1=0.85"]) == 0
+    printed = capsys.readouterr().out
+    assert "6.14464" in printed
+    assert "B, k = 3" in printed
+    assert main(["analyse", "multilegged-theory", "--set", "m1=0.85"]) == 2
+    assert "did you mean m_1" in capsys.readouterr().err
