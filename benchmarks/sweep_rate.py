@@ -56,11 +56,14 @@ def sweep_rate(
     def run(n: int) -> Timings:
         varied, starts = rows_of(n)
         params: dict[str, np.ndarray] = dict(varied)
-        for quantity in (*model.parameters, *model.starts):
+        for quantity in (*model.parameters, *model.initial_conditions):
             if quantity.name not in {**params, **starts} and quantity in model.parameters:
                 found = evaluate(quantity.default, params)  # type: ignore[arg-type]
                 params[quantity.name] = np.broadcast_to(np.asarray(found, float), (n,))
-        begin = {q.name: np.asarray(starts.get(q.name, np.full(n, q.default)), float) for q in model.starts}
+        begin = {
+            q.name: np.asarray(starts.get(q.name, np.full(n, q.default)), float)
+            for q in model.initial_conditions
+        }
         work = Work(
             model=model, recorder=Crossings(model, crossings=cycles), numerics=numerics, n_rows=n, block=n,
             lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,

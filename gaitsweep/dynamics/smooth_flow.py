@@ -49,7 +49,7 @@ class SmoothFlow(HybridModel):
         return None
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return tuple(
             dataclasses.replace(q, name=f"{q.name}_0", meaning=f"{q.meaning} at the start")
             for q in self.variables

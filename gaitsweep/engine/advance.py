@@ -20,7 +20,7 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import HybridModel, Model, Params, Rates, State, Steps
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import guard_slopes, may_hide
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
@@ -416,7 +416,7 @@ def _implicit_event_time(
     return move(trial, rates, shift), t + shift
 
 
-def _advance_stepped(model: Steps, numerics: Numerics, drive: Drive | None) -> Advance:
+def _advance_stepped(model: FixedStepDynamics, numerics: Numerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = carry.dt
         going = carry.halt == GOING

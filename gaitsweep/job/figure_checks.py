@@ -66,7 +66,13 @@ class Given:
         """A column's unit, as the manifest's `quantities` will have it."""
         model = self.model
         units = {f"{q.name}_{end}": q.unit for q in model.observables for end in ("end", "n")}
-        for each in (model.parameters, model.observables, model.signals, model.traits, model.starts):
+        for each in (
+            model.parameters,
+            model.observables,
+            model.signals,
+            model.label_fields,
+            model.initial_conditions,
+        ):
             units |= {q.name: q.unit for q in each}
         return units.get(column, "")
 

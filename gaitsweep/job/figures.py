@@ -19,7 +19,7 @@ def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
     axes = list(varied)
     if isinstance(run, Settle | Hold):
         observed = [f"{quantity.name}_end" for quantity in model.observables]
-        traits = [quantity.name for quantity in model.traits]
+        traits = [quantity.name for quantity in model.label_fields]
         slowest, period = (["slowest"], ["attractor_period"]) if isinstance(run, Settle) else ([], [])
         head = ["status", "cycles", "t_end", *slowest, "stalled_by"]
         return ["row", *axes, *head, *observed, "gait", *period, *traits]
@@ -32,7 +32,7 @@ def table_columns(model: Model, varied: Iterable[str], run: Run) -> list[str]:
         return ["row", *axes, "point", run.parameter, *observed, *branch_columns(run)]
     if isinstance(run, Staircase):
         head = ["stair", "pass", run.parameter, "t", "crossing", "settled", "slowest", "status", "stalled_by"]
-        return ["row", *axes, *head, *observed, "gait", *(quantity.name for quantity in model.traits)]
+        return ["row", *axes, *head, *observed, "gait", *(quantity.name for quantity in model.label_fields)]
     moving = ["pass", run.parameter] if isinstance(run, Ramp) else []
     return ["row", *axes, "crossing", *moving, "t", "status", "stalled_by", *observed]
 

@@ -18,7 +18,7 @@ def refined_axes(plan: Plan, run: Settle) -> dict[int, bool]:
     """
     grids = _grids(plan)
     if run.over is None:
-        starts = {quantity.name for quantity in plan.model.starts}
+        starts = {quantity.name for quantity in plan.model.initial_conditions}
         names = [name for name in grids if name in starts]
     else:
         names = [name for name in grids if name in run.over]
@@ -67,7 +67,7 @@ def _equal_steps(points: Points) -> bool:
 
 def _closes(plan: Plan, name: str) -> bool:
     points = plan.groups[_grids(plan)[name]].points[name]
-    quantities = {q.name: q for q in (*plan.model.parameters, *plan.model.starts)}
+    quantities = {q.name: q for q in (*plan.model.parameters, *plan.model.initial_conditions)}
     if not quantities[name].circular or not isinstance(points, Spread) or points.logarithmic:
         return False
     low, high = points.low, points.high

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep import near_miss
-from gaitsweep.contract import HybridModel, Model, Steps
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 
 _NUMBER = jax.ShapeDtypeStruct((), float)
 
@@ -52,7 +52,9 @@ def _fault(model: Model) -> str | None:
 
 def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
-    state = _given("init", model.init, params, {quantity.name: _NUMBER for quantity in model.starts})
+    state = _given(
+        "init", model.init, params, {quantity.name: _NUMBER for quantity in model.initial_conditions}
+    )
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
     events = _events(model, params, state)
@@ -65,7 +67,12 @@ def _look(model: Model) -> None:
     signals = _given("signal", model.signal, params, state)
     _named("signal", signals, "signals", (quantity.name for quantity in model.signals))
     labels = _given("label", model.label, params, observed)
-    _named("label", labels, "gait and traits", ("gait", *(quantity.name for quantity in model.traits)))
+    _named(
+        "label",
+        labels,
+        "gait and label fields",
+        ("gait", *(quantity.name for quantity in model.label_fields)),
+    )
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
@@ -74,7 +81,7 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         _rates(state, _given("flow", model.flow, params, state))
         name, found = "guards", _given("guards", model.guards, params, state)
     else:
-        assert isinstance(model, Steps)
+        assert isinstance(model, FixedStepDynamics)
         after = _given("step", model.step, params, state, _NUMBER)
         _alike("step", state, after)
         name, found = "events", _given("events", model.events, params, state, after)

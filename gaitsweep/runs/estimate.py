@@ -105,7 +105,7 @@ def estimate(job: Job) -> Estimate:
 def _bytes_of_record(plan: Plan, job: Job, columns: Sequence[str]) -> float:
     """What a record takes in a table: eight bytes for each number that no other record has."""
     model, run = plan.model, job.run
-    own = {q.name for q in (*model.signals, *model.traits) if not q.name.startswith("contact_")}
+    own = {q.name for q in (*model.signals, *model.label_fields) if not q.name.startswith("contact_")}
     own |= {f"{q.name}_{end}" for q in model.observables for end in ("end", "n")}
     if run.kind not in ("trace", "staircase"):  # where all rows have the same times and values
         own |= {"t", "t_end", *([run.parameter] if isinstance(run, Ramp | Continuation) else [])}

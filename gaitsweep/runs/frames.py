@@ -40,7 +40,7 @@ def settle_frame(model: Model, axes: Columns, block: BlockResult, *, settles: bo
     columns["gait"] = _gait(model, block.labels["gait"])
     if settles:
         columns["attractor_period"] = block.period.astype(np.int8)
-    columns |= {q.name: block.labels[q.name] for q in model.traits}
+    columns |= {q.name: block.labels[q.name] for q in model.label_fields}
     return pd.DataFrame(columns)
 
 
@@ -89,7 +89,7 @@ def stair_frame(
     observed = samples[:, Staircase.HEAD :]
     columns |= {f"{q.name}_n": observed[:, i] for i, q in enumerate(model.observables)}
     columns["gait"] = _gait(model, _placed(block.labels["gait"], place, absent=-1))
-    for q in model.traits:
+    for q in model.label_fields:
         trait = block.labels[q.name]
         columns[q.name] = _placed(trait, place, absent=0 if trait.dtype.kind in "iu" else np.nan)
     return pd.DataFrame(columns)

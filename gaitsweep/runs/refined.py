@@ -150,7 +150,7 @@ def _write_parts(
 def _inferred_frame(plan: Plan, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
     model, n = plan.model, rows.size
-    traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.traits}
+    traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.label_fields}
     for trait in traits.values():
         if trait.dtype.kind == "f":
             trait[:] = np.nan

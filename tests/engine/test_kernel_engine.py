@@ -123,7 +123,9 @@ def test_traces_and_ramps() -> None:
 
 def test_a_neuron_that_fires() -> None:
     model = Neuron()
-    kernel, xla = both(Crossings(model, crossings=5), {q.name: np.array([0.1]) for q in model.starts})
+    kernel, xla = both(
+        Crossings(model, crossings=5), {q.name: np.array([0.1]) for q in model.initial_conditions}
+    )
     agree(kernel, xla, 1e-10)
 
 

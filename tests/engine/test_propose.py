@@ -69,7 +69,9 @@ def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order
 def test_flows_that_are_said_to_be_linear(model: HybridModel) -> None:
     """The flow at twice the way is twice the change of the flow, in the modes of the start."""
     params = scalars(model)
-    start = {q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.starts}
+    start = {
+        q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.initial_conditions
+    }
     state = model.init(params, start)
     rates = model.flow(params, state)
     random = np.random.default_rng(0)

@@ -264,7 +264,7 @@ def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
     Each slope starts from where the one before settled: the basin of the gait is small.
     """
     model, numerics = SimplestWalker(), Numerics(method="rk4", dt=5e-3)
-    names = [quantity.name for quantity in model.starts]
+    names = [quantity.name for quantity in model.initial_conditions]
     kept = 1.0 - np.cos(2.0 * ANGLE)
     at = np.array([ANGLE, RATE, 2.0 * ANGLE, kept * RATE])
     found = {}

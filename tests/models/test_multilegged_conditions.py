@@ -20,7 +20,7 @@ from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, touchdown_phase
 from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
 from gaitsweep.models.multilegged.theory.gaits import distances
-from gaitsweep.models.multilegged.theory.solution_sets import Steps, all_steps, branches, solution
+from gaitsweep.models.multilegged.theory.solution_sets import LagRule, branches, lag_rules, solution
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi
@@ -86,14 +86,14 @@ def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, j
     }
     params = model.params({name: jnp.asarray(each) for name, each in (fixed | chain._asdict()).items()})
 
-    def change(rule: Steps) -> jax.Array:
+    def change(rule: LagRule) -> jax.Array:
         psi = solution(rule, rule.low + 0.37 * (rule.high - rule.low), touchdown_phase(chain), 1)
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}
         after = run(params, model.init(params, {**start, "phi_1": jnp.asarray(jnp.nan)}))[1].psi
         return jnp.max(jnp.abs(jnp.mod(after - psi + jnp.pi, TURN) - jnp.pi))
 
     kept = np.array([row for row, branch in enumerate(branches(N)) if branch.kind != "A"])
-    rules = jax.tree.map(lambda field: field[kept], all_steps(N, chain))
+    rules = jax.tree.map(lambda field: field[kept], lag_rules(N, chain))
     direct, retrograde = wave_conditions(N, chain)
     # direct, B of k = N .. 3, and B of k = 2, which is the retrograde wave
     sources = [source_conditions(N, chain, k).hold for k in range(N, 2, -1)]

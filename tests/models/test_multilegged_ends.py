@@ -25,8 +25,8 @@ from gaitsweep.models.multilegged.theory.gaits import GAITS
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    all_steps,
     branches,
+    lag_rules,
     solution_set,
     solution_sets,
 )
@@ -125,7 +125,7 @@ def test_ends_that_touch_alike_keep_the_lines_of_solutions(chain: Chain, N: int)
 
 def test_the_linear_map_knows_the_ends() -> None:
     """Product of touchdowns against differences of the searched map, which is linear between jumps."""
-    step, rules = 1e-4, all_steps(3, MATCHED)
+    step, rules = 1e-4, lag_rules(3, MATCHED)
     for row, branch in enumerate(branches(3)):
         psi = np.asarray(solution_set(3, branch, MATCHED, 101, 1))[32]
         s = float(rules.low[row] + 0.32 * (rules.high[row] - rules.low[row]))

@@ -27,8 +27,8 @@ from gaitsweep.models.multilegged.theory.gaits import gait_of, locked_state
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    all_steps,
     branches,
+    lag_rules,
     solution_set,
     solution_sets,
 )
@@ -125,7 +125,7 @@ def test_the_locked_state_stays() -> None:
 def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> None:
     """The map is linear between jumps, so central differences are right to rounding over the step, 1e-11."""
     step, chain, places = 1e-4, Chain(), [13, 32, 77, 93]
-    rules = all_steps(N, chain)
+    rules = lag_rules(N, chain)
     low, high = (np.asarray(end)[:, None] for end in (rules.low, rules.high))
     free = low + (high - low) * 0.01 * np.array(places)
     sets = np.asarray(solution_sets(N, chain, 101, 1))[:, places]
@@ -145,7 +145,7 @@ def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> N
 
 def test_derivatives_through_located_events_are_those_of_the_theory() -> None:
     jacobian = jax.jit(jax.jacfwd(cycle(3, LOCATED, sensitivities=True)))
-    rules = all_steps(3, Chain())
+    rules = lag_rules(3, Chain())
     for row, branch in enumerate(branches(3)):
         psi = np.asarray(solution_set(3, branch, samples=101, section=1))[32]
         s = float(rules.low[row] + 0.32 * (rules.high[row] - rules.low[row]))

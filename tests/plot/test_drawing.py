@@ -21,7 +21,7 @@ from gaitsweep.skeleton import Skeleton
 @pytest.mark.parametrize("name", models.names())
 def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None:
     model = models.find(name)()
-    start = {q.name: 1.0 for q in model.starts if q.default is None}
+    start = {q.name: 1.0 for q in model.initial_conditions if q.default is None}
     parameters, _ = Job(name="one", model=name, start=start, run={"kind": "settle"}).plan.values(0, 1)
     moments = 3
     signals = {q.name: np.linspace(0.9, 1.0, moments) for q in model.signals}

@@ -42,7 +42,7 @@ def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
     lane = OneLane(model, recorder, numerics, drive)
     scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
     values = {q.name: scalar for q in model.parameters}
-    starts = {q.name: scalar for q in model.starts} | {SHARE: scalar}
+    starts = {q.name: scalar for q in model.initial_conditions} | {SHARE: scalar}
     chunk = chunk_of(lane, values, starts)
     title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
     return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title)

@@ -50,11 +50,11 @@ class AllNumbers(Chart):
     def read(self, params: Params, state: State) -> jax.Array:
         return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in numbers_of(state)])
 
-    def place(self, params: Params, at: jax.Array, like: State) -> State:
-        leaves = numbers_of(like)
+    def place(self, params: Params, at: jax.Array, modes: State) -> State:
+        leaves = numbers_of(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
-        return with_numbers(like, [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves)])  # noqa: B905
+        return with_numbers(modes, [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves)])  # noqa: B905
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,7 +136,7 @@ class ReturnMap(Map):
         return self.chart.read(params, state), state, way, observed
 
     def kept(self, values: Values, at: jax.Array) -> jax.Array:
-        return self.chart.kept(self.params(values), at)
+        return self.chart.conserved_values(self.params(values), at)
 
     def settled(self, starts: Mapping[str, Any], values: Values, cycles: int) -> tuple[Points, np.ndarray]:
         """Where starts of the model are after so many crossings, and the `Way` of each, (n,).
@@ -149,7 +149,7 @@ class ReturnMap(Map):
         n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
         given = {
             q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
-            for q in self.model.starts
+            for q in self.model.initial_conditions
         }
         held = self.complete(values, n)
         state, way = _settler(self, cycles)(held, given)
@@ -176,7 +176,7 @@ class ReturnMap(Map):
 
     @cached_property
     def _shape(self) -> State:
-        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.starts}
+        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
         values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
         return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from gaitsweep.contract import HybridModel, Model, Steps
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.engine.propose.exponential import EXACT, STABILISED, exponential
 from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
@@ -38,14 +38,14 @@ METHODS: dict[str, Method] = {
 __all__ = ["METHODS", "Estimate", "Method", "Propose", "move", "own_steps", "refusal"]
 
 
-def own_steps(name: str, model: Model) -> Steps | None:
+def own_steps(name: str, model: Model) -> FixedStepDynamics | None:
     """What advances a model in steps of its own: it has nothing else, or this method asks for it.
 
     Raises:
         ValueError: the method asks for a flow, and the model has only steps.
     """
     if not isinstance(model, HybridModel):
-        return model if isinstance(model, Steps) else None
+        return model if isinstance(model, FixedStepDynamics) else None
     if (reason := _steps_alone(name, model)) is not None:
         raise ArgumentError(f"The method {reason}")
     return model.in_steps() if METHODS[name].step is None else None

@@ -50,21 +50,21 @@ class MultileggedChart(Chart):
         psi = wrapped(state.phi[1:] - state.phi[:-1])
         return jnp.concatenate([psi, state.phi[:1], state.x[1:], state.v, state.y])
 
-    def place(self, params: Any, at: jax.Array, like: Any) -> Any:
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         n = self.N
         psi, phi_1, x, v, y = jnp.split(at, [n, n + 1, 2 * n + 1, 3 * n + 2])
         phi = jnp.cumsum(jnp.concatenate([phi_1, psi]))
         # the turn of each phase is that of the segment which its leg is in
-        phi = like.phi + wrapped(phi - like.phi + jnp.pi) - jnp.pi
+        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
         touching = _touching(params, phi[:1]) - PRESSED
-        return dataclasses.replace(like, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
+        return dataclasses.replace(modes, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
 
     def holds(self, params: Any, state: Any) -> jax.Array:
         """Leg 1 has landed; its phase can also have gone by 2 pi without."""
         gap = state.x[0] - _touching(params, state.phi[0])
         return state.landed & (jnp.abs(gap) < CLOSE)
 
-    def kept(self, params: Any, at: jax.Array) -> jax.Array:
+    def conserved_values(self, params: Any, at: jax.Array) -> jax.Array:
         return jnp.sum(at[: self.N])[None]
 
 

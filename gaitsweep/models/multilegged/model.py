@@ -140,7 +140,7 @@ class Multilegged(HybridModel):
         return PARAMETERS
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         phase = Quantity(
             "phi_1",
             "rad",
@@ -180,7 +180,7 @@ class Multilegged(HybridModel):
         )
 
     @property
-    def traits(self) -> tuple[Quantity, ...]:
+    def label_fields(self) -> tuple[Quantity, ...]:
         return (
             Quantity("k", "1", "leg at the boundary of a source wave, 2..N; 0 for other gaits"),
             Quantity("distance", "rad", "distance to the nearest analytic solution on section 1"),

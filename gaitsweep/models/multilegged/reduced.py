@@ -19,7 +19,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import Chart, Quantity, Rates, Recommended, Steps
+from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.models.multilegged.model import LANDING, STANCE, STRICTLY, TAKEOFF, Multilegged, Params
 from gaitsweep.models.multilegged.reduced_chart import ReducedChart
@@ -54,7 +54,7 @@ class MultileggedReduced(Multilegged):
     def chart(self) -> Chart | None:
         return ReducedChart(self.N)
 
-    def in_steps(self) -> Steps:
+    def in_steps(self) -> FixedStepDynamics:
         return ToTheNextEvent(self)
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]

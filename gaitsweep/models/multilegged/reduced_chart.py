@@ -36,15 +36,15 @@ class ReducedChart(Chart):
     def read(self, params: Any, state: Any) -> jax.Array:
         return wrapped(state.phi[1:] - state.phi[:-1])
 
-    def place(self, params: Any, at: jax.Array, like: Any) -> Any:
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         phi = jnp.concatenate([jnp.zeros_like(at[:1]), jnp.cumsum(at)])
         # the turn of each phase is that of the segment which its leg is in
-        phi = like.phi + wrapped(phi - like.phi + jnp.pi) - jnp.pi
-        return dataclasses.replace(like, phi=phi)
+        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
+        return dataclasses.replace(modes, phi=phi)
 
     def holds(self, params: Any, state: Any) -> jax.Array:
         """Leg 1 has landed; its phase can also have gone by 2 pi without."""
         return state.landed & (state.phi[0] == 0.0)
 
-    def kept(self, params: Any, at: jax.Array) -> jax.Array:
+    def conserved_values(self, params: Any, at: jax.Array) -> jax.Array:
         return jnp.sum(at)[None]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import Steps
+from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.models.multilegged.model import LANDING, STANCE, Params
 from gaitsweep.models.multilegged.reduced_state import TOUCHING, State, after_events, corner_of
 from gaitsweep.models.multilegged.theory.obstacle import balance_and_rate
@@ -21,7 +21,7 @@ STEPS_A_LEG = 6.25
 
 
 @dataclasses.dataclass(frozen=True)
-class ToTheNextEvent(Steps):
+class ToTheNextEvent(FixedStepDynamics):
     """Steps that end at the next event at the latest; the rest of a step is made up for by later ones.
 
     While a leg lands its balance rises, and is concave: the secant of its momentary rate never overshoots

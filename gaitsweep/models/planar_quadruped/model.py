@@ -75,7 +75,7 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return PARAMETERS
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return STARTS
 
     @property

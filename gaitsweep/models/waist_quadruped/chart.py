@@ -69,13 +69,13 @@ class LandingChart(Chart):
             ]
         )  # fmt: skip
 
-    def place(self, params: Any, at: jax.Array, like: Any) -> Any:
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         ends = [sum(_PARTS[: k + 1]) for k in range(len(_PARTS) - 1)]
         phases, up, joints, linear, spin, rates, anchors, x, z = jnp.split(at, ends)
         phi_1 = phases[3] + phases[0]
         phi = jnp.stack([phi_1, phi_1 - phases[1], phases[3], phases[3] - phases[2]])
         # the turn of each phase is that of the segment which its limb is in
-        phi = like.phi + wrapped(phi - like.phi + jnp.pi) - jnp.pi
+        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
         upright = jnp.sqrt(1.0 - up @ up)
         quaternion = jnp.stack([1.0 + upright, up[1], -up[0], 0.0 * upright])
         quaternion = quaternion / jnp.sqrt(2.0 * (1.0 + upright))
@@ -83,15 +83,15 @@ class LandingChart(Chart):
         v = jnp.concatenate([linear, spin, rates])
         foot_3 = params.mechanics.feet(q, v)[0][2]
         return dataclasses.replace(
-            like,
+            modes,
             q=q.at[2].add(-foot_3[2]),
             v=v,
             phi=phi,
             anchor=anchors.reshape(4, 2),
             landing_x=x,
             landing_z=z,
-            stride_x=0.0 * like.stride_x,
-            stride_t=like.clock,
+            stride_x=0.0 * modes.stride_x,
+            stride_t=modes.clock,
         )
 
     def holds(self, params: Any, state: Any) -> jax.Array:

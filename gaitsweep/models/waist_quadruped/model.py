@@ -74,7 +74,7 @@ class WaistQuadruped(Drawn, HybridModel):
         return PARAMETERS
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return (
             Quantity(
                 "delta_13", "rad", "lead of limb 1 over limb 3",

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Steps
+from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.dynamics.tree.kinematics import integrate
@@ -68,7 +68,7 @@ class TreeBody(Body):
 
 
 @dataclasses.dataclass(frozen=True)
-class SemiImplicit(Steps):
+class SemiImplicit(FixedStepDynamics):
     """Steps of semi-implicit Euler of a body."""
 
     body: Body

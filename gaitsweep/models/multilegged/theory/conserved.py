@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets
 from gaitsweep.models.multilegged.theory.section import TWO_PI
-from gaitsweep.models.multilegged.theory.solution_sets import all_steps
+from gaitsweep.models.multilegged.theory.solution_sets import lag_rules
 
 
 def total(psi: jax.Array) -> jax.Array:
@@ -42,7 +42,7 @@ def line_length(N: int, chain: Chain | None = None) -> jax.Array:
     Along B and the direct wave E moves by as much as the free phase, along A by twice as much.
     """
     chain = Chain() if chain is None else chain
-    rules = all_steps(N, chain)
+    rules = lag_rules(N, chain)
     rate = jnp.abs(jnp.sum(rules.slope, axis=1))
     return jnp.sum(rate * (rules.high - rules.low))
 

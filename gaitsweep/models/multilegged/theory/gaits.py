@@ -19,9 +19,9 @@ from gaitsweep.models.multilegged.theory.order import meetings
 from gaitsweep.models.multilegged.theory.section import TWO_PI
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    Steps,
-    all_steps,
+    LagRule,
     branches,
+    lag_rules,
     solution,
 )
 
@@ -54,10 +54,10 @@ def gait_of(branch: Branch) -> int:
 def segments(N: int, chain: Chain | None = None, section: int = 1) -> Segments:
     """All solution sets of a chain of N + 1 legs on the section of one leg, cut where they jump."""
     chain = Chain() if chain is None else chain
-    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain), section))(all_steps(N, chain))
+    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain), section))(lag_rules(N, chain))
 
 
-def pieces(rule: Steps, circle: jax.Array, section: int) -> Segments:
+def pieces(rule: LagRule, circle: jax.Array, section: int) -> Segments:
     """The N + 2 pieces of one set on the section of one leg, without the leading axis.
 
     A set jumps by m_B b where a leg touches together with the section's own.
@@ -86,7 +86,7 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     """Distance on the torus of psi on section 1, rad, shape (N,), from each of `branches(N)`, rad."""
     circle = touchdown_phase(chain)
     # one set after another, so that long chains need no more memory than one set's pieces
-    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), all_steps(N, chain))
+    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), lag_rules(N, chain))
 
 
 def wrapped_difference(one: jax.Array, other: jax.Array) -> jax.Array:

@@ -12,7 +12,7 @@ from gaitsweep.models.multilegged.theory.chain import Chain, reset, shift, touch
 from gaitsweep.models.multilegged.theory.section import Leg, touches_early
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    Steps,
+    LagRule,
     places,
     rule_of,
     solution,
@@ -83,7 +83,7 @@ def order_sets(
     return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
 
 
-def meetings(rule: Steps, circle: jax.Array, section: Leg) -> jax.Array:
+def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
     """The free phase at which each leg touches together with the section's own, rad, shape (N+1,).
 
     A leg's place on the circle moves against that of the section's leg at a rate of 0, 1 or 2 in s, and so

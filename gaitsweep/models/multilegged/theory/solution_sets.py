@@ -35,7 +35,7 @@ class Branch(NamedTuple):
     k: int
 
 
-class Steps(NamedTuple):
+class LagRule(NamedTuple):
     """theta_{i+1} - theta_i = fixed + slope * s along a set, for low <= s <= high; all in rad but the slope.
 
     fixed, slope: shape (N,); low, high: scalars. For several sets each field has a leading axis.
@@ -55,7 +55,7 @@ def branches(N: int) -> tuple[Branch, ...]:
     return (Branch("direct", N), *waves)
 
 
-def all_steps(N: int, chain: Chain) -> Steps:
+def lag_rules(N: int, chain: Chain) -> LagRule:
     """The steps of every set, in the order of `branches(N)`, shape (2 N - 1, N) and (2 N - 1,).
 
     Where the ends touch at unlike phases nothing is left of the lines but their ends: B of k = 2 then runs on
@@ -80,7 +80,7 @@ def all_steps(N: int, chain: Chain) -> Steps:
     ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front])[None], 0.0)
     over = jnp.zeros(len(sets)).at[0].set(into.last).at[-1].set(into.first)
     low = jnp.where(is_A, direct[0, np.maximum(k - 2, 0)], psi_B)
-    return Steps(
+    return LagRule(
         fixed=jnp.where(side > 0, direct, jnp.where(side < 0, -retrograde, 0.0)) - ratio * psi_B,
         slope=ratio + np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0),
         low=low,
@@ -97,23 +97,23 @@ def _row(N: int, branch: Branch) -> int:
     return branches(N).index(branch)
 
 
-def rule_of(N: int, branch: Branch, chain: Chain) -> Steps:
+def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
     """The steps of one set, one of `branches(N)`.
 
     Raises:
         ValueError: the chain has no such set.
     """
     row = _row(N, branch)
-    rules = all_steps(N, chain)
-    return Steps(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
+    rules = lag_rules(N, chain)
+    return LagRule(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
 
 
-def places(rule: Steps, s: Scalar) -> jax.Array:
+def places(rule: LagRule, s: Scalar) -> jax.Array:
     """Places theta of the legs on the circle at the free phase s, rad, shape (N+1,); leg 1 at 0."""
     return jnp.concatenate([jnp.zeros_like(rule.fixed[:1]), jnp.cumsum(rule.fixed + rule.slope * s)])
 
 
-def solution(rule: Steps, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
+def solution(rule: LagRule, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
     """psi on the section of leg `section` at the free phase s (rad), shape (N,), rad in [0, 2 pi).
 
     Args:
@@ -142,12 +142,12 @@ def solution_sets(
     chain = Chain() if chain is None else chain
     circle = touchdown_phase(chain)
 
-    def points(rule: Steps, leg: jax.Array) -> jax.Array:
+    def points(rule: LagRule, leg: jax.Array) -> jax.Array:
         free = jnp.linspace(rule.low, rule.high, samples)
         return jax.vmap(lambda s: solution(rule, s, circle, leg))(free)
 
     legs = jnp.array([branch.k if section is None else section for branch in branches(N)])
-    return jax.vmap(points)(all_steps(N, chain), legs)
+    return jax.vmap(points)(lag_rules(N, chain), legs)
 
 
 def solution_set(
