@@ -248,7 +248,8 @@ class ResultDirectory:
             raise ValueError(
                 f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
             )
-        data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts)
+        quantities = self.manifest.get("quantities")
+        data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts, quantities)
         try:
             self._write(part_name(number), data)
         except OSError as error:

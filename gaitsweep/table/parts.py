@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -83,12 +84,25 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
 
 
 def part_bytes(
-    frame: pd.DataFrame, number: int, job_hash: str, counts: Mapping[str, int]
+    frame: pd.DataFrame,
+    number: int,
+    job_hash: str,
+    counts: Mapping[str, int],
+    quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[bytes, Footer]:
-    """Encode a block's records as parquet with a checksum for each page, its `Footer` in the metadata.
+    """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
 
     Categories are stored as text, which parquet encodes by a dictionary of its own; their order is kept in
-    the footer. So any other reader of parquet sees plain text.
+    the footer. So any other reader of parquet sees plain text, and finds the unit and the meaning of a column
+    in the metadata of its arrow field, under the keys `unit` and `meaning`.
+
+    Args:
+        frame: the records, in the order of their rows.
+        number: the block.
+        job_hash: the hash of the job.
+        counts: rows by status.
+        quantities: `unit` and `meaning` by the name of the column, as in the manifest; columns that are not
+            there get no metadata.
     """
     plain = frame.copy(deep=False)
     categories: dict[str, list[str]] = {}
@@ -104,7 +118,9 @@ def part_bytes(
     for column in plain.columns:
         text = pa.string() if column in categories else None
         arrays.append(pa.Array.from_pandas(plain[column], type=text))
-        fields.append(pa.field(column, arrays[-1].type))
+        known = (quantities or {}).get(column, {})
+        said = {name: known[name] for name in ("unit", "meaning") if name in known}
+        fields.append(pa.field(column, arrays[-1].type, metadata=said or None))
     footer = Footer(number, job_hash, dict(counts), categories)
     metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
     file = io.BytesIO()
@@ -155,7 +171,9 @@ def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table
         file = pq.ParquetFile(
             pa.BufferReader(data), read_dictionary=list(footer.categories), page_checksum_verification=True
         )
-        table = file.read().replace_schema_metadata(None)
+        table = file.read()
+        # parts of older versions have no units: without metadata all parts have one schema
+        table = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
         rows = table.column("row").to_numpy()
     except UNREADABLE as error:
         raise DamagedPart(f"its records cannot be read ({on_one_line(error)})") from error
