@@ -13,7 +13,7 @@ from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.models.multilegged.model import Multilegged
 
@@ -73,7 +73,7 @@ def measure(
 
     def run(rows: int) -> tuple[Timings, BlockResult]:
         given: list[BlockResult] = []
-        work = Work(
+        work = SweepSpec(
             model=model,
             recorder=recorder,
             numerics=numerics,

@@ -12,7 +12,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
 
@@ -64,7 +64,7 @@ def sweep_rate(
             q.name: np.asarray(starts.get(q.name, np.full(n, q.default)), float)
             for q in model.initial_conditions
         }
-        work = Work(
+        work = SweepSpec(
             model=model, recorder=Crossings(model, crossings=cycles), numerics=numerics, n_rows=n, block=n,
             lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,
         )  # fmt: skip

@@ -113,12 +113,31 @@ class Quantity:
     scale: float | None = None
 
 
+# Members that were renamed, of a `Model` and of a `Chart`: old name, new name.
+RENAMED = {"starts": "initial_conditions", "traits": "label_fields"}
+RENAMED_OF_CHARTS = {"kept": "conserved_values"}
+
+
+def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
+    for old, new in renamed.items():
+        # a field of the structure may have any name
+        if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
+            raise TypeError(f"{cls.__name__} defines {old}, which is now called {new}: rename it")
+
+
 class Chart(abc.ABC):
     """Coordinates on a model's Poincare section; the discrete modes are not among them.
 
     Symmetry directions (position, heading) are left out, so that a steady gait is a fixed point. Variables
     that the section itself fixes are left out as well.
+
+    Raises:
+        TypeError: a subclass defines a member by its old name (`RENAMED_OF_CHARTS`).
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        _refuse_old_names(cls, RENAMED_OF_CHARTS)
 
     @property
     @abc.abstractmethod
@@ -147,10 +166,6 @@ class Chart(abc.ABC):
         return jnp.zeros((0,))
 
 
-# Members of `Model` that were renamed: old name, new name.
-RENAMED = {"starts": "initial_conditions", "traits": "label_fields"}
-
-
 class Model(abc.ABC):
     """The properties and functions of every model; a concrete model is a frozen dataclass.
 
@@ -159,7 +174,7 @@ class Model(abc.ABC):
     Derive from `HybridModel` or from `SteppedModel`, not from this class.
 
     Raises:
-        TypeError: a subclass defines a member by the name that it had in older versions (`RENAMED`).
+        TypeError: a subclass defines a member by its old name (`RENAMED`).
     """
 
     name: ClassVar[str]
@@ -168,10 +183,7 @@ class Model(abc.ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for old, new in RENAMED.items():
-            # a field of the structure may have any name
-            if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
-                raise TypeError(f"{cls.__name__} defines {old}, which is now called {new}: rename it")
+        _refuse_old_names(cls, RENAMED)
 
     @property
     def precisions(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import evaluate
 
 
@@ -62,7 +62,7 @@ def run_rows(
         q.name: np.broadcast_to(np.asarray(starts.get(q.name, defaults.get(q.name)), np.float64), (n,))
         for q in model.initial_conditions
     }
-    work = Work(
+    work = SweepSpec(
         model=model,
         recorder=recorder,
         numerics=numerics or Numerics(),

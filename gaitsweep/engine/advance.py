@@ -1,4 +1,4 @@
-"""One trajectory, one straight-line attempt: propose a step, look at the guards, accept, shrink or jump.
+"""One trajectory, one straight-line attempt: propose a step, poll at the guards, accept, shrink or jump.
 
 The same function serves every engine. All decisions are selects, so that it can be vmapped or printed as
 a scalar kernel, and each trajectory has a time and a step of its own.
@@ -54,7 +54,7 @@ LEAST_SHARE = 1e-9
         "state",
         "t",
         "h",
-        "pace",
+        "h_max",
         "near",
         "far",
         "far_guards",
@@ -73,7 +73,7 @@ LEAST_SHARE = 1e-9
 class Carry:
     """All that an attempt needs of a trajectory.
 
-    `t` time (s); `h` the step to try next; `pace` the longest that it may be, which
+    `t` time (s); `h` the step to try next; `h_max` the longest that it may be, which
     grows after an event; `near` the guards at the state; `far` the shortest step known to fire (infinite
     while no event is being located) and `far_guards` the guards there, >= 0 too for those that fired
     before at the same instant; `weight` the Illinois weight of the
@@ -86,7 +86,7 @@ class Carry:
     state: State
     t: jax.Array
     h: jax.Array
-    pace: jax.Array
+    h_max: jax.Array
     near: jax.Array
     far: jax.Array
     far_guards: jax.Array
@@ -130,7 +130,7 @@ def start(
         state=state,
         t=zero,
         h=zero,
-        pace=zero,
+        h_max=zero,
         near=near,
         far=zero + jnp.inf,
         far_guards=near,
@@ -227,14 +227,14 @@ def _advance_hybrid(
         locating = bracket["far"] < jnp.inf
         # a step cut short by a stop or an event says nothing of how far the next may go
         if change is None:
-            grown = jnp.minimum(dt, method.growth * carry.pace)
+            grown = jnp.minimum(dt, method.growth * carry.h_max)
             first = method.first_step * dt
-            pace = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.pace, grown))
-            next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
+            h_max = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.h_max, grown))
+            next_h = jnp.where(land, 0.0, jnp.where(locating, guess, h_max))
         else:
-            pace, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
-        # what begins and ends within the step is looked for in its first half
-        pace, next_h = jnp.where(hidden, carry.pace, pace), jnp.where(hidden, 0.5 * h, next_h)
+            h_max, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
+        # what begins and ends within the step is polled for in its first half
+        h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
 
         end = trial
         t = carry.t + h
@@ -249,7 +249,7 @@ def _advance_hybrid(
         chain = jnp.where(land, carry.chain + 1, jnp.where(on & (h > CHAIN_STEP), 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
         if method.adaptive:
-            # many cycles can pass between two looks of the recorder, and a fall may not last so long
+            # many cycles can pass between two polls of the recorder, and a fall may not last so long
             down = (on | land) & model.failed(here, select(land, after, end))
             halt = jnp.where(down, FAILED, halt)
         halt = halt.astype(carry.halt.dtype)
@@ -258,7 +258,7 @@ def _advance_hybrid(
             state=select(on | land, select(land, after, end), carry.state),
             t=jnp.where(timed, carry.stop, jnp.where(on | land, t, carry.t)),
             h=jnp.where(going, next_h, carry.h),
-            pace=jnp.where(going, pace, carry.pace),
+            h_max=jnp.where(going, h_max, carry.h_max),
             chain=jnp.where(going, chain, carry.chain),
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
             stop=carry.stop,
@@ -309,15 +309,15 @@ def _controlled(
     """
     least = LEAST_SHARE * dt
     # at the start nothing is known of how fast the flow is
-    begun = jnp.maximum(jnp.where(carry.pace > 0.0, method.first_step * carry.pace, 1e-3 * dt), least)
+    begun = jnp.maximum(jnp.where(carry.h_max > 0.0, method.first_step * carry.h_max, 1e-3 * dt), least)
     shorter = jnp.maximum(h * jnp.maximum(change, STEEPEST_CUT), least)
     # a step cut short by a stop or an event says only that one of its length is right
-    longer = jnp.maximum(carry.pace, h * jnp.minimum(change, method.growth))
-    met = jnp.where(h < carry.pace, longer, h * jnp.minimum(change, method.growth))
-    pace = jnp.where(hit | locating, carry.pace, jnp.minimum(dt, jnp.maximum(met, least)))
-    pace = jnp.where(failed, shorter, jnp.where(land, carry.pace, jnp.where(h == 0.0, begun, pace)))
-    next_h = jnp.where(land, 0.0, jnp.where(failed, shorter, jnp.where(locating, guess, pace)))
-    return pace, next_h
+    longer = jnp.maximum(carry.h_max, h * jnp.minimum(change, method.growth))
+    met = jnp.where(h < carry.h_max, longer, h * jnp.minimum(change, method.growth))
+    h_max = jnp.where(hit | locating, carry.h_max, jnp.minimum(dt, jnp.maximum(met, least)))
+    h_max = jnp.where(failed, shorter, jnp.where(land, carry.h_max, jnp.where(h == 0.0, begun, h_max)))
+    next_h = jnp.where(land, 0.0, jnp.where(failed, shorter, jnp.where(locating, guess, h_max)))
+    return h_max, next_h
 
 
 def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -15,13 +15,13 @@ import numpy as np
 
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.recorders.fixed_time import Hold
-from gaitsweep.engine.recorders.recorder import CADENCE
+from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.engine.recorders.staircase import Staircase
 from gaitsweep.engine.recorders.trace import Trace
-from gaitsweep.engine.sweep.engines import looks_of
-from gaitsweep.engine.sweep.lane_scheduler import Pool
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.engines import polls_per_chunk
+from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job, Plan
 from gaitsweep.job.axes import Drawn, Spread
 from gaitsweep.job.figures import table_columns
@@ -136,19 +136,19 @@ class Measured:
     crossings: float
 
 
-def _measured(work: Work, dt: float) -> Measured:
+def _measured(work: SweepSpec, dt: float) -> Measured:
     """Run a chunk of the first rows, for how fast it goes and how far it comes."""
     began = time.perf_counter()
-    pool = Pool(work, range(math.ceil(work.n_rows / work.block)))
+    pool = LaneScheduler(work, range(math.ceil(work.n_rows / work.block)))
     pool.refill()
     for lanes in pool.groups:
         lanes.run_chunk(0)
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.chunk(looks_of(work))
+    given = pool.chunk(polls_per_chunk(work))
     spent = time.perf_counter() - began
     slots = work.lanes * len(work.devices)
-    rate = slots * CADENCE * looks_of(work) / spent
+    rate = slots * POLL_INTERVAL * polls_per_chunk(work) / spent
     ran = pool.block_of >= 0
     simulated = float(np.sum(given.t[ran]))
     crossings = float(np.sum(given.record.cycles[ran]))
@@ -161,14 +161,14 @@ def _measured(work: Work, dt: float) -> Measured:
     return Measured(rate, compile_s, attempts, crossings / simulated)
 
 
-def _nominal_period(work: Work) -> float:
+def _nominal_period(work: SweepSpec) -> float:
     """The first row's, in s, as its model says."""
     params, _ = work.values(0, 1)
     one = {name: np.asarray(column[0]) for name, column in params.items()}
     return float(jax.jit(lambda values: work.model.period(work.model.params(values)))(one))
 
 
-def _row_needs(work: Work, job: Job, pace: Measured) -> tuple[float, float, float]:
+def _row_needs(work: SweepSpec, job: Job, pace: Measured) -> tuple[float, float, float]:
     """Attempts that a row likely makes, those it makes at most, and the records that it leaves."""
     cycle, period = pace.attempts / pace.crossings, 1.0 / pace.crossings
     recorder = work.recorder
@@ -197,7 +197,7 @@ def _row_needs(work: Work, job: Job, pace: Measured) -> tuple[float, float, floa
     return crossings * cycle, crossings * cycle, max(crossings - recorder.after_cycles, 1.0)
 
 
-def _branch_needs(run: Continuation, work: Work, cycle: float) -> tuple[float, float, float]:
+def _branch_needs(run: Continuation, work: SweepSpec, cycle: float) -> tuple[float, float, float]:
     """The same for a row whose branch is followed: likely along its whole range, at most to `run.most`."""
     chart = work.model.chart()
     state = sum(int(np.size(each)) for each in jax.tree.leaves(_start_of(work))) if chart is None else 0
@@ -207,7 +207,7 @@ def _branch_needs(run: Continuation, work: Work, cycle: float) -> tuple[float, f
     return needs[0] * cycle, needs[1] * cycle, max(points, 1.0)
 
 
-def _start_of(work: Work) -> Any:
+def _start_of(work: SweepSpec) -> Any:
     """The shapes of a row's state."""
     params, starts = work.values(0, 1)
 

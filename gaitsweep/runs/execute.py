@@ -23,7 +23,7 @@ from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import Progress as EngineProgress
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import Job, JobError, Plan, plan, read_figures
@@ -90,7 +90,7 @@ class Prepared:
 
     job: Job
     plan: Plan
-    work: Work
+    work: SweepSpec
     note: str | None
     job_hash: str
     frame: Callable[[BlockResult], pd.DataFrame]
@@ -127,7 +127,7 @@ def prepare(job: Job) -> Prepared:
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
     lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     steps = row_steps(rows, job.run, numerics)
-    work = Work(
+    work = SweepSpec(
         model=rows.model,
         recorder=recorder,
         numerics=numerics,

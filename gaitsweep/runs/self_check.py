@@ -25,7 +25,7 @@ from gaitsweep.engine.recorders.fixed_time import Hold
 from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, Settle
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import Progress, Work
+from gaitsweep.engine.sweep.sweep_spec import Progress, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.job import Plan
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
@@ -156,7 +156,7 @@ def self_check(
 
 
 def _repeated(
-    work: Work,
+    work: SweepSpec,
     plan: Plan,
     lanes: list[tuple[np.ndarray, float, float]],
     progress: Callable[[Progress], None] | None,

@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from gaitsweep.engine.recorders.recorder import CADENCE
+from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep import chunk_sizer as module
-from gaitsweep.engine.sweep.chunk_sizer import FULL, LONGEST, Pace
+from gaitsweep.engine.sweep.chunk_sizer import FULL, LONGEST, ChunkSizer
 
-LOOK, HOST = 2e-4, 3e-3  # s
+POLL, HOST = 2e-4, 3e-3  # s
 
 
 class Clock:
@@ -30,39 +30,39 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def run(pace: Pace, clock: Clock, chunks: int, row_looks: float, fullest: int = 0) -> None:
-    """Chunks of looks of LOOK s, between which the host works for HOST s."""
+def run(sizer: ChunkSizer, clock: Clock, chunks: int, row_polls: float, fullest: int = 0) -> None:
+    """Chunks of polls of POLL s, between which the host works for HOST s."""
     for _ in range(chunks):
-        looks, began = pace.looks, pace.begins()
-        clock.now += looks * LOOK
-        pace.ended(began, looks)
+        polls, began = sizer.polls, sizer.begins()
+        clock.now += polls * POLL
+        sizer.ended(began, polls)
         clock.now += HOST
-        pace.choose(row_looks * CADENCE, fullest)
+        sizer.choose(row_polls * POLL_INTERVAL, fullest)
 
 
 def test_a_chunk_weighs_the_host_against_rows_that_wait(clock: Clock) -> None:
     """Of sqrt(2 x host x row), the least sum of half a chunk a row and the host's share of each chunk."""
-    pace, row_looks = Pace(4), 5_000
-    run(pace, clock, 60, row_looks)
-    assert pace.looks * LOOK == pytest.approx(math.sqrt(2.0 * HOST * row_looks * LOOK), rel=0.01)
+    sizer, row_polls = ChunkSizer(4), 5_000
+    run(sizer, clock, 60, row_polls)
+    assert sizer.polls * POLL == pytest.approx(math.sqrt(2.0 * HOST * row_polls * POLL), rel=0.01)
 
 
 def test_no_chunk_keeps_the_user_waiting(clock: Clock) -> None:
-    pace = Pace(4)
-    run(pace, clock, 60, 1e9)
-    assert pace.looks * LOOK == pytest.approx(LONGEST, rel=0.01)
+    sizer = ChunkSizer(4)
+    run(sizer, clock, 60, 1e9)
+    assert sizer.polls * POLL == pytest.approx(LONGEST, rel=0.01)
 
 
 def test_short_rows_have_the_shortest_chunks(clock: Clock) -> None:
-    pace = Pace(16)
-    run(pace, clock, 20, 1.0)
-    assert pace.looks == 16
+    sizer = ChunkSizer(16)
+    run(sizer, clock, 20, 1.0)
+    assert sizer.polls == 16
 
 
 def test_chunks_shrink_where_buffers_fill(clock: Clock) -> None:
     """A row whose buffer is full waits for the host."""
-    pace = Pace(4)
-    run(pace, clock, 60, 1e9)
-    long = pace.looks
-    run(pace, clock, 1, 1e9, fullest=math.ceil(FULL) + 1)
-    assert pace.looks == long // 2
+    sizer = ChunkSizer(4)
+    run(sizer, clock, 60, 1e9)
+    long = sizer.polls
+    run(sizer, clock, 1, 1e9, fullest=math.ceil(FULL) + 1)
+    assert sizer.polls == long // 2

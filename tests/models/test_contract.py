@@ -13,7 +13,17 @@ from sweeping import scalars
 from toy_model import Toy
 
 from gaitsweep import models
-from gaitsweep.contract import RENAMED, FixedStepDynamics, HybridModel, Model, Status, SteppedModel, Verdict
+from gaitsweep.contract import (
+    RENAMED,
+    RENAMED_OF_CHARTS,
+    Chart,
+    FixedStepDynamics,
+    HybridModel,
+    Model,
+    Status,
+    SteppedModel,
+    Verdict,
+)
 from gaitsweep.engine.sweep.labels import LABELLED
 from gaitsweep.runs.frames import STATUSES
 
@@ -59,10 +69,16 @@ def test_a_stepped_model_is_its_own_steps() -> None:
     assert SteppedModel.__abstractmethods__ == own | FixedStepDynamics.__abstractmethods__
 
 
-@pytest.mark.parametrize(("old", "new"), RENAMED.items())
-def test_a_member_by_its_old_name_is_refused(old: str, new: str) -> None:
+@pytest.mark.parametrize(
+    ("base", "old", "new"),
+    [
+        *((HybridModel, *names) for names in RENAMED.items()),
+        *((Chart, *names) for names in RENAMED_OF_CHARTS.items()),
+    ],
+)
+def test_a_member_by_its_old_name_is_refused(base: type, old: str, new: str) -> None:
     with pytest.raises(TypeError, match=f"Mine defines {old}, which is now called {new}: rename it"):
-        type("Mine", (HybridModel,), {old: property(lambda self: ())})
+        type("Mine", (base,), {old: property(lambda self: ())})
 
 
 def test_names_are_distinct_and_described(model: Model) -> None:

@@ -1,4 +1,4 @@
-"""A chunk of attempts as one scalar program: what an attempt changes, what a look at it changes and keeps.
+"""A chunk of attempts as one scalar program: what an attempt changes, what a poll at it changes and keeps.
 
 All that a trajectory is stands in numbered slots, first what is held (parameters), then the carry, then the
 record. Slots after those are the kernel's own: what is worked out once, and a row that waits to be kept.
@@ -34,7 +34,7 @@ class Leaf:
 class Chunk:
     """The program and its slots.
 
-    `held`, `carry`, `record` the engine's trees, a `Leaf` for each array; `attempt` and `look` the nodes that
+    `held`, `carry`, `record` the engine's trees, a `Leaf` for each array; `attempt` and `poll` the nodes that
     slots get, by slot; `keep` the node that says whether `row` (nodes) is kept; `steady` nodes worked out
     once, by slot.
     """
@@ -44,7 +44,7 @@ class Chunk:
     carry: Any
     record: Any
     attempt: dict[int, int]
-    look: dict[int, int]
+    poll: dict[int, int]
     keep: int
     row: list[int]
     steady: dict[int, int]
@@ -107,18 +107,18 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
-    looked = jax.make_jaxpr(lane.look)(held, carry, record)
-    given = tracer.read(looked, [*held_nodes, *carry_nodes, *record_nodes])
-    look = changes((carry_leaves, record_leaves), given[:-2])
+    polled = jax.make_jaxpr(lane.poll)(held, carry, record)
+    given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
+    poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = steady_results(program, [*attempt.values(), *look.values(), *row, keep])
+    steady = steady_results(program, [*attempt.values(), *poll.values(), *row, keep])
     return Chunk(
         program=program,
         held=held_leaves,
         carry=carry_leaves,
         record=record_leaves,
         attempt=attempt,
-        look=look,
+        poll=poll,
         keep=keep,
         row=row,
         steady={count + i: at for i, at in enumerate(steady)},

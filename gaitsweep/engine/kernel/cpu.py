@@ -15,7 +15,7 @@ from typing import Any
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import loaded, statements, stored
-from gaitsweep.engine.recorders.recorder import CADENCE
+from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Lanes of a tile: two vectors of 8, so that one works while the other waits for its results.
 TILE = 16
@@ -52,19 +52,19 @@ def _prefer_wide_vectors() -> None:
 
 
 def source(chunk: Chunk, lanes: int, title: str) -> str:
-    """The module that runs a chunk on a CPU; its `run(S, kept, looks)` advances all tiles.
+    """The module that runs a chunk on a CPU; its `run(S, kept, polls)` advances all tiles.
 
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) gets the rows that are kept.
     """
     steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
     row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
-    look = {**chunk.look, **row, chunk.n_slots: chunk.keep}
+    poll = {**chunk.poll, **row, chunk.n_slots: chunk.keep}
     status = chunk.record.status.first
     parts = [
         _PREAMBLE.format(title=title),
         _stage("prepare", chunk, chunk.steady, {}, lanes),
         _stage("attempt", chunk, chunk.attempt, steady, lanes),
-        _stage("look", chunk, look, steady, lanes),
+        _stage("poll", chunk, poll, steady, lanes),
         _KEEP.format(
             lanes=lanes,
             keep=chunk.n_slots * lanes,
@@ -76,7 +76,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
         else "",
         _RUN.format(
             lanes=lanes,
-            cadence=CADENCE,
+            interval=POLL_INTERVAL,
             status=status * lanes,
             halt=chunk.carry.halt.first * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
@@ -131,23 +131,23 @@ def keep(s, kept, tile):
 """
 
 _RUN = """@compiled
-def run(S, kept, looks):
+def run(S, kept, polls):
     for tile in range(S.shape[0]):
         s = S[tile]
         prepare(s)
-        for _ in range(looks):
+        for _ in range(polls):
             running = 0
             for lane in range({lanes}):
                 running += s[{status} + lane] == 0.0
             if running == 0:
                 break
-            for _ in range({cadence}):
+            for _ in range({interval}):
                 going = 0
                 for lane in range({lanes}):
                     going += s[{halt} + lane] == 0.0
-                if going == 0:  # all wait for the look, and would stay as they are
+                if going == 0:  # all wait for the poll, and would stay as they are
                     break
                 attempt(s)
-            look(s)
+            poll(s)
             {keep}
 """

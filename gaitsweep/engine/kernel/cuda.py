@@ -16,7 +16,7 @@ from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
-from gaitsweep.engine.sweep.lane import Given
+from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.xla import Device, Values
 
 # Threads of a block; 64, 128 and 256 ran equally fast.
@@ -90,18 +90,18 @@ class CudaLanes(KernelLanes):
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         self._staged.append((lanes, opened, rows, kept))
 
-    def run_chunk(self, looks: int) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         with self._cuda.gpus[self._number]:
             flat = self._slots.reshape(-1), self._kept.reshape(-1), self.size
-            self._launch(self._running.run, *flat, looks, self._same, threads=self.size)
-            given = self.given(lambda slot: self._slots[slot].copy_to_host())
-            new = int(given.record.filled.max())
+            self._launch(self._running.run, *flat, polls, self._same, threads=self.size)
+            output = self.output(lambda slot: self._slots[slot].copy_to_host())
+            new = int(output.record.filled.max())
             if new:
                 kept = self._kept[:new].copy_to_host()
                 self._slots[self.chunk.record.filled.first].copy_to_device(self._none_filled)
-                given = given._replace(kept=kept.transpose(2, 0, 1))
-        return given
+                output = output._replace(kept=kept.transpose(2, 0, 1))
+        return output
 
     def _launch(self, kernel: Any, *args: Any, threads: int) -> None:
         blocks = -(-threads // THREADS)

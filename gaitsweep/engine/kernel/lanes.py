@@ -17,7 +17,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import SHARE, Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
 from gaitsweep.engine.sweep.xla import Values
 
 CACHE_LINE = 64  # bytes, and those of the widest vector
@@ -93,8 +93,8 @@ class KernelLanes(abc.ABC):
         """Set `lanes` (n,) to the slots `opened` (n, slots), and their buffers' first rows where `kept`."""
 
     @abc.abstractmethod
-    def run_chunk(self, looks: int) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
         """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
@@ -112,7 +112,7 @@ class KernelLanes(abc.ABC):
             n = some.size
             self.put(some, opened[:n], kept_rows[:n], keep[:n])
 
-    def given(self, read_slot: Callable[[int], np.ndarray]) -> Given:
+    def output(self, read_slot: Callable[[int], np.ndarray]) -> ChunkOutput:
         """What the host gets, its buffers empty, from a slot's numbers (size,) by the slot."""
 
         def read(leaf: Leaf) -> np.ndarray:
@@ -132,7 +132,7 @@ class KernelLanes(abc.ABC):
         seen = Record(**fields)  # type: ignore[arg-type]
         carry = self.chunk.carry
         kept = np.zeros((self.size, 0, self.chunk.width))
-        return Given(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
+        return ChunkOutput(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -163,10 +163,10 @@ class CpuLanes(KernelLanes):
         if self.chunk.width:
             self._kept[lanes[kept], 0] = rows[kept]
 
-    def run_chunk(self, looks: int) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         tiles = self._slots.shape[0]
-        self._run(self._slots.reshape(tiles, -1), self._kept, looks)
-        given = self.given(lambda slot: self._slots[:, slot].ravel()[: self.size])
+        self._run(self._slots.reshape(tiles, -1), self._kept, polls)
+        output = self.output(lambda slot: self._slots[:, slot].ravel()[: self.size])
         self._slots[:, self.chunk.record.filled.first] = 0.0
-        return given._replace(kept=self._kept[: self.size])
+        return output._replace(kept=self._kept[: self.size])

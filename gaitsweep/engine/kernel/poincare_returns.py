@@ -24,7 +24,7 @@ from gaitsweep.engine.poincare.poincare_return import Aloft, Flight
 from gaitsweep.engine.sweep.leaves import numbers_of, tangent_of, vector, with_numbers
 
 # Looks in one call of the kernel: every way ends long before.
-_LOOKS = 1 << 40
+_POLLS = 1 << 40
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["status", "filled"], meta_fields=[])
@@ -75,7 +75,7 @@ class _Lane:
         _, rate, after = jax.jvp(moved, before, (along, way.rate), has_aux=True)
         return _Way(after, rate)
 
-    def look(self, held: Any, way: _Way, ends: _Ends) -> Any:
+    def poll(self, held: Any, way: _Way, ends: _Ends) -> Any:
         status = jnp.where(self.flight.ended(way.aloft), Status.complete, Status.running)
         ends = dataclasses.replace(ends, status=status.astype(jnp.int32))
         return way, ends, jnp.zeros((0,)), jnp.zeros((), bool)
@@ -182,7 +182,7 @@ class _Kernel:
         kept = np.zeros((tiles * cpu.TILE, 0, 0))
         with ThreadPoolExecutor(_cores()) as pool:
             flat = room.reshape(tiles, -1)
-            list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _LOOKS), range(tiles)))
+            list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _POLLS), range(tiles)))
         found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu.TILE, -1)[back]
         return found.reshape(*slots.shape[:-1], read.size)
 

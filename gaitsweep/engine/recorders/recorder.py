@@ -1,9 +1,9 @@
-"""What is kept of a trajectory: what all recorders share.
+"""The abstract recorder: it selects the records of a trajectory and ends its row.
 
-A recorder looks at a trajectory every `CADENCE` attempts. Where the trajectory waits (at a crossing, at a
-stop in time) it takes what it wants and lets it go on; it also ends rows that have failed. Like `advance`
-it is a pure function of one trajectory, and all it holds is of fixed size: the rows that it gives go to a
-buffer of the engine's, and what does not fit there makes the trajectory wait until the host has emptied it.
+A recorder polls a trajectory every `POLL_INTERVAL` attempts. A trajectory that waits (at a crossing, at a
+stop in time) gives its record and continues; the recorder also ends rows that have failed. Like `advance` it
+is a pure function of one trajectory with arrays of fixed size: records go to a buffer of the engine, and a
+trajectory whose buffer is full waits until the host has emptied it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
 
-# Attempts between two looks at a trajectory. It is part of the results (a failed row's end time is a
+# Attempts between two polls at a trajectory. It is part of the results (a failed row's end time is a
 # multiple of it in attempts), so it is a constant and not a matter of tuning.
-CADENCE = 64
+POLL_INTERVAL = 64
 # Rows or samples of a trajectory that wait on the device for the host.
 BUFFER = 32
 # A continuous state variable beyond this has diverged.
@@ -139,7 +139,7 @@ class Recorder(abc.ABC):
         `typical_cycles` is the mean over the rows that have ended, 0 where none has.
         """
 
-    def look(
+    def poll(
         self, params: Params, carry: Carry, record: Record, dt: jax.Array | float
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
         """Health first, then what this kind of run takes; an ended row stays as it is."""

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gaitsweep.engine.numerics import SHARE
-from gaitsweep.engine.sweep.lane import Given
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.lane import ChunkOutput
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,30 +50,30 @@ class Block:
     its `ended`, and `_samples` is replaced as a pair: whenever it strikes, a row is whole or not there.
 
     Args:
-        work: what is run.
+        spec: what is run.
         number: the block's.
         restored: rows of it that an earlier run ended.
     """
 
-    def __init__(self, work: Work, number: int, restored: EndedRows | None = None) -> None:
+    def __init__(self, spec: SweepSpec, number: int, restored: EndedRows | None = None) -> None:
         self.number = number
-        self.first = number * work.block
-        self.rows = min(work.block, work.n_rows - self.first)
-        params, starts = work.values(self.first, self.first + self.rows)
+        self.first = number * spec.block
+        self.rows = min(spec.block, spec.n_rows - self.first)
+        params, starts = spec.values(self.first, self.first + self.rows)
         self.starts = {SHARE: np.ones(self.rows), **starts}
-        self.params = work.model.on_host(params)
+        self.params = spec.model.on_host(params)
         self.opened = 0  # rows of `waiting` that have been put into lanes
         self.status = np.zeros(self.rows, np.int32)
         self.cycles = np.zeros(self.rows, np.int64)
         self.attempts = np.zeros(self.rows, np.int64)
         self.t_end = np.full(self.rows, np.nan)
-        self.last = np.full((self.rows, len(work.model.observables)), np.nan)
+        self.last = np.full((self.rows, len(spec.model.observables)), np.nan)
         self.period = np.zeros(self.rows, np.int8)
         self.slowest = np.full(self.rows, -1)
         self.fired = np.zeros((self.rows, 0), np.int64)
         self.ended = np.zeros(self.rows, bool)
         self.stored = np.zeros(self.rows, bool)  # and on disk, whether as part of a block or not
-        self._width = work.recorder.width
+        self._width = spec.recorder.width
         # samples of rows that are stored, then all others: a list of rows (n,) and of numbers (n, width) each
         self._samples: tuple[list[_Samples], list[_Samples]] = ([], [])
         if restored is not None:
@@ -91,20 +91,20 @@ class Block:
         """Rows that have not ended."""
         return int(np.count_nonzero(~self.ended))
 
-    def keep(self, rows: np.ndarray, given: Given, lanes: np.ndarray) -> None:
+    def keep(self, rows: np.ndarray, output: ChunkOutput, lanes: np.ndarray) -> None:
         """Take what these lanes (n,) have kept; `rows` are those of all lanes."""
         if lanes.size:
-            filled = given.record.filled[lanes]
-            new = np.arange(given.kept.shape[1]) < filled[:, None]
-            self._samples[1].append((np.repeat(rows[lanes], filled), given.kept[lanes][new]))
+            filled = output.record.filled[lanes]
+            new = np.arange(output.kept.shape[1]) < filled[:, None]
+            self._samples[1].append((np.repeat(rows[lanes], filled), output.kept[lanes][new]))
 
-    def end(self, rows: np.ndarray, given: Given, lanes: np.ndarray) -> None:
+    def end(self, rows: np.ndarray, output: ChunkOutput, lanes: np.ndarray) -> None:
         """Take what the rows of these lanes (n,) have ended with."""
-        mine, record = rows[lanes], given.record
+        mine, record = rows[lanes], output.record
         self.status[mine] = record.status[lanes]
         self.cycles[mine] = record.cycles[lanes]
-        self.attempts[mine] = given.attempts[lanes]
-        self.t_end[mine] = given.t[lanes]
+        self.attempts[mine] = output.attempts[lanes]
+        self.t_end[mine] = output.t[lanes]
         self.last[mine] = record.last[lanes]
         self.period[mine] = record.period[lanes]
         self.slowest[mine] = record.slowest[lanes]

@@ -11,14 +11,14 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
-from gaitsweep.engine.sweep.lane import Given, RowDrive
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.lane import ChunkOutput, RowDrive
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import Device, Values
 from gaitsweep.errors import UserError
 
 # Looks of a kernel's recorder between two returns to the host, on each kind of device. On a CPU chunks are
 # short, since a row that has ended waits for the chunk's end; on a GPU what the host does after each counts.
-KERNEL_LOOKS = {"cpu": 16, "gpu": 128}
+KERNEL_POLLS_PER_CHUNK = {"cpu": 16, "gpu": 128}
 
 
 class Lanes(Protocol):
@@ -28,7 +28,7 @@ class Lanes(Protocol):
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None: ...
 
-    def run_chunk(self, looks: int) -> Given: ...
+    def run_chunk(self, polls: int) -> ChunkOutput: ...
 
 
 class EngineError(UserError):
@@ -69,7 +69,7 @@ def _obstacle(
     """What stands in the way of a scalar kernel, in words, or None."""
     if model.host_parameters:
         return f"{model.name} works out numbers on the host, of {', '.join(model.host_parameters)}"
-    if device.platform not in KERNEL_LOOKS:
+    if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
     if importlib.util.find_spec("numba") is None:
         return "the package numba is not installed"
@@ -89,11 +89,11 @@ def _obstacle(
     return None
 
 
-def lanes_on(device: Device, work: Work) -> Lanes:
+def lanes_on(device: Device, spec: SweepSpec) -> Lanes:
     """The lanes of a run on one device."""
-    what = work.model, work.recorder, work.numerics
-    options: dict[str, Any] = {"size": work.lanes, "drive": work.drive}
-    if work.engine == "xla":
+    what = spec.model, spec.recorder, spec.numerics
+    options: dict[str, Any] = {"size": spec.lanes, "drive": spec.drive}
+    if spec.engine == "xla":
         return xla.Lanes(*what, device=device, **options)
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda import CudaLanes
@@ -104,9 +104,11 @@ def lanes_on(device: Device, work: Work) -> Lanes:
     return CpuLanes(*what, **options)
 
 
-def looks_of(work: Work) -> int:
+def polls_per_chunk(spec: SweepSpec) -> int:
     """Looks of the recorder between two returns to the host."""
-    return KERNEL_LOOKS[work.devices[0].platform] if work.engine == "kernel" else xla.LOOKS
+    return (
+        KERNEL_POLLS_PER_CHUNK[spec.devices[0].platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
+    )
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:

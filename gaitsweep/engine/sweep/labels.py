@@ -13,7 +13,7 @@ import numpy as np
 from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.recorders.staircase import Staircase, readable
 from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 # How a row may end and still have a last section crossing at which its gait can be read.
 LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
@@ -24,13 +24,13 @@ BATCH = 1024
 class Labels:
     """Gaits and traits of a block's rows, or of their stairs, in calls of fixed width."""
 
-    def __init__(self, work: Work) -> None:
-        self.work = work
-        self._label = _reader(work.model, work.drive)
+    def __init__(self, spec: SweepSpec) -> None:
+        self.spec = spec
+        self._label = _reader(spec.model, spec.drive)
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
         """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
-        recorder = self.work.recorder
+        recorder = self.spec.recorder
         if isinstance(recorder, Staircase):
             rows, samples = block.kept()
             samples = samples.reshape(-1, recorder.width)
@@ -40,7 +40,7 @@ class Labels:
         if not recorder.labelled:
             return {}
         good = np.isin(block.status, LABELLED) & (block.cycles > 0)
-        width = min(self.work.block, self.work.n_rows)
+        width = min(self.spec.block, self.spec.n_rows)
         return self._read(block, width, np.arange(block.rows), block.t_end, block.last, good)
 
     def _read(

@@ -19,7 +19,7 @@ from gaitsweep.engine.recorders.recorder import Record, Recorder
 RowDrive = Callable[[Any, jax.Array], Params]
 
 
-class Given(NamedTuple):
+class ChunkOutput(NamedTuple):
     """What a chunk of attempts gives to the host, one element of each array for each lane.
 
     `record` (its window and its moves are left out), `kept` the rows in the buffers (lanes, BUFFER, width),
@@ -33,7 +33,7 @@ class Given(NamedTuple):
 
 
 class OneLane:
-    """Opening a trajectory, an attempt, and a look at it; pure functions of scalars and small arrays."""
+    """Opening a trajectory, an attempt, and a poll at it; pure functions of scalars and small arrays."""
 
     def __init__(
         self, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None = None
@@ -66,7 +66,7 @@ class OneLane:
     def attempt(self, held: Any, carry: Carry) -> Carry:
         return self._advance(held, carry)
 
-    def look(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """The recorder's look: carry and record after it, a row (width,), and whether to keep the row."""
+    def poll(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
+        """The recorder's poll: carry and record after it, a row (width,), and whether to keep the row."""
         params = self.at(held, carry.t) if self.driven else held
-        return self.recorder.look(params, carry, record, carry.dt / self.numerics.steps_in_longest)
+        return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -12,8 +12,8 @@ import numpy as np
 
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.labels import Labels
-from gaitsweep.engine.sweep.lane_scheduler import Pool
-from gaitsweep.engine.sweep.sweep_spec import Progress, Work
+from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
+from gaitsweep.engine.sweep.sweep_spec import Progress, SweepSpec
 from gaitsweep.errors import UserError
 
 # A row that has ended is on disk after so many seconds; a kill loses no older one.
@@ -42,7 +42,7 @@ class OpenRows(Protocol):
 
 
 def sweep(
-    work: Work,
+    spec: SweepSpec,
     blocks: Sequence[int],
     write: Callable[[int, BlockResult], None],
     progress: Callable[[Progress], None] | None = None,
@@ -52,7 +52,7 @@ def sweep(
     """Run the rows of `blocks` and give each block to `write(number, result)` when all its rows are done.
 
     Args:
-        work: what is to be run.
+        spec: what is to be run.
         blocks: the numbers of the blocks that are wanted.
         write: takes a complete block.
         progress: told after each chunk of work; what it raises stops the sweep.
@@ -62,34 +62,34 @@ def sweep(
     """
     timings = Timings() if timings is None else timings
     began = time.perf_counter()
-    pool = Pool(work, blocks, None if open_rows is None else open_rows.restored)
-    label = Labels(work)
-    pool.refill()
-    if pool.busy:
-        pool.collect(pool.chunk(0))
+    scheduler = LaneScheduler(spec, blocks, None if open_rows is None else open_rows.restored)
+    label = Labels(spec)
+    scheduler.refill()
+    if scheduler.busy:
+        scheduler.collect(scheduler.chunk(0))
         # compiled before rows end, which would have to wait for it
-        label(next(iter(pool.open.values())))
+        label(next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
-    keeper = _Keeper(pool, open_rows)
+    keeper = _Keeper(scheduler, open_rows)
     try:
-        while pool.busy or pool.complete:
+        while scheduler.busy or scheduler.complete:
             chunk_began = time.perf_counter()
-            if pool.busy:
-                pool.collect(pool.chunk())
+            if scheduler.busy:
+                scheduler.collect(scheduler.chunk())
             keeper.chunk_ended(chunk_began)
-            for number in list(pool.complete):
+            for number in list(scheduler.complete):
                 keeper.store_if_due(keeper.close_s)
                 close_began = time.perf_counter()
-                block = pool.open[number]
+                block = scheduler.open[number]
                 write(number, block.result(label(block)))
-                pool.close(number)
+                scheduler.close(number)
                 keeper.close_s = time.perf_counter() - close_began
             keeper.store_if_due(keeper.chunk_s)
-            timings.attempts = pool.attempts
+            timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
             if progress is not None:
-                progress(pool.progress(timings.run_s))
-            pool.refill()
+                progress(scheduler.progress(timings.run_s))
+            scheduler.refill()
     except BaseException:
         # what stopped the sweep is the news, not that rows cannot be stored either
         with contextlib.suppress(UserError):
@@ -101,8 +101,8 @@ def sweep(
 class _Keeper:
     """Stores finished rows of open blocks before the oldest of them has waited too long."""
 
-    def __init__(self, pool: Pool, open_rows: OpenRows | None) -> None:
-        self._pool, self._open_rows = pool, open_rows
+    def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None) -> None:
+        self._scheduler, self._open_rows = scheduler, open_rows
         self.chunk_s = 0.0
         self.close_s = 1.0  # s that the writing of a part took, which loads libraries the first time
         self._store_s = 0.1
@@ -111,14 +111,14 @@ class _Keeper:
     def chunk_ended(self, began: float) -> None:
         """A chunk of work that began then has been collected."""
         self.chunk_s = time.perf_counter() - began
-        if self._oldest is None and self._open_rows is not None and self._pool.unstored:
+        if self._oldest is None and self._open_rows is not None and self._scheduler.unstored:
             self._oldest = began
 
     def store_if_due(self, ahead: float) -> None:
         """Store what would have waited too long after the next `ahead` s."""
         if self._oldest is None:
             return
-        if not self._pool.unstored:  # their parts were written
+        if not self._scheduler.unstored:  # their parts were written
             self._oldest = None
             return
         age = time.perf_counter() - self._oldest
@@ -131,10 +131,10 @@ class _Keeper:
         """Store all finished rows of open blocks that are not on disk."""
         if self._open_rows is None:
             return
-        ended = self._pool.ended()
+        ended = self._scheduler.ended()
         if ended:
             self._open_rows.keep({name: _joined([rows[name] for rows in ended]) for name in ended[0]})
-            self._pool.mark_stored(ended)
+            self._scheduler.mark_stored(ended)
         self._oldest = None
 
 

@@ -12,7 +12,7 @@ from gaitsweep.engine.sweep.xla import Device, Values
 
 
 @dataclasses.dataclass(frozen=True)
-class Work:
+class SweepSpec:
     """What is to be run: all rows, and how.
 
     `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;

@@ -22,13 +22,13 @@ import numpy as np
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.recorder import BUFFER, CADENCE, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
+from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
 from gaitsweep.errors import ArgumentError
 
 # Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
 # chances to show progress, to store and to refill.
-LOOKS = 64
+POLLS_PER_CHUNK = 64
 
 Values = Mapping[str, np.ndarray]
 Device = Any  # a jax.Device, which type checkers take for a variable
@@ -113,13 +113,13 @@ class Lanes:
         else:
             self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
 
-    def run_chunk(self, looks: int = LOOKS) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
-        self._lanes, given = self._programs.chunk(self._put(np.int32(looks)), self._lanes)
-        if not np.asarray(given.record.filled).any():
+    def run_chunk(self, polls: int = POLLS_PER_CHUNK) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
+        self._lanes, output = self._programs.chunk(self._put(np.int32(polls)), self._lanes)
+        if not np.asarray(output.record.filled).any():
             # buffers are large, and most chunks leave them empty: nothing of the right shape is free
-            given = given._replace(kept=np.broadcast_to(np.zeros((), self._dtype), given.kept.shape))
-        return jax.device_get(given)
+            output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
+        return jax.device_get(output)
 
     def _put(self, array: Any) -> jax.Array:
         return jax.device_put(array, self._device)
@@ -140,7 +140,7 @@ def _programs(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
     return _Programs(
         open=jax.jit(jax.vmap(partial(_open, one))),
         merge=jax.jit(jax.vmap(select)),
-        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_look, one)))),
+        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_poll, one)))),
     )
 
 
@@ -150,8 +150,8 @@ def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, Record, j
     return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), row, keep)
 
 
-def _look(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
-    carry, after, row, keep = one.look(held, carry, record)
+def _poll(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
+    carry, after, row, keep = one.poll(held, carry, record)
     return carry, after, _appended(kept, record.filled, row, keep)
 
 
@@ -161,18 +161,18 @@ def _appended(kept: jax.Array, place: jax.Array, row: jax.Array, keep: jax.Array
 
 
 def _chunk(
-    attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, lanes: Any
-) -> tuple[Any, Given]:
+    attempt: Callable[..., Any], poll: Callable[..., Any], polls: jax.Array, lanes: Any
+) -> tuple[Any, ChunkOutput]:
     held, carry, record, kept = lanes
 
     def going(loop: Any) -> jax.Array:
         count, _, record, _ = loop
-        return (count < looks) & jnp.any(record.status == Status.running)
+        return (count < polls) & jnp.any(record.status == Status.running)
 
     def turn(loop: Any) -> Any:
         count, carry, record, kept = loop
-        carry = jax.lax.fori_loop(0, CADENCE, lambda _, c: attempt(held, c), carry)
-        return count + 1, *look(held, carry, record, kept)
+        carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(held, c), carry)
+        return count + 1, *poll(held, carry, record, kept)
 
     opening = (jnp.zeros((), jnp.int32), carry, record, kept)
     _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
@@ -180,4 +180,4 @@ def _chunk(
     seen = dataclasses.replace(record, **dict.fromkeys(UNSEEN, nothing))
     # the host reads what is given, so that the buffers are free again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
-    return (held, carry, record, kept), Given(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]
+    return (held, carry, record, kept), ChunkOutput(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]
