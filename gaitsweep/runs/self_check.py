@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.numerics import SHARE
-from gaitsweep.engine.poincare.maps import shorter
+from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.recorders.fixed_time import Hold
@@ -96,7 +96,7 @@ def circular(model: Model) -> np.ndarray:
 
 def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
     """How far observables (..., observables) are from each other, angles by the shorter way."""
-    return np.abs(shorter(once - again, circular(model)))
+    return np.abs(wrap_difference(once - again, circular(model)))
 
 
 def sample_rows(plan: Plan, count: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.analysis.edges.edge_states import Gaits, Limits, Nearest, Outcome, edge_states
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import return_map
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
@@ -96,7 +96,7 @@ def test_a_pair_does_not_depend_on_the_others() -> None:
     assert many.outcome.tolist() == [Outcome.fixed, Outcome.lost, Outcome.fixed]
     pd.testing.assert_frame_equal(many.table.iloc[[0]], alone.table)
     np.testing.assert_array_equal(many.points.at[2], many.points.at[0])
-    assert many.table.loc[1, "met"] == -1 - Way.lost
+    assert many.table.loc[1, "met"] == -1 - ReturnStatus.lost
     assert many.table.loc[[1], ["u", "w"]].isna().all(axis=None)
     faster = edge_states(SADDLE, ones[:1], others[:1], {}, limits=Limits(settle=40, cuts=7))
     np.testing.assert_allclose(faster.points.at, alone.points.at, atol=4e-6)
@@ -122,7 +122,7 @@ def test_outcomes_beside_a_third_attractor() -> None:
     assert alike.outcome.tolist() == [Outcome.same]
     round_ = edge_states(ANGLE, ANGLE.points([[a]]), ANGLE.points([[c]]), {})
     assert round_.outcome.tolist() == [Outcome.fixed]
-    np.testing.assert_allclose(ANGLE.apart(round_.points.at, np.zeros((1, 1))), 0.0, atol=4e-6)
+    np.testing.assert_allclose(ANGLE.difference(round_.points.at, np.zeros((1, 1))), 0.0, atol=4e-6)
 
 
 def test_an_edge_that_is_a_cycle() -> None:
@@ -249,10 +249,10 @@ def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
     exact[:, 1] = 0.0
     m_b = (1.0 - 0.8) * 9.8 * np.pi / (100.0 * 0.4)
     for side in (1.0, -1.0):
-        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), found.points.like)
+        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), found.points.modes)
         psi_2 = wrapped(mapping.images(beside, {}).points.at[:, 1])
         np.testing.assert_allclose(psi_2, 0.5 * side * m_b, atol=1e-5)
-    held = Points(exact, found.points.like)
+    held = Points(exact, found.points.modes)
     for _ in range(60):
         held = mapping.images(held, {}).points
     locked = np.asarray(locked_state(Chain()))

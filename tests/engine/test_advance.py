@@ -14,7 +14,7 @@ from toy_model import Toy, bounce_times, flight_time
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
-from gaitsweep.engine.poincare.section_map import next_crossing
+from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.recorders.settle import Settle
 
@@ -174,7 +174,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
     """d T/d u = 2 d/(w^2 d^2 + u^2) of the flight time, w and d as in the toy's closed form."""
     model = Toy()
     params = scalars(model)
-    run = next_crossing(model, Numerics(dt=1e-3))
+    run = crossing_of(model, Numerics(dt=1e-3), "xla")
 
     def landing(u: jax.Array) -> jax.Array:
         return run(params, model.init(params, {"launch_1": u}))[0]
@@ -190,7 +190,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
 def test_derivative_over_a_parameter_and_through_many_events() -> None:
     """The time of the sixth bounce over restitution and launch speed, against the closed form's slopes."""
     model = Toy()
-    run = next_crossing(model, Numerics(dt=1e-3))
+    run = crossing_of(model, Numerics(dt=1e-3), "xla")
 
     def sixth(z: jax.Array) -> jax.Array:
         params = dataclasses.replace(scalars(model), restitution=z[1])

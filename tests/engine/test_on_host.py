@@ -62,6 +62,6 @@ def test_such_a_model_is_left_to_xla() -> None:
     model, device = Prepared(), jax.local_devices()[0]
     engine, note = choose("auto", device, model, Settle(model), Numerics(), None)
     assert engine == "xla"
-    assert note == "engine: xla, because toy works out numbers on the host, of kick, preload."
+    assert note == "engine: xla, because toy computes on the host with kick, preload."
     with pytest.raises(EngineError, match="on the host"):
         choose("kernel", device, model, Settle(model), Numerics(), None)

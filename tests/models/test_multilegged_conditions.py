@@ -14,7 +14,7 @@ from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import next_crossing
+from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, touchdown_phase
@@ -73,7 +73,7 @@ def chains(n: int, N: int) -> Chain:
 def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Of one chain: what a cycle changes at a point of each wave, rad; what should stay; landing's margin."""
     model = MultileggedReduced(N)
-    run = next_crossing(model, STEPS, sensitivities=False)
+    run = crossing_of(model, STEPS, "xla")
     fixed = {
         "sigma": 20.0,
         "m_B": chain.m_1,

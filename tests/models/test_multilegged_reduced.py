@@ -16,7 +16,7 @@ from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import next_crossing
+from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.recorders.crossings import Crossings
 from gaitsweep.engine.recorders.settle import Settle
 from gaitsweep.models.multilegged.model import GAITS, Multilegged
@@ -52,11 +52,11 @@ def columns(psi: np.ndarray) -> dict[str, np.ndarray]:
     return {f"psi_{i + 1}": psi[:, i] for i in range(psi.shape[1])}
 
 
-def cycle(N: int, numerics: Numerics, sensitivities: bool = False, **params: float) -> Callable:
+def cycle(N: int, numerics: Numerics, **params: float) -> Callable:
     """psi on section 1 -> psi a cycle later, for one trajectory."""
     model = MultileggedReduced(N)
     values = scalars(model, **params)
-    run = next_crossing(model, numerics, sensitivities=sensitivities)
+    run = crossing_of(model, numerics, "xla")
 
     def once(psi: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}
@@ -144,7 +144,7 @@ def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> N
 
 
 def test_derivatives_through_located_events_are_those_of_the_theory() -> None:
-    jacobian = jax.jit(jax.jacfwd(cycle(3, LOCATED, sensitivities=True)))
+    jacobian = jax.jit(jax.jacfwd(cycle(3, LOCATED)))
     rules = lag_rules(3, Chain())
     for row, branch in enumerate(branches(3)):
         psi = np.asarray(solution_set(3, branch, samples=101, section=1))[32]

@@ -148,7 +148,7 @@ def test_mjx_is_left_to_xla() -> None:
     engine, note = choose("auto", device, *how)
     assert engine == "xla"
     assert note is not None
-    assert "works out numbers on the host, of body_mass, " in note
+    assert "computes on the host with body_mass, " in note
     with pytest.raises(EngineError, match="Allowed here: auto, xla"):
         choose("kernel", device, *how)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from gaitsweep.analysis.continuation.conserved_constraints import Conditions
 from gaitsweep.analysis.continuation.newton import matrices, norms, residuals, sizes
-from gaitsweep.engine.poincare.maps import Images, Map, Points
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 
 # Corrections of one step, beyond which it is tried again with half its length.
 MOST_CORRECTIONS = 12
@@ -38,7 +38,7 @@ class Places:
     drift: np.ndarray
     parameter: np.ndarray
     tangent: np.ndarray
-    images: Images
+    images: MapEvaluation
     corrections: np.ndarray
 
     def __getitem__(self, which: np.ndarray) -> Places:
@@ -93,11 +93,11 @@ class Track:
         values = {name: each[which] for name, each in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
-    def evaluated(self, points: Points, parameter: np.ndarray) -> Images:
+    def evaluated(self, points: Points, parameter: np.ndarray) -> MapEvaluation:
         """The images with their derivatives, at these values (n,) of the parameter."""
         return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)
 
-    def tangents(self, images: Images, before: np.ndarray) -> np.ndarray:
+    def tangents(self, images: MapEvaluation, before: np.ndarray) -> np.ndarray:
         """The unit tangents (n, m) of the branches, on the side of the tangents `before` (n, m)."""
         full = self._bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
@@ -153,7 +153,7 @@ class Track:
         """The points there, how far they are (n, m), and the corrections taken (n,), 0 if not found."""
         n, size = places.points.at.shape
         change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
-        points = Points(places.points.at + change[:, :size], places.points.like)
+        points = Points(places.points.at + change[:, :size], places.points.modes)
         norm, step = np.full(n, np.inf), np.zeros_like(guess)
         matrix = self._bordered(places.images, normal)
         for taken in range(1, MOST_CORRECTIONS + 1):
@@ -178,19 +178,19 @@ class Track:
                     matrix[mine] += _told(track[rest].weights, step[mine], miss)
                 step[mine] = _solved(matrix[mine], -miss)
                 change[mine] += step[mine]
-                back = self.mapping.apart(some.at[rest], images.points.at[rest])
+                back = self.mapping.difference(some.at[rest], images.points.at[rest])
                 moved = images.points.at[rest] + back + step[mine, :size]
-                points = points.merged(mine, Points(moved, images.points[rest].like))
+                points = points.merged(mine, Points(moved, images.points[rest].modes))
         return points, change, count
 
-    def _bordered(self, images: Images, row: np.ndarray) -> np.ndarray:
+    def _bordered(self, images: MapEvaluation, row: np.ndarray) -> np.ndarray:
         """The matrices (n, m, m) of Newton's equations over all unknowns, with a last `row` (n, m)."""
         inner = matrices(images, self.held)
         n, m, _ = inner.shape
         full = np.zeros((n, m + 1, m + 1))
         full[:, :m, :m] = inner
-        full[:, : images.slope.shape[1], m] = images.slope
-        full[:, images.slope.shape[1] : m, m] = images.kept_slope[:, self.held.which]
+        full[:, : images.d_parameter.shape[1], m] = images.d_parameter
+        full[:, images.d_parameter.shape[1] : m, m] = images.conserved_d_parameter[:, self.held.which]
         full[:, m] = row
         return full
 

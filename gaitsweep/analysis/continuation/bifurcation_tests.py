@@ -24,7 +24,7 @@ Test = Callable[[Track, Places], np.ndarray]
 
 def multipliers_of(track: Track, places: Places) -> np.ndarray:
     """The multipliers (n, size - k) at places of branches, those along what is held left out."""
-    return multipliers(places.images.jacobian, places.images.kept_jacobian[:, track.held.which])
+    return multipliers(places.images.jacobian, places.images.conserved_jacobian[:, track.held.which])
 
 
 def turning(track: Track, places: Places) -> np.ndarray:

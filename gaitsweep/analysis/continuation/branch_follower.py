@@ -175,7 +175,7 @@ def _beyond(track: Track, here: Places, length: float) -> tuple[Places, np.ndarr
     change = length * here.tangent
     parameter = here.parameter + change[:, -1]
     size = here.points.at.shape[1]
-    starts = Points(here.points.at + change[:, :size], here.points.like)
+    starts = Points(here.points.at + change[:, :size], here.points.modes)
     fix = {track.mapping.conserved[k].name: track.held.values[:, i] for i, k in enumerate(track.held.which)}
     values = {**track.values, track.parameter: parameter}
     found = newton(track.mapping, starts, values, fix=fix, most=10)
@@ -191,6 +191,6 @@ def _distance(track: Track, a: Places, b: Places) -> np.ndarray:
     """The length of the straight way between places (n,)."""
     apart = np.zeros_like(track.weights)
     size = a.points.at.shape[1]
-    apart[:, :size] = track.mapping.apart(a.points.at, b.points.at)
+    apart[:, :size] = track.mapping.difference(a.points.at, b.points.at)
     apart[:, -1] = a.parameter - b.parameter
     return np.sqrt(np.sum(track.weights * apart**2, axis=1))

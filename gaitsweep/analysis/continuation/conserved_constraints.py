@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gaitsweep import near_miss
-from gaitsweep.engine.poincare.maps import Map, shorter
+from gaitsweep.engine.poincare.maps import Map, wrap_difference
 from gaitsweep.errors import ArgumentError
 
 
@@ -44,4 +44,4 @@ class Conditions:
 
     def missed(self, kept: np.ndarray) -> np.ndarray:
         """How far the quantities are from where they are held, (n, k)."""
-        return shorter(kept[:, self.which] - self.values, self.circular)
+        return wrap_difference(kept[:, self.which] - self.values, self.circular)

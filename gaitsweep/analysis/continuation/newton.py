@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from gaitsweep.analysis.continuation.conserved_constraints import Conditions
-from gaitsweep.engine.poincare.maps import Images, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 
 # Halvings of a step that leads to where the map is not defined, or the residual larger.
 HALVINGS = 6
@@ -58,7 +58,7 @@ class FixedPoints:
     residual: np.ndarray
     iterations: np.ndarray
     outcome: np.ndarray
-    images: Images
+    images: MapEvaluation
 
     @property
     def converged(self) -> np.ndarray:
@@ -72,17 +72,19 @@ def sizes(at: np.ndarray) -> np.ndarray:
 
 
 def residuals(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
+    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: Conditions
 ) -> np.ndarray:
     """Newton's equations at these points, (n, size + k): zero at a fixed point."""
-    moved = mapping.apart(images.points.at, points.at)
-    spread = along(images.kept_jacobian[:, held.which])
-    return np.concatenate([moved - np.einsum("nsk,nk->ns", spread, drift), held.missed(images.kept)], axis=1)
+    moved = mapping.difference(images.points.at, points.at)
+    spread = along(images.conserved_jacobian[:, held.which])
+    return np.concatenate(
+        [moved - np.einsum("nsk,nk->ns", spread, drift), held.missed(images.conserved_values)], axis=1
+    )
 
 
-def matrices(images: Images, held: Conditions) -> np.ndarray:
+def matrices(images: MapEvaluation, held: Conditions) -> np.ndarray:
     """The derivative (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
-    gradients = images.kept_jacobian[:, held.which]
+    gradients = images.conserved_jacobian[:, held.which]
     n, size, _ = images.jacobian.shape
     k = gradients.shape[1]
     matrix = np.zeros((n, size + k, size + k))
@@ -146,7 +148,7 @@ class _Search:
     ) -> None:
         self.mapping, self.values, self.tolerance = mapping, values, tolerance
         self.points, self.images = starts, mapping.linearised(starts, values)
-        self.held = Conditions.of(mapping, fix, self.images.kept)
+        self.held = Conditions.of(mapping, fix, self.images.conserved_values)
         n = len(starts)
         self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
         self.residual = norms(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
@@ -208,7 +210,7 @@ class _Search:
 
 
 def _steps(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: Conditions
+    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: Conditions
 ) -> tuple[np.ndarray, np.ndarray]:
     """The next step (n, size + k) of each search, and whether its equations have one solution.
 
@@ -222,18 +224,18 @@ def _steps(
     finite = np.all(np.isfinite(scaled), axis=(1, 2))
     solved = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0)) < SINGULAR
     step = np.zeros_like(miss)
-    step[:, :size] = mapping.apart(images.points.at, points.at)
+    step[:, :size] = mapping.difference(images.points.at, points.at)
     step[solved] = np.linalg.solve(matrix[solved], -miss[solved, :, None])[:, :, 0]
     return step, solved
 
 
 def _moved(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, step: np.ndarray
+    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, step: np.ndarray
 ) -> tuple[Points, np.ndarray]:
     """Points and drifts a step on; near the image, so that they have the modes that it has."""
     size = points.at.shape[1]
-    back = mapping.apart(points.at, images.points.at)
-    return Points(images.points.at + back + step[:, :size], images.points.like), drift + step[:, size:]
+    back = mapping.difference(points.at, images.points.at)
+    return Points(images.points.at + back + step[:, :size], images.points.modes), drift + step[:, size:]
 
 
 def norms(miss: np.ndarray, at: np.ndarray) -> np.ndarray:

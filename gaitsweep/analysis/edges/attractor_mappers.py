@@ -12,19 +12,20 @@ import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import sizes
-from gaitsweep.engine.poincare.maps import Images, Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.errors import ArgumentError
 
-# The label of a trajectory that has come to no attractor yet; of one that ended by the `Way` w it is -1 - w.
+# The label of a trajectory that has come to no attractor yet; of one that ended by the `ReturnStatus` w it is
+# -1 - w.
 UNDECIDED = -1
 # Lanes in a call at least: fewer take a kernel as long, and every size is compiled for itself.
 FEWEST = 8
 
 # (where trajectories are now, the pair of each, cycles since they began) -> the label of each one's
 # attractor, 0 or more, or UNDECIDED.
-Decide = Callable[[Images, np.ndarray, int], np.ndarray]
+Decide = Callable[[MapEvaluation, np.ndarray, int], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,9 +57,9 @@ class Nearest:
         if len(set(self._labels.tolist())) < 2:
             raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
 
-    def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
+    def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
         which = _of_each(pair, len(self._places), "attractors")
-        away = self.mapping.apart(images.points.at[:, None], self._places[which]) / self._scale[which]
+        away = self.mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
         nearest = np.argmin(distance, axis=1)
         close = np.min(distance, axis=1) <= self.reach * self._room[which]
@@ -80,7 +81,7 @@ class Nearest:
 
     @cached_property
     def _room(self) -> np.ndarray:
-        away = self.mapping.apart(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
+        away = self.mapping.difference(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
         different = self._labels[:, None] != self._labels
         return np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
 
@@ -113,7 +114,7 @@ class Gaits:
                 raise ArgumentError(f"{name} is not a gait of {self.mapping.model.name}"
                                  f"{near_miss.suggestion(name, gaits)}")  # fmt: skip
 
-    def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
+    def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
         if cycle < self.after:
             return np.full(len(pair), UNDECIDED)
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
@@ -146,7 +147,7 @@ def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
     return pair if given > 1 else np.zeros_like(pair)
 
 
-def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> Images:
+def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> MapEvaluation:
     """The images of points (n,), n > 0, in no smaller batch than `FEWEST`."""
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
@@ -168,7 +169,7 @@ def fates(
         most: cycles after which what is not decided is left so.
 
     Returns:
-        Labels of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `Way` w.
+        Labels of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `ReturnStatus` w.
 
     Raises:
         ValueError: `decide` does not give a label for each trajectory.
@@ -186,12 +187,12 @@ def fates(
                 f"decide gave an array of shape {found.shape}, but must give one label for each of "
                 f"{going.size} trajectories."
             )
-        labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.way)
+        labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.status)
         goes_on = images.sound & (found < 0)
         points, going = images.points[goes_on], going[goes_on]
     return labels, cycles
 
 
-def ended(label: Any) -> Way:
+def ended(label: Any) -> ReturnStatus:
     """How a trajectory with this negative label ended."""
-    return Way(-1 - int(label))
+    return ReturnStatus(-1 - int(label))

@@ -33,7 +33,7 @@ class EdgeStates:
     residual (the largest share, of its size, by which a coordinate is not back after a period), growth (by
     which factor the two came apart in a cycle: an estimate of the multiplier across the edge), one and other
     (labels of the two attractors), met (the label of what ended the search, where that is neither: -1 not
-    decided, -1 - w for the `Way` w), rounds, bisections, evaluations (of the map).
+    decided, -1 - w for the `ReturnStatus` w), rounds, bisections, evaluations (of the map).
     """
 
     points: Points

@@ -1,8 +1,9 @@
-"""A chunk's program for an NVIDIA GPU: a thread for each trajectory, compiled by numba-cuda.
+"""The program of a chunk for an NVIDIA GPU: one thread for each trajectory, compiled by numba-cuda.
 
-Slots lie lane by lane, so that neighbouring threads read neighbouring numbers. The carry lives in registers,
-the record where it lies. What stays the same along a trajectory is worked out once, as it is placed; if it
-is the same in all rows it reaches the threads as an argument, which costs them no register.
+Memory is ordered slot by slot and, inside a slot, lane by lane, so that neighbouring threads read
+neighbouring numbers. The carry is kept in registers, the record in memory. Values that are constant along a
+trajectory are computed once, when it is placed in its lane; those that are equal in all rows are kernel
+arguments, which need no registers.
 """
 
 from __future__ import annotations
@@ -14,8 +15,7 @@ from gaitsweep.engine.kernel.emit import loaded, statements, stored
 from gaitsweep.engine.kernel.lower import KINDS
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-# Registers of a thread: all that it may have. With fewer, more threads fit on the card at once, but what no
-# longer fits goes to memory, and that costs more.
+# Registers of a thread: the maximum. With fewer, more threads run at once, but spilled registers cost more.
 REGISTERS = 255
 
 _HEAD = """# Written by gaitsweep: {title}
@@ -78,9 +78,9 @@ def run(S, kept, n, polls, same):
 
 
 def placing(chunk: Chunk, title: str) -> str:
-    """The module that sets lanes: `put(S, n, lanes, opened)` and `put_rows(kept, lanes, rows)`.
+    """The source of the module that fills lanes: `put(S, n, lanes, opened)`, `put_rows(kept, lanes, rows)`.
 
-    `S` (slots * n) float64, n lanes; `opened` (slots, len(lanes)) what the slots get.
+    `S` (slots * n,) float64 has n lanes; `opened` (slots, len(lanes)) are the new values of the slots.
     """
     program, nodes = chunk.program, list(chunk.steady.values())
     lines, names = _loads(chunk, program.needed(nodes))
@@ -93,10 +93,10 @@ def placing(chunk: Chunk, title: str) -> str:
 
 
 def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """The module whose kernel `run(S, kept, n, polls, same)` advances n lanes by up to `polls` polls.
+    """The source of the kernel `run(S, kept, n, polls, same)`, which advances n lanes by up to `polls` polls.
 
-    `S` (slots * n) float64; `kept` (BUFFER * width * n) gets the rows that are kept; `same` the values of
-    `same(chunk, varying)`; `varying` the held slots that differ from row to row.
+    `S` (slots * n,) float64; `kept` (BUFFER * width * n,) receives the rows to keep; `same` are the values of
+    the nodes `same(chunk, varying)`; `varying` are the slots of constants that differ between rows.
     """
     thread = _Thread(chunk, varying)
     run = _RUN.format(
@@ -109,12 +109,12 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
 
 
 def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
-    """The nodes that are the same in all rows, with their slots, in the order in which threads take them."""
+    """The nodes with equal values in all rows and their slots, in the order of the kernel's argument."""
     return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
 
 
 def _steady(chunk: Chunk) -> dict[int, int]:
-    """What stays the same along a trajectory and is read by attempts or polls: nodes, with their slots."""
+    """The nodes that are constant along a trajectory and read by attempts or polls, with their slots."""
     given = {at: slot for slot, at in chunk.steady.items()}
     wanted = [*chunk.attempt.values(), *chunk.poll.values(), *chunk.row, chunk.keep]
     for at in chunk.program.needed(wanted, given):
@@ -138,7 +138,7 @@ def _write(chunk: Chunk, at: int, slot: int, value: str) -> str:
 
 
 def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str]]:
-    """Lines that read from memory the inputs among `nodes`, and their names."""
+    """Lines that load the inputs among `nodes` from memory, and the names of these."""
     slots = {at: chunk.slot_of(at) for at in nodes if chunk.program.nodes[at].op == "input"}
     lines = [f"r{slot} = {_read(chunk, at, slot)}" for at, slot in slots.items()]
     return lines, {at: f"r{slot}" for at, slot in slots.items()}
@@ -150,7 +150,7 @@ def _stage(name: str, parameters: str, lines: list[str], kinds: str = "") -> str
 
 
 class _Thread:
-    """The stages of one thread: `c` the carry, `own` and `same` what stays as it is along a trajectory."""
+    """The stages of one thread; `c` is the carry, `own` and `same` are constant along a trajectory."""
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
         self.chunk = chunk
@@ -165,7 +165,7 @@ class _Thread:
         self._names |= {at: f"same[{k}]" for k, at in enumerate(same(chunk, varying))}
 
     def _carried_inputs(self) -> dict[int, int]:
-        """Inputs of the carry that something reads or that an attempt or a poll changes, with their slots."""
+        """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
         chunk, nodes = self.chunk, self.chunk.program.nodes
         read = set(chunk.program.needed([*chunk.attempt.values(), *self.polled]))
         changed = {*chunk.attempt, *chunk.poll}
@@ -192,7 +192,7 @@ class _Thread:
         ]
 
     def _attempt(self) -> str:
-        # a trajectory that waits makes no attempt
+        # a waiting trajectory makes no attempt
         halt = self.chunk.carry.halt.first
         going = {at: "0.0" for at, slot in self._carried.items() if slot == halt}
         wanted = list(self.chunk.attempt.values())
@@ -219,7 +219,7 @@ class _Thread:
         return _stage("poll", "S, kept, n, i, own, same, c", [*lines, self._moved(changed)], self._kinds)
 
     def _moved(self, changed: dict[int, str]) -> str:
-        """The carry after a stage: what changed, and what stayed."""
+        """The carry after a stage, from changed and unchanged values."""
         return _given([changed.get(slot, f"c[{k}]") for k, slot in enumerate(self.carry)])
 
 

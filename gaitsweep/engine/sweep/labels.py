@@ -1,4 +1,4 @@
-"""Gaits of a block's rows where they ended, or at the ends of their stairs, from the observables there."""
+"""Labels of a block: the gait of each row at its end, or of each step of a staircase, from observables."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from gaitsweep.engine.recorders.staircase import Staircase, readable
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
-# How a row may end and still have a last section crossing at which its gait can be read.
+# The statuses of rows whose last section crossing has a gait.
 LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
-# Records of stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
+# Staircase records labelled in one call: a constant, since the last bits of XLA's results depend on it.
 BATCH = 1024
 
 
 class Labels:
-    """Gaits and traits of a block's rows, or of their stairs, in calls of fixed width."""
+    """Labels the rows of a block, or the records of a staircase, in batches of fixed size."""
 
     def __init__(self, spec: SweepSpec) -> None:
         self.spec = spec
         self._label = _reader(spec.model, spec.drive)
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
-        """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
+        """`gait` (an index, -1: no label) and the label fields, for each row or each staircase record."""
         recorder = self.spec.recorder
         if isinstance(recorder, Staircase):
             rows, samples = block.kept()
@@ -52,13 +52,13 @@ class Labels:
         observed: np.ndarray,
         good: np.ndarray,
     ) -> dict[str, np.ndarray]:
-        """The labels of `rows` (n,) of a block at times and observables (n, ...), `width` at a time."""
+        """Labels of `rows` (n,) of a block at times (n,) with observables (n, ...), in batches of `width`."""
         values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
         parts = []
         for first in range(0, max(rows.size, 1), width):
             part = slice(first, first + width)
             n = rows[part].size
-            # what cannot be read takes the first row's place, so that the width never changes
+            # batches are filled up with the first row, so that their size is constant
             padded = np.concatenate([rows[part], np.zeros(width - n, np.int64)])
             times, seen = np.zeros(width), np.zeros((width, observed.shape[1]))
             times[:n], seen[:n] = t[part], np.where(good[part, None], observed[part], 0.0)
@@ -66,11 +66,11 @@ class Labels:
             parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
         found = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
         gait = np.where(good, found.pop("gait"), -1).astype(np.int32)
-        traits = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
-        return {"gait": gait, **traits}
+        fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
+        return {"gait": gait, **fields}
 
 
-# kept for the process, as the engine's programs are: a refined run's rounds need not compile it again
+# cached for the process like the engine's programs, so that the rounds of a refined run compile it once
 @lru_cache(maxsize=16)
 def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
     names = [q.name for q in model.observables]

@@ -1,4 +1,4 @@
-"""Which lane runs which row: filling, collecting, and the blocks that are open."""
+"""The assignment of rows to lanes: filling free lanes, collecting results, and the open blocks."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gaitsweep.engine.sweep.engines import lanes_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import Progress, SweepSpec
 
-# Looks of XLA's first chunk, from which the length of the others follows.
+# Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4
 
 
 class LaneScheduler:
-    """Which lane runs which row, and the blocks that are open.
+    """Assigns rows to lanes, and collects the results of open blocks.
 
     Args:
-        spec: what is run.
-        blocks: the blocks whose rows are wanted.
-        restored: gives the rows of a block that an earlier run ended, where there are any.
+        spec: the sweep.
+        blocks: the numbers of the blocks to run.
+        restored: returns the rows of a block that an earlier run has ended, or None.
     """
 
     def __init__(
@@ -46,10 +46,10 @@ class LaneScheduler:
         self.groups = [lanes_on(device, spec) for device in spec.devices[: self.total]]
         size = spec.lanes * len(self.groups)
         self.open: dict[int, Block] = {}
-        self.complete: list[int] = []  # open blocks all of whose rows have ended
+        self.complete: list[int] = []  # open blocks whose rows have all ended
         self.block_of = np.full(size, -1)
         self.row_of = np.zeros(size, np.int64)
-        # rows go to the devices in turn, so that few rows are shared among all of them
+        # consecutive rows go to different devices, so that a few rows use all devices
         self._order = np.arange(size).reshape(len(self.groups), spec.lanes).T.ravel()
         self.done = 0
         self.attempts = 0
@@ -61,13 +61,13 @@ class LaneScheduler:
         self.chunk_sizer = ChunkSizer(polls_per_chunk(spec))
         if spec.engine == "xla":
             self.chunk_sizer.polls = FIRST_POLLS
-        # a thread for each device: JAX lets go of Python while a program is compiled or runs
+        # a thread for each device: JAX releases the GIL while it compiles or runs a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
-        # what the lanes run with: parameters, then starts
+        # the values of all lanes: parameters, then initial conditions
         self._values: list[dict[str, np.ndarray]] = []
 
     def chunk(self, polls: int | None = None) -> ChunkOutput:
-        """Advance the lanes of all devices at once, by so many polls or as `chunk_sizer` has it."""
+        """Advance the lanes of all devices by `polls`, by default the number that `chunk_sizer` chooses."""
         if polls is not None:
             return self._advanced(polls)
         polls, began = self.chunk_sizer.polls, self.chunk_sizer.begins()
@@ -79,7 +79,7 @@ class LaneScheduler:
         if self._threads is None:
             return self.groups[0].run_chunk(polls)
         outputs = list(self._threads.map(lambda lanes: lanes.run_chunk(polls), self.groups))
-        # devices give as many rows of their buffers as they have filled
+        # buffers of devices have different depths: a device returns only the records that it has filled
         depth = max(one.kept.shape[1] for one in outputs)
         outputs = [
             one._replace(kept=np.pad(one.kept, ((0, 0), (0, depth - one.kept.shape[1]), (0, 0))))
@@ -104,7 +104,7 @@ class LaneScheduler:
             block.opened += rows.size
             self.block_of[lanes], self.row_of[lanes], fresh[lanes] = block.number, rows, True
             if not self._values:
-                # idle lanes are computed too: the first row's values are sound ones for them
+                # idle lanes are computed too, with the values of the first row
                 self._values = [
                     {name: np.repeat(column[:1], fresh.size, axis=0) for name, column in given.items()}
                     for given in (block.params, block.starts)
@@ -120,19 +120,21 @@ class LaneScheduler:
                     group.fill(params, starts, fresh[part])
 
     def _with_waiting_rows(self) -> Block | None:
-        """The newest block while it has rows that wait, then the next one."""
+        """The newest block while it has waiting rows, then the next block."""
         while self._newest is None or self._newest.opened == self._newest.waiting.size:
             if not self._waiting:
                 return None
             number = self._waiting.pop()
             self._newest = Block(self.spec, number, self._restored.pop(number, None))
             self.open[number] = self._newest
-            if self._newest.missing == 0:  # the run was killed between its last row and its part
+            if (
+                self._newest.missing == 0
+            ):  # the earlier run was killed after its last row and before its part was written
                 self.complete.append(number)
         return self._newest
 
     def collect(self, output: ChunkOutput) -> None:
-        """Take what a chunk gave."""
+        """Collect the output of a chunk."""
         record, _, t, attempts = output
         busy = self.block_of >= 0
         running = busy & (record.status == Status.running)
@@ -147,7 +149,7 @@ class LaneScheduler:
         self.attempts += int(attempts[ended].sum())
         self.cycles += int(record.cycles[ended].sum())
         self.block_of[ended] = -1
-        # the first rows to end are the quick ones: those that still run say how long a row takes, too
+        # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
             typical = max(typical, float(np.mean(record.cycles[running])))
@@ -161,22 +163,22 @@ class LaneScheduler:
             self.chunk_sizer.limit()
 
     def close(self, number: int) -> None:
-        """Forget a block that is complete and written."""
+        """Remove a block that is complete and written."""
         self.complete.remove(number)
         del self.open[number]
 
     @property
     def unstored(self) -> bool:
-        """Whether an open block has rows that have ended and are not on disk."""
+        """Whether an open block has ended rows that are not on disk."""
         return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
 
     def ended(self) -> list[EndedRows]:
-        """The rows of open blocks that have ended and are not on disk, by block."""
+        """The ended rows of open blocks that are not on disk, by block."""
         found = [block.unstored() for block in self.open.values()]
         return [rows for rows in found if len(rows["row"])]
 
     def mark_stored(self, ended: Sequence[EndedRows]) -> None:
-        """Take it that what `ended` gave is on disk."""
+        """Mark the rows that `ended` returned as stored on disk."""
         for rows in ended:
             self.open[int(rows["row"][0]) // self.spec.block].mark_stored(rows["row"])
 

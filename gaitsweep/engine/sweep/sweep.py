@@ -1,4 +1,4 @@
-"""All rows of a job through the lanes, block by block."""
+"""The main loop of a sweep: all rows of a job, block by block."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import Progress, SweepSpec
 from gaitsweep.errors import UserError
 
-# A row that has ended is on disk after so many seconds; a kill loses no older one.
+# An ended row is stored on disk within this time (s); a kill loses only rows that ended later.
 SAFE_WITHIN = 5.0
-# Of these, what is left for what takes longer than it did the last time.
+# Reserve within that time (s), for steps that take longer than they did before.
 _SPARE = 1.0
 
 
 @dataclasses.dataclass
 class Timings:
-    """Seconds of compiling (the first call of each program) and of running, and attempts made."""
+    """Seconds of compiling (the first call of each program) and of running, and the number of attempts."""
 
     compile_s: float = 0.0
     run_s: float = 0.0
@@ -32,10 +32,10 @@ class Timings:
 
 
 class OpenRows(Protocol):
-    """Where the finished rows of blocks that are not complete are stored; a result directory."""
+    """Storage for ended rows of incomplete blocks: a result directory."""
 
     def restored(self, number: int) -> EndedRows | None:
-        """The rows of a block that an earlier run stored, if any."""
+        """The rows of a block that an earlier run stored, or None."""
 
     def keep(self, rows: EndedRows) -> None:
         """Store rows; they are safe when this returns."""
@@ -49,16 +49,19 @@ def sweep(
     timings: Timings | None = None,
     open_rows: OpenRows | None = None,
 ) -> Timings:
-    """Run the rows of `blocks` and give each block to `write(number, result)` when all its rows are done.
+    """Run the rows of `blocks`, and pass each block to `write(number, result)` when all its rows have ended.
 
     Args:
-        spec: what is to be run.
-        blocks: the numbers of the blocks that are wanted.
-        write: takes a complete block.
-        progress: told after each chunk of work; what it raises stops the sweep.
-        timings: kept up to date as the sweep goes, so that it tells of an interrupted one too.
-        open_rows: takes the finished rows of blocks that are not complete, within `SAFE_WITHIN` s, and also
-            when the sweep is stopped by an exception; rows that it has are not run again.
+        spec: the sweep.
+        blocks: the numbers of the blocks to run.
+        write: called with each complete block.
+        progress: called after each chunk; an exception that it raises stops the sweep.
+        timings: updated during the sweep, so that it is right for an interrupted sweep too.
+        open_rows: stores the ended rows of incomplete blocks within `SAFE_WITHIN` s, and also when an
+            exception stops the sweep; rows that it already has are not run again.
+
+    Returns:
+        The timings.
     """
     timings = Timings() if timings is None else timings
     began = time.perf_counter()
@@ -67,7 +70,7 @@ def sweep(
     scheduler.refill()
     if scheduler.busy:
         scheduler.collect(scheduler.chunk(0))
-        # compiled before rows end, which would have to wait for it
+        # compiled before any row ends, since ended rows would wait for it
         label(next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     keeper = _Keeper(scheduler, open_rows)
@@ -91,7 +94,7 @@ def sweep(
                 progress(scheduler.progress(timings.run_s))
             scheduler.refill()
     except BaseException:
-        # what stopped the sweep is the news, not that rows cannot be stored either
+        # the first exception is reported, not a failure to store rows that follows from it
         with contextlib.suppress(UserError):
             keeper.store()
         raise
@@ -99,26 +102,26 @@ def sweep(
 
 
 class _Keeper:
-    """Stores finished rows of open blocks before the oldest of them has waited too long."""
+    """Stores ended rows of open blocks before the oldest of them has waited `SAFE_WITHIN` s."""
 
     def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None) -> None:
         self._scheduler, self._open_rows = scheduler, open_rows
         self.chunk_s = 0.0
-        self.close_s = 1.0  # s that the writing of a part took, which loads libraries the first time
+        self.close_s = 1.0  # s of writing a part; the first time it loads libraries
         self._store_s = 0.1
-        self._oldest: float | None = None  # when the chunk began in which the oldest such row ended
+        self._oldest: float | None = None  # begin of the chunk in which the oldest unstored row ended
 
     def chunk_ended(self, began: float) -> None:
-        """A chunk of work that began then has been collected."""
+        """Record that the chunk that began at `began` (s) has been collected."""
         self.chunk_s = time.perf_counter() - began
         if self._oldest is None and self._open_rows is not None and self._scheduler.unstored:
             self._oldest = began
 
     def store_if_due(self, ahead: float) -> None:
-        """Store what would have waited too long after the next `ahead` s."""
+        """Store the rows if the oldest would wait too long after the next `ahead` s."""
         if self._oldest is None:
             return
-        if not self._scheduler.unstored:  # their parts were written
+        if not self._scheduler.unstored:  # their parts have been written
             self._oldest = None
             return
         age = time.perf_counter() - self._oldest
@@ -128,7 +131,7 @@ class _Keeper:
             self._store_s = time.perf_counter() - began
 
     def store(self) -> None:
-        """Store all finished rows of open blocks that are not on disk."""
+        """Store all ended rows of open blocks that are not on disk."""
         if self._open_rows is None:
             return
         ended = self._scheduler.ended()
@@ -139,5 +142,5 @@ class _Keeper:
 
 
 def _joined(parts: list[np.ndarray]) -> np.ndarray:
-    # samples of blocks that have none have no type to go by
+    # empty arrays have no dtype
     return np.concatenate([part for part in parts if len(part)] or parts)
