@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitsweep.contract import HybridModel, SteppedModel
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -65,8 +65,8 @@ def sweep_rate(
             for q in model.initial_conditions
         }
         work = SweepSpec(
-            model=model, recorder=Crossings(model, crossings=cycles), numerics=numerics, n_rows=n, block=n,
-            lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,
+            model=model, recorder=CrossingRecorder(model, crossings=cycles), numerics=numerics, n_rows=n,
+            block=n, lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,
         )  # fmt: skip
         return sweep(work, [0], lambda _, block: simulated.append(float(np.sum(block.t_end))))
 

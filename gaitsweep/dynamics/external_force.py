@@ -14,9 +14,9 @@ from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
-    Force,
+    ForceVector,
     Inertia,
-    Motion,
+    MotionVector,
     cross,
     skew,
     symmetric,
@@ -36,10 +36,10 @@ class PointForce:
     point: Array
     force: Array
 
-    def on(self, place: Place) -> Force:
+    def on(self, place: Place) -> ForceVector:
         """The spatial force about the link's point, in the link's axes."""
         force = place.frame.T @ self.force
-        return Force(cross(place.turn @ (self.point - place.anchor), force), force)
+        return ForceVector(cross(place.turn @ (self.point - place.anchor), force), force)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["couple", "force"], meta_fields=["link"])
@@ -54,10 +54,10 @@ class WorldForce:
     couple: Array
     force: Array
 
-    def on(self, place: Place) -> Force:
+    def on(self, place: Place) -> ForceVector:
         """The spatial force about the link's point, in the link's axes."""
         couple = self.couple - cross(place.point, self.force)
-        return Force(place.frame.T @ couple, place.frame.T @ self.force)
+        return ForceVector(place.frame.T @ couple, place.frame.T @ self.force)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["at", "force", "yields"], meta_fields=["link"])
@@ -76,10 +76,10 @@ class YieldingForce:
     force: Array
     yields: Array
 
-    def on(self, place: Place) -> Force:
+    def on(self, place: Place) -> ForceVector:
         """The spatial force of a point at rest, about the link's point, in the link's axes."""
         force = place.frame.T @ self.force
-        return Force(cross(self._lever(place), force), force)
+        return ForceVector(cross(self._lever(place), force), force)
 
     def inertia(self, place: Place) -> Inertia:
         """What yields, as the inertia about the link's point of a mass at the force's, by axis."""
@@ -89,7 +89,7 @@ class YieldingForce:
         H = rx @ M
         return Inertia(symmetric(H @ rx.T), H, M)
 
-    def at_rest(self, place: Place, w: Array, gravity: Array) -> Motion:
+    def at_rest(self, place: Place, w: Array, gravity: Array) -> MotionVector:
         """The acceleration of the force's point where its link's joints and its point do not accelerate.
 
         Args:
@@ -98,7 +98,7 @@ class YieldingForce:
             gravity: what the algorithm leaves out of accelerations, (3,) m/s2.
         """
         # as that of the link's point, from which `inertia` takes it
-        return Motion(ZERO, cross(w, cross(w, self._lever(place))) + place.frame.T @ gravity)
+        return MotionVector(ZERO, cross(w, cross(w, self._lever(place))) + place.frame.T @ gravity)
 
     def _lever(self, place: Place) -> Array:
         return place.frame.T @ (self.at - place.base) - place.reach

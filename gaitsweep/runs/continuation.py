@@ -18,7 +18,7 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.engine.sweep.sweep import Timings
-from gaitsweep.engine.sweep.sweep_spec import Progress as EngineProgress
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job.figures import table_columns
 from gaitsweep.kinds.runs import Continuation
 from gaitsweep.runs.frames import STATUSES
@@ -74,7 +74,7 @@ def follow_branches(
 
 
 def check_branch_starts(
-    ready: Prepared, count: int, progress: Callable[[EngineProgress], None] | None = None
+    ready: Prepared, count: int, progress: Callable[[SweepProgress], None] | None = None
 ) -> dict[str, Any]:
     """Look for the fixed points with which branches begin again, at half the step, and compare.
 

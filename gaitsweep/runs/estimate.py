@@ -13,12 +13,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import Hold
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import Staircase
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import polls_per_chunk
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -174,7 +174,7 @@ def _row_needs(work: SweepSpec, job: Job, pace: Measured) -> tuple[float, float,
     recorder = work.recorder
     if isinstance(job.run, Continuation):
         return _branch_needs(job.run, work, cycle)
-    if isinstance(recorder, Settle):
+    if isinstance(recorder, SettleRecorder):
         cycles = recorder.max_cycles
         if recorder.max_time is not None:
             cycles = min(cycles, recorder.max_time / period)
@@ -182,14 +182,14 @@ def _row_needs(work: SweepSpec, job: Job, pace: Measured) -> tuple[float, float,
     if isinstance(recorder, Hold):
         attempts = recorder.duration / period * cycle
         return attempts, attempts, 1.0
-    if isinstance(recorder, Trace):
+    if isinstance(recorder, TraceRecorder):
         attempts = (recorder.after_cycles + recorder.duration / period) * cycle + recorder.samples
         return attempts, attempts, float(recorder.samples)
     if isinstance(recorder, Staircase):
         stairs = recorder.stairs
         attempts = stairs.duration / period * cycle + stairs.count
         return attempts, attempts, float(stairs.count)
-    assert isinstance(recorder, Crossings)
+    assert isinstance(recorder, CrossingRecorder)
     if recorder.duration is not None:
         crossings = recorder.duration / period
     else:

@@ -22,8 +22,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Progress as EngineProgress
-from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import Job, JobError, Plan, plan, read_figures
@@ -205,7 +204,7 @@ def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progres
         return before
     total = ready.work.n_rows
 
-    def tell(now: EngineProgress) -> None:
+    def tell(now: SweepProgress) -> None:
         if progress is not None:
             progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
@@ -290,7 +289,7 @@ def _run_missing(
         frame = ready.frame(block)
         directory.write_part(number, frame)
 
-    def tell(now: EngineProgress) -> None:
+    def tell(now: SweepProgress) -> None:
         if progress is not None:
             done, total = before + now.done, ready.work.n_rows
             rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0

@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 import pandas as pd
 
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import Hold
 from gaitsweep.engine.recorders.ramp import Path
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.recorders.settle import Settle, tolerances
+from gaitsweep.engine.recorders.settle import SettleRecorder, tolerances
 from gaitsweep.engine.recorders.staircase import Staircase
 from gaitsweep.engine.recorders.stairs import Stairs
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.expression import evaluate, functions_of
 from gaitsweep.job import Job, Plan
@@ -35,24 +35,24 @@ def recorder_of(job: Job, rows: Plan) -> tuple[Recorder, Moving | None]:
     """What a job keeps of each row, and what moves while it runs."""
     run, model = job.run, rows.model
     if run.kind == "settle":
-        return Settle(model, run.max_cycles, tolerances(model, run.tolerance), run.max_time), None
+        return SettleRecorder(model, run.max_cycles, tolerances(model, run.tolerance), run.max_time), None
     if run.kind == "hold":
         return Hold(model, run.duration), None
     if run.kind == "trace":
-        recorder = Trace(model, run.duration, run.every, run.after_cycles)
+        recorder = TraceRecorder(model, run.duration, run.every, run.after_cycles)
         if run.parameter is None or run.path is None or run.rate is None:
             return recorder, None
         return recorder, Moving(run.parameter, Path(tuple(run.path), run.rate, run.hold))
     if run.kind == "continuation":
         # `gaitsweep.runs.continuation` follows its branches, from where these rows are
-        return Crossings(model, 1, run.settle), None
+        return CrossingRecorder(model, 1, run.settle), None
     if run.kind == "return_map":
-        return Crossings(model, run.crossings, run.after_cycles), None
+        return CrossingRecorder(model, run.crossings, run.after_cycles), None
     if run.kind == "staircase":
         stairs = Stairs(tuple(run.path), run.step, run.hold, run.first_hold)
         return Staircase(model, stairs, tolerances(model, run.tolerance)), Moving(run.parameter, stairs)
     path = Path(tuple(run.path), run.rate, run.hold)
-    return Crossings(model, duration=path.duration), Moving(run.parameter, path)
+    return CrossingRecorder(model, duration=path.duration), Moving(run.parameter, path)
 
 
 class Drive:

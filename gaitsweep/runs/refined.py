@@ -20,7 +20,7 @@ from gaitsweep.contract import Status, Verdict
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Progress
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Plan
 from gaitsweep.job.refined import refined_axes
 from gaitsweep.kinds.runs import Run, Settle
@@ -79,7 +79,7 @@ def _round(
     directory: ResultDirectory,
     number: int,
     rows: np.ndarray,
-    tell: Callable[[Progress], None] | None,
+    tell: Callable[[SweepProgress], None] | None,
     timings: Timings,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
@@ -110,10 +110,12 @@ def _round(
     return frame
 
 
-def _telling(progress: RunProgress, number: int, total: int, decided: float) -> Callable[[Progress], None]:
+def _telling(
+    progress: RunProgress, number: int, total: int, decided: float
+) -> Callable[[SweepProgress], None]:
     """What tells of a round, before which this share of all rows was decided."""
 
-    def tell(now: Progress) -> None:
+    def tell(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
         share = min(decided + now.share * now.rows / total, 1.0)
         progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")

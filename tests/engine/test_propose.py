@@ -21,8 +21,8 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.propose.exponential import EXACT, STABILISED
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 
 REFERENCE = Path(__file__).parents[1] / "reference" / "multilegged_crossings.csv"
@@ -115,7 +115,7 @@ def test_crossings_of_the_chain(name: str, chosen: str, params: dict[str, float]
     starts = {f"psi_{i + 1}": true[:, 0, i] for i in range(3)}
     result = run_rows(
         Multilegged(),
-        Crossings(Multilegged(), crossings=10),
+        CrossingRecorder(Multilegged(), crossings=10),
         starts,
         params=params,
         numerics=Numerics(dt=LONG[name], method=name),
@@ -138,7 +138,7 @@ def test_labels_do_not_depend_on_the_method() -> None:
     for name, dt in LONG.items():
         result = run_rows(
             Multilegged(),
-            Settle(Multilegged()),
+            SettleRecorder(Multilegged()),
             starts,
             numerics=Numerics(dt=dt, method=name),
             lanes=100,

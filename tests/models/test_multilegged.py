@@ -17,7 +17,7 @@ from gaitsweep.engine.advance import GOING, advance, start
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.poincare_return import LATEST
 from gaitsweep.engine.poincare.section_map import crossing_of
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import GAITS, Multilegged
 
 
@@ -54,7 +54,7 @@ def test_points_of_the_paper(point, gait: str, end) -> None:
     """Points a, b, c of Fig. 4 stay where they are: to .01 rad, where the three gaits are 1 rad apart."""
     model = Multilegged()
     starts = {f"psi_{i + 1}": [value] for i, value in enumerate(point)}
-    result = run_rows(model, Settle(model), starts)
+    result = run_rows(model, SettleRecorder(model), starts)
     assert GAITS[result.labels["gait"][0]] == gait
     assert wrapped(result.last[0, :3] - np.array(end)).max() < 0.01
     assert wrapped(result.last[0, :3] - np.array(point)).max() < 0.02
@@ -68,7 +68,7 @@ def test_settled_states_lie_on_the_analytic_sets() -> None:
     model = Multilegged()
     random = np.random.default_rng(11)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 64) for i in (1, 2, 3)}
-    result = run_rows(model, Settle(model), starts, lanes=32, devices=2)
+    result = run_rows(model, SettleRecorder(model), starts, lanes=32, devices=2)
     assert np.all(result.status == Status.settled)
     assert set(np.unique(result.labels["gait"])) == {0, 1, 2}
     assert result.labels["distance"].max() < 0.12
@@ -82,7 +82,7 @@ def test_labels_agree_with_the_exact_propagator() -> None:
     table = pd.read_csv(FILE.with_name("multilegged_settled.csv"), comment="#")
     model = Multilegged()
     starts = {f"psi_{i}": table[f"psi_{i}"].to_numpy() for i in (1, 2, 3)}
-    result = run_rows(model, Settle(model), starts, lanes=64, devices=2)
+    result = run_rows(model, SettleRecorder(model), starts, lanes=64, devices=2)
     one = scalars(model)
     ends = jnp.asarray(table[["psi_1_end", "psi_2_end", "psi_3_end"]].to_numpy())
     label = jax.jit(jax.vmap(lambda x: model.label(one, {f"psi_{i + 1}": x[i] for i in range(3)})["gait"]))

@@ -15,7 +15,7 @@ from sweeping import run_rows
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.section_map import crossing_of
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, touchdown_phase
 from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
@@ -121,7 +121,7 @@ def settled() -> tuple[list[slice], np.ndarray, np.ndarray]:
     mass, kappa, a = (np.repeat(each, n) for each in ((HEAVY, HEAVY, 0.9, 0.9), *GROUPS))
     params = dict.fromkeys(("m_1", "m_end"), mass) | dict.fromkeys(("a", "a_1", "a_end"), a)
     params |= dict.fromkeys(("kappa", "kappa_1", "kappa_end"), kappa)
-    recorder = Settle(model, max_cycles=3000, tolerance=1e-6)
+    recorder = SettleRecorder(model, max_cycles=3000, tolerance=1e-6)
     starts = {f"psi_{i + 1}": psi[:, i] for i in range(3)}
     run = run_rows(model, recorder, starts, params=params, numerics=STEPS, engine="kernel", lanes=64)
     assert np.all(run.status == Status.settled)

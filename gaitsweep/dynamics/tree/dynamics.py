@@ -14,9 +14,9 @@ from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
-    Force,
+    ForceVector,
     Inertia,
-    Motion,
+    MotionVector,
     Scalar,
     cross,
     skew,
@@ -36,9 +36,9 @@ class _Body:
 
     place: Place
     inertia: Inertia
-    bias: Force
-    S: Motion
-    c: Motion
+    bias: ForceVector
+    S: MotionVector
+    c: MotionVector
 
 
 def forward_dynamics(
@@ -65,7 +65,7 @@ def forward_dynamics(
     tau = tau + passive_forces(tree, geometry, q, v)
     IA = [body.inertia for body in bodies]
     pA = [body.bias for body in bodies]
-    U: dict[int, Force] = {}
+    U: dict[int, ForceVector] = {}
     u: dict[int, Scalar] = {}
     per_D: dict[int, Scalar] = {}
     for i in range(len(bodies) - 1, -1, -1):
@@ -77,7 +77,7 @@ def forward_dynamics(
             per_D[i] = 1.0 / (S.dot(U[i]) + armature)
             u[i] = tau[tree.v_of[i]][0] - S.dot(pA[i])
             Ia, pa = IA[i].without(U[i], per_D[i]), pA[i] + U[i] * (u[i] * per_D[i])
-            if _nought(armature) and _coordinate(place.axis):
+            if _is_zero(armature) and _coordinate(place.axis):
                 Ia = Ia.freed_along(S)
         if link.parent != WORLD:
             Ia = Ia.rotated(place.across)
@@ -85,7 +85,7 @@ def forward_dynamics(
             IA[link.parent] = IA[link.parent] + Ia.moved_from(place.offset)
             pA[link.parent] = pA[link.parent] + pa.moved_from(place.offset)
 
-    accelerations: list[Motion] = []
+    accelerations: list[MotionVector] = []
     pieces: list[Array] = []
     for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
         at = tree.v_of[i]
@@ -117,12 +117,12 @@ def inverse_dynamics(
     Args: as those of `forward_dynamics`, of which it is the inverse.
     """
     bodies = _bodies(tree, geometry, q, v, external, gravity)
-    accelerations: list[Motion] = []
-    forces: list[Force] = []
+    accelerations: list[MotionVector] = []
+    forces: list[ForceVector] = []
     for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
         rate = acceleration[tree.v_of[i]]
         if link.kind == "free":
-            a = Motion(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
+            a = MotionVector(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
         else:
             a = _carried(tree, i, bodies, accelerations, gravity)
             a = a if link.kind == "fixed" else a + body.S * rate[0]
@@ -175,7 +175,7 @@ def _bodies(
     for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
         inertia, h = rigid_body(geometry, i, place)
         w = moving[i].angular
-        bias = Force(cross(w, inertia.I @ w), cross(w, cross(w, h)))
+        bias = ForceVector(cross(w, inertia.I @ w), cross(w, cross(w, h)))
         for force in external:
             if force.link != i:
                 continue
@@ -183,49 +183,51 @@ def _bodies(
             if isinstance(force, YieldingForce):
                 yields = force.inertia(place)
                 inertia, bias = inertia + yields, bias + yields @ force.at_rest(place, w, gravity)
-        S = Motion(ZERO, place.axis) if link.kind == "slide" else Motion(place.axis, ZERO)
+        S = MotionVector(ZERO, place.axis) if link.kind == "slide" else MotionVector(place.axis, ZERO)
         c = (
-            Motion(ZERO, ZERO)
+            MotionVector(ZERO, ZERO)
             if link.parent == WORLD
-            else _beyond(link.kind, place, moving[link.parent], v[tree.v_of[i]])
+            else _velocity_product(link.kind, place, moving[link.parent], v[tree.v_of[i]])
         )
         bodies.append(_Body(place, inertia, bias, S, c))
     return bodies
 
 
-def _beyond(kind: str, place: Place, parent: Movement, rate: Array) -> Motion:
+def _velocity_product(kind: str, place: Place, parent: Movement, rate: Array) -> MotionVector:
     """The `c` of a body whose parent turns: centripetal, and Coriolis of its joint's own motion."""
     w = parent.angular
     linear = cross(w, cross(w, place.offset))
     if kind == "fixed":
-        return Motion(ZERO, linear)
+        return MotionVector(ZERO, linear)
     coriolis = cross(w, place.axis_across * rate[0])
-    return Motion(coriolis, linear) if kind == "hinge" else Motion(ZERO, linear + 2.0 * coriolis)
+    return MotionVector(coriolis, linear) if kind == "hinge" else MotionVector(ZERO, linear + 2.0 * coriolis)
 
 
-def _carried(tree: Tree, i: int, bodies: list[_Body], accelerations: list[Motion], gravity: Array) -> Motion:
+def _carried(
+    tree: Tree, i: int, bodies: list[_Body], accelerations: list[MotionVector], gravity: Array
+) -> MotionVector:
     """The acceleration of link i where its joint does not accelerate; the world's is that against gravity."""
     parent = tree.links[i].parent
-    below = Motion(ZERO, -gravity) if parent == WORLD else accelerations[parent]
+    below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place
     return (below.shifted(place.offset) + bodies[i].c).rotated(place.outward)
 
 
 def _of_free(
-    place: Place, IA: Inertia, pA: Force, tau: Array, armature: Array, gravity: Array
-) -> tuple[Motion, Array]:
+    place: Place, IA: Inertia, pA: ForceVector, tau: Array, armature: Array, gravity: Array
+) -> tuple[MotionVector, Array]:
     """The acceleration of a free link, in its axes and less gravity, and of its joint, as MuJoCo has it."""
     to_link = place.frame.T
     linear = turned(to_link, EYE * armature[:3, None])
     # armature on the linear velocities resists their change alone, without gravity
-    force = Force(tau[3:], to_link @ tau[:3] - linear @ (to_link @ gravity)) - pA
+    force = ForceVector(tau[3:], to_link @ tau[:3] - linear @ (to_link @ gravity)) - pA
     upper = jnp.concatenate([IA.I + EYE * armature[3:, None], IA.H], axis=1)
     lower = jnp.concatenate([IA.H.T, IA.M + linear], axis=1)
     a = solve_positive(jnp.concatenate([upper, lower]), jnp.concatenate([force.couple, force.linear]))
-    return Motion(a[:3], a[3:]), jnp.concatenate([place.frame @ a[3:] + gravity, a[:3]])
+    return MotionVector(a[:3], a[3:]), jnp.concatenate([place.frame @ a[3:] + gravity, a[:3]])
 
 
-def _nought(value: Scalar) -> bool:
+def _is_zero(value: Scalar) -> bool:
     """Whether a number is known to be zero, which no JAX array is."""
     return isinstance(value, float | np.generic) and float(value) == 0.0
 

@@ -8,7 +8,7 @@ import numpy as np
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
 from gaitsweep.dynamics.tree.dynamics import rigid_body
 from gaitsweep.dynamics.tree.kinematics import Place, movements, places, velocity
-from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, Motion, Scalar, cross, turned
+from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, MotionVector, Scalar, cross, turned
 
 
 def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
@@ -41,16 +41,16 @@ def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
     return jnp.array(rows)
 
 
-def _subspace(tree: Tree, i: int, place: Place) -> list[tuple[int, Motion]]:
+def _subspace(tree: Tree, i: int, place: Place) -> list[tuple[int, MotionVector]]:
     """The degrees of freedom of a link's joint and the motion that each allows, in the link's axes."""
     first = tree.v_of[i].start
     kind = tree.links[i].kind
     if kind == "free":
-        linear = [(first + k, Motion(ZERO, place.frame.T @ EYE[k])) for k in range(3)]
-        return linear + [(first + 3 + k, Motion(EYE[k], ZERO)) for k in range(3)]
+        linear = [(first + k, MotionVector(ZERO, place.frame.T @ EYE[k])) for k in range(3)]
+        return linear + [(first + 3 + k, MotionVector(EYE[k], ZERO)) for k in range(3)]
     if kind == "fixed":
         return []
-    return [(first, Motion(place.axis, ZERO) if kind == "hinge" else Motion(ZERO, place.axis))]
+    return [(first, MotionVector(place.axis, ZERO) if kind == "hinge" else MotionVector(ZERO, place.axis))]
 
 
 def kinetic_energy(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Scalar:

@@ -13,7 +13,7 @@ from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
-    Motion,
+    MotionVector,
     Scalar,
     cross,
     quaternion_exponential,
@@ -155,9 +155,9 @@ def movements(tree: Tree, placed: Sequence[Place], v: Array) -> list[Movement]:
             continue
         at_rest = Movement(ZERO, ZERO, ZERO)
         parent = at_rest if link.parent == WORLD else found[link.parent]
-        motion = Motion(parent.angular, parent.linear).shifted(place.offset)
+        motion = MotionVector(parent.angular, parent.linear).shifted(place.offset)
         if link.kind == "slide":
-            motion = Motion(motion.angular, motion.linear + place.axis_across * rate[0])
+            motion = MotionVector(motion.angular, motion.linear + place.axis_across * rate[0])
         angular, linear, base = motion.angular, motion.linear, parent.base
         if place.across is not None:
             frame = EYE if link.parent == WORLD else placed[link.parent].frame

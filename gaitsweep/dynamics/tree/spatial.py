@@ -52,54 +52,54 @@ def symmetric(A: Array) -> Array:
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class MotionVector:
     """A spatial velocity or (classical) acceleration: `angular` (rad/s, rad/s2), `linear` of the point."""
 
     angular: Array
     linear: Array
 
-    def __add__(self, other: Motion) -> Motion:
-        return Motion(self.angular + other.angular, self.linear + other.linear)
+    def __add__(self, other: MotionVector) -> MotionVector:
+        return MotionVector(self.angular + other.angular, self.linear + other.linear)
 
-    def __mul__(self, rate: Scalar) -> Motion:
-        return Motion(self.angular * rate, self.linear * rate)
+    def __mul__(self, rate: Scalar) -> MotionVector:
+        return MotionVector(self.angular * rate, self.linear * rate)
 
-    def dot(self, force: Force) -> Scalar:
+    def dot(self, force: ForceVector) -> Scalar:
         """The power of a force on this motion."""
         return self.angular @ force.couple + self.linear @ force.linear
 
-    def shifted(self, r: Array) -> Motion:
+    def shifted(self, r: Array) -> MotionVector:
         """The same at the point that lies at `r` (3,) from here, both at rest in the body (table 2.2)."""
-        return Motion(self.angular, self.linear + cross(self.angular, r))
+        return MotionVector(self.angular, self.linear + cross(self.angular, r))
 
-    def rotated(self, E: Array | None) -> Motion:
+    def rotated(self, E: Array | None) -> MotionVector:
         """The same in other coordinates: `E` (3, 3) turns coordinates here into those; None: no turn."""
-        return self if E is None else Motion(E @ self.angular, E @ self.linear)
+        return self if E is None else MotionVector(E @ self.angular, E @ self.linear)
 
 
 @dataclasses.dataclass(frozen=True)
-class Force:
+class ForceVector:
     """A spatial force: its `couple` about the point (N m), and `linear` (N), each (3,)."""
 
     couple: Array
     linear: Array
 
-    def __add__(self, other: Force) -> Force:
-        return Force(self.couple + other.couple, self.linear + other.linear)
+    def __add__(self, other: ForceVector) -> ForceVector:
+        return ForceVector(self.couple + other.couple, self.linear + other.linear)
 
-    def __sub__(self, other: Force) -> Force:
-        return Force(self.couple - other.couple, self.linear - other.linear)
+    def __sub__(self, other: ForceVector) -> ForceVector:
+        return ForceVector(self.couple - other.couple, self.linear - other.linear)
 
-    def __mul__(self, factor: Scalar) -> Force:
-        return Force(self.couple * factor, self.linear * factor)
+    def __mul__(self, factor: Scalar) -> ForceVector:
+        return ForceVector(self.couple * factor, self.linear * factor)
 
-    def moved_from(self, r: Array) -> Force:
+    def moved_from(self, r: Array) -> ForceVector:
         """The same about another point, from which this one lies at `r` (3,) (table 2.2)."""
-        return Force(self.couple + cross(r, self.linear), self.linear)
+        return ForceVector(self.couple + cross(r, self.linear), self.linear)
 
-    def rotated(self, E: Array | None) -> Force:
+    def rotated(self, E: Array | None) -> ForceVector:
         """The same in other coordinates, as for a motion."""
-        return self if E is None else Force(E @ self.couple, E @ self.linear)
+        return self if E is None else ForceVector(E @ self.couple, E @ self.linear)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,11 +116,11 @@ class Inertia:
     def __add__(self, other: Inertia) -> Inertia:
         return Inertia(self.I + other.I, self.H + other.H, self.M + other.M)
 
-    def __matmul__(self, motion: Motion) -> Force:
+    def __matmul__(self, motion: MotionVector) -> ForceVector:
         w, v = motion.angular, motion.linear
-        return Force(self.I @ w + self.H @ v, self.H.T @ w + self.M @ v)
+        return ForceVector(self.I @ w + self.H @ v, self.H.T @ w + self.M @ v)
 
-    def without(self, U: Force, per_D: Scalar) -> Inertia:
+    def without(self, U: ForceVector, per_D: Scalar) -> Inertia:
         """I - U D^-1 U^T, what is felt through a joint that gives way; `per_D` is D^-1 (sec. 7.3)."""
         n, f = U.couple, U.linear
         n_D, f_D = n * per_D, f * per_D
@@ -130,7 +130,7 @@ class Inertia:
             symmetric(self.M - f_D[:, None] * f[None, :]),
         )
 
-    def freed_along(self, S: Motion) -> Inertia:
+    def freed_along(self, S: MotionVector) -> Inertia:
         """The same with zeros where `S`, along a coordinate axis, makes them: I^a S = 0 but for rounding."""
         w, v = 1.0 - np.abs(S.angular), 1.0 - np.abs(S.linear)
         return Inertia(self.I * np.outer(w, w), self.H * np.outer(w, v), self.M * np.outer(v, v))

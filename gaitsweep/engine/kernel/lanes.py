@@ -90,7 +90,7 @@ class KernelLanes(abc.ABC):
 
     @abc.abstractmethod
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
-        """Write `opened` (n, slots) to `lanes` (n,), and `rows` (n, width) to their buffers where `kept` (n,)."""
+        """Write `opened` (n, slots) to `lanes` (n,), and `rows` (n, width) to buffers where `kept` (n,)."""
 
     @abc.abstractmethod
     def run_chunk(self, polls: int) -> ChunkOutput:

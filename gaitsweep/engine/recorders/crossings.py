@@ -17,7 +17,7 @@ FEW_JUMPS = 2
 
 
 @dataclasses.dataclass(frozen=True)
-class Crossings(Recorder):
+class CrossingRecorder(Recorder):
     """Every crossing of the section: crossing, t and the observables, the start being crossing 0.
 
     Ends after `crossings` of them beyond the first `after_cycles`, or at `duration` (s) for a ramp.

@@ -34,7 +34,7 @@ _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 
 
 @dataclasses.dataclass(frozen=True)
-class Settle(Recorder):
+class SettleRecorder(Recorder):
     """Until the section's state stops moving, or moves on an orbit of 2 to `MOST_PERIOD` crossings.
 
     Settled with period 1: no observable is farther from its value at any of the last `SETTLE_WINDOW`

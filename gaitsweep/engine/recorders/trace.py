@@ -21,7 +21,7 @@ from gaitsweep.engine.recorders.recorder import (
 
 
 @dataclasses.dataclass(frozen=True)
-class Trace(Recorder):
+class TraceRecorder(Recorder):
     """The signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
 
     model: Model

@@ -94,7 +94,7 @@ def lanes_on(device: Device, spec: SweepSpec) -> Lanes:
     what = spec.model, spec.recorder, spec.numerics
     options: dict[str, Any] = {"size": spec.lanes, "drive": spec.drive}
     if spec.engine == "xla":
-        return xla.Lanes(*what, device=device, **options)
+        return xla.XlaLanes(*what, device=device, **options)
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda import CudaLanes
 

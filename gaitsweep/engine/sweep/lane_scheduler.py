@@ -13,7 +13,7 @@ from gaitsweep.engine.sweep.block import Block, EndedRows
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
 from gaitsweep.engine.sweep.engines import lanes_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput
-from gaitsweep.engine.sweep.sweep_spec import Progress, SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 
 # Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4
@@ -182,6 +182,6 @@ class LaneScheduler:
         for rows in ended:
             self.open[int(rows["row"][0]) // self.spec.block].mark_stored(rows["row"])
 
-    def progress(self, seconds: float) -> Progress:
+    def progress(self, seconds: float) -> SweepProgress:
         share = (self.done + self._running_share) / self.total if self.total else 1.0
-        return Progress(self.done, self.total, share, self.attempts + self._running_attempts, seconds)
+        return SweepProgress(self.done, self.total, share, self.attempts + self._running_attempts, seconds)

@@ -13,7 +13,7 @@ import numpy as np
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.labels import Labels
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
-from gaitsweep.engine.sweep.sweep_spec import Progress, SweepSpec
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
 
 # An ended row is stored on disk within this time (s); a kill loses only rows that ended later.
@@ -45,7 +45,7 @@ def sweep(
     spec: SweepSpec,
     blocks: Sequence[int],
     write: Callable[[int, BlockResult], None],
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[SweepProgress], None] | None = None,
     timings: Timings | None = None,
     open_rows: OpenRows | None = None,
 ) -> Timings:

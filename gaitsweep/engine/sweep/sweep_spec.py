@@ -34,8 +34,8 @@ class SweepSpec:
 
 
 @dataclasses.dataclass(frozen=True)
-class Progress:
-    """Progress of a sweep: rows done, rows in all, share done (0 to 1), attempts, seconds since the start."""
+class SweepProgress:
+    """Progress: rows done, rows in all, share done (0 to 1), attempts, seconds since the start."""
 
     done: int
     rows: int

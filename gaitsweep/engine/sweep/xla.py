@@ -75,7 +75,7 @@ def power_of_two(least: float) -> int:
     return 2 ** math.ceil(math.log2(max(least, 1.0)))
 
 
-class Lanes:
+class XlaLanes:
     """The trajectories that one device runs at a time.
 
     Args:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import ClassVar
 
 import jax
@@ -23,11 +24,63 @@ from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recomm
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.models.multilegged.model import LANDING, STANCE, STRICTLY, TAKEOFF, Multilegged, Params
 from gaitsweep.models.multilegged.reduced_chart import ReducedChart
-from gaitsweep.models.multilegged.reduced_state import TOUCHING, State, after_events, corner_of
-from gaitsweep.models.multilegged.reduced_steps import ToTheNextEvent
-from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
+from gaitsweep.models.multilegged.theory.obstacle import balance, balance_and_rate, obstacle_problem
 
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
+# A leg touches that is nearer than this to the ground (m): legs that come down together touch together,
+# whatever rounding makes of them.
+TOUCHING = 1e-13
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["phi", "segment", "held", "psi", "landed", "late"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Phases phi (N+1,), rad, and the modes.
+
+    `segment` (N+1,) of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg has been on the
+    ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, as read when section 1
+    was crossed last; `landed`: leg 1 touched down there; `late`: s, by which steps of fixed length are ahead
+    of this state.
+    """
+
+    phi: jax.Array
+    segment: jax.Array
+    held: jax.Array
+    psi: jax.Array
+    landed: jax.Array
+    late: jax.Array
+
+
+def corner_of(p: Params, s: State) -> jax.Array:
+    """Phase at the end of each leg's segment, rad."""
+    stance, takeoff = 2.0 * p.beta * jnp.pi, (1.0 + p.beta) * jnp.pi
+    return jnp.where(s.segment == STANCE, stance, jnp.where(s.segment == TAKEOFF, takeoff, TWO_PI))
+
+
+def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
+    """The state after legs (N+1,) reach a corner of their phase, touch down (`touches`), or lift off.
+
+    A leg begins its landing segment as held; what it really is shows at once, without time going on.
+    """
+    landing = s.segment == LANDING
+    resets = touches & landing
+    wraps = corner & landing & ~resets
+    ends = resets | wraps
+    segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
+    crosses = ends[0]
+    psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
+    return State(
+        phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
+        segment=segment,
+        held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
+        psi=jnp.where(crosses, psi, s.psi),
+        landed=jnp.where(crosses, resets[0], s.landed),
+        late=s.late,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +108,7 @@ class MultileggedReduced(Multilegged):
         return ReducedChart(self.N)
 
     def in_steps(self) -> FixedStepDynamics:
-        return ToTheNextEvent(self)
+        return NextEventSteps(self)
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
         p = params
@@ -93,7 +146,7 @@ class MultileggedReduced(Multilegged):
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
         """The phases turn evenly, at a rate of zero; steps of 1 over this rate are the legs' time apart."""
-        rate = 20.0 / ToTheNextEvent(self).longest_step(params)
+        rate = 20.0 / NextEventSteps(self).longest_step(params)
         return rate[None], jnp.ones((1,), rate.dtype)
 
     def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
@@ -128,3 +181,58 @@ class MultileggedReduced(Multilegged):
         """Never: masses come down to their legs' tips at most. Legs without length (a >= L) walk on, as in
         the full model: no equation knows of them."""
         return jnp.asarray(False)
+
+
+# Steps of a cycle for each spring; with fewer, crossings are seen later and later.
+STEPS_A_LEG = 6.25
+
+
+@dataclasses.dataclass(frozen=True)
+class NextEventSteps(FixedStepDynamics):
+    """Steps that end at the next event at the latest; the rest of a step is made up for by later ones.
+
+    While a leg lands its balance rises, and is concave: the secant of its momentary rate never overshoots
+    the touchdown and reaches it in a few steps, without a search. Results do not depend on dt; only the times
+    of crossings do, which are late by `late` and right to a step while steps are shorter than a sixteenth of
+    a cycle over N.
+    """
+
+    model: MultileggedReduced
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        p, s = params, state
+        landing = s.segment == LANDING
+        length, rate = self.model._leg(p, s.phi, s.segment)
+        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (balance < -TOUCHING)
+        armed = landing & ~(s.held & ~lifts)
+        due = armed & (balance >= -TOUCHING)
+
+        corner_at = corner_of(p, s)
+        to_corner = corner_at - s.phi
+        approaching = armed & (rise > 0.0)
+        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        room = (s.late + dt) * p.omega
+        ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
+        ahead = jnp.where(jnp.any(due), 0.0, ahead)
+        corner = to_corner <= ahead
+        moved = dataclasses.replace(
+            s,
+            phi=jnp.where(corner, corner_at, s.phi + ahead),
+            late=s.late + dt - ahead / p.omega,
+        )
+        return after_events(moved, corner, due, lifts)
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """A sixth of the time between two legs' touchdowns, so that `late` is soon made up for."""
+        return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
+
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """Whether leg 1 ended its cycle, which the step has worked in already."""
+        return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        return fired[0]

@@ -16,7 +16,7 @@ from gaitsweep.dynamics.external_force import YieldingForce
 from gaitsweep.dynamics.tree.articulated_tree import Geometry
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
-from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, Mechanics, body, mjcf
+from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.models.planar_quadruped.parameters import BODY
 from gaitsweep.models.planar_quadruped.state import State
@@ -32,7 +32,7 @@ Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 STABLE = 1.5
 
 
-class Body(abc.ABC):
+class PlanarBody(abc.ABC):
     """What carries the legs."""
 
     compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` compiles
@@ -43,29 +43,29 @@ class Body(abc.ABC):
         return dict(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`Mechanics.numbers` of a row's values."""
+        """`PlanarMechanics.numbers` of a row's values."""
         return {}
 
-    def longest_step(self, m: Mechanics) -> jax.Array:
+    def longest_step(self, m: PlanarMechanics) -> jax.Array:
         """The longest step (s) in which its contacts are stable."""
         return jnp.full_like(m.g, jnp.inf)
 
     @abc.abstractmethod
-    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         """q, v, warm and the loads (4,) N of a step of `dt` (s) under the motors' forces `tau` (11,)."""
 
 
-class TreeBody(Body):
+class PlanarTreeBody(PlanarBody):
     """The articulated tree, semi-implicit in the velocities; joints' damping and friction are implicit."""
 
-    def longest_step(self, m: Mechanics) -> jax.Array:
+    def longest_step(self, m: PlanarMechanics) -> jax.Array:
         """Semi-implicit steps of a foot on a spring and a damper are stable while
         (D dt + K dt^2 / 2) w < 2, with w the foot's inverse mass."""
         w = 1.0 / (m.lower_mass + m.foot_mass) + 0.5 / (m.upper_mass + m.lower_mass + m.foot_mass)
         root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABLE * m.K_foot / w)
         return (root - m.D_foot) / m.K_foot
 
-    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         tree, _ = body()
         geometry = m.geometry(dt)
         feet = _ground_forces(m, geometry, s, dt)
@@ -75,7 +75,7 @@ class TreeBody(Body):
         return jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load
 
 
-def _ground_forces(m: Mechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
+def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
     """What the ground does to each foot in a step of `dt` (s)."""
     tree, _ = body()
     placed = places(tree, geometry, s.q)
@@ -92,7 +92,7 @@ def _ground_forces(m: Mechanics, geometry: Geometry, s: State, dt: jax.Array) ->
     return feet
 
 
-class MjxInContact(Body):
+class PlanarMjxBody(PlanarBody):
     """The MJCF as MJX steps it, its contacts solved by MuJoCo's method."""
 
     compiled_of = tuple(quantity.name for quantity in BODY)
@@ -104,7 +104,7 @@ class MjxInContact(Body):
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         return variants().of_row(values)
 
-    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         from gaitsweep.dynamics.mjx.body import BodyState
 
         in_mjx = mjx_body()

@@ -19,7 +19,7 @@ NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right 
 _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-class Drawn:
+class PlanarDrawing:
     """What a model of this body says about its picture (`Model.skeleton` and `Model.mjcf`)."""
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:

@@ -35,7 +35,7 @@ UPPER_RADIUS, LOWER_RADIUS = 0.015, 0.008
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
-class Mechanics:
+class PlanarMechanics:
     """Masses, lengths, damping and ground; units as in `PARAMETERS`.
 
     `numbers` has what MuJoCo works out from masses and lengths, by the names of an mjx.Model, for a body that

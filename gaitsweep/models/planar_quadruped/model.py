@@ -21,13 +21,13 @@ import numpy as np
 
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.models.planar_quadruped import cycle
-from gaitsweep.models.planar_quadruped.bodies import Body, MjxInContact, TreeBody
-from gaitsweep.models.planar_quadruped.drawing import Drawn
+from gaitsweep.models.planar_quadruped.bodies import PlanarBody, PlanarMjxBody, PlanarTreeBody
+from gaitsweep.models.planar_quadruped.drawing import PlanarDrawing
 from gaitsweep.models.planar_quadruped.mechanics import (
     HIP,
     KNEE,
     PITCH,
-    Mechanics,
+    PlanarMechanics,
     X,
     Z,
     forces_on_joints,
@@ -51,7 +51,7 @@ UNSTEADY = len(CHART)
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanarQuadruped(Drawn, SteppedModel):
+class PlanarQuadruped(PlanarDrawing, SteppedModel):
     """The quadruped of a torso and four telescopic legs, in the plane."""
 
     body: str = dataclasses.field(
@@ -87,8 +87,8 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return SIGNALS
 
     @property
-    def _moved_by(self) -> Body:
-        return TreeBody() if self.body == "tree" else MjxInContact()
+    def _moved_by(self) -> PlanarBody:
+        return PlanarTreeBody() if self.body == "tree" else PlanarMjxBody()
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
@@ -106,7 +106,7 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return Params(
             network=Network(**of(Network)),
             motors=Motors(**of(Motors)),
-            mechanics=Mechanics(**of(Mechanics), numbers=self._moved_by.numbers(v)),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._moved_by.numbers(v)),
             threshold=v["threshold"],
             memory=v["memory"],
         )

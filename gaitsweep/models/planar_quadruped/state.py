@@ -8,7 +8,7 @@ from functools import partial
 import jax
 
 from gaitsweep.models.planar_quadruped.cycle import Cycle
-from gaitsweep.models.planar_quadruped.mechanics import Mechanics
+from gaitsweep.models.planar_quadruped.mechanics import PlanarMechanics
 from gaitsweep.models.planar_quadruped.rhythm import Motors, Network
 
 
@@ -23,7 +23,7 @@ class Params:
 
     network: Network
     motors: Motors
-    mechanics: Mechanics
+    mechanics: PlanarMechanics
     threshold: jax.Array
     memory: jax.Array
 

@@ -21,7 +21,7 @@ _FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in
 _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
 
-class Drawn:
+class WaistDrawing:
     """What a model of this body says about its picture (`Model.skeleton` and `Model.mjcf`)."""
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
@@ -32,7 +32,7 @@ class Drawn:
 
 
 def scaled_mjcf(values: Mapping[str, float]) -> str:
-    """The MJCF with a row's lengths, scaled as `Mechanics.geometry` does; the masses are still Table I's.
+    """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
 
     Args:
         values: `body_length`, `body_width` and `link_length`, m, among others.

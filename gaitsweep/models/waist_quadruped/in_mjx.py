@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.external_force import PointForce
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, Mechanics, factors, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, factors, mjcf
 from gaitsweep.models.waist_quadruped.state import State
-from gaitsweep.models.waist_quadruped.steps import Body
+from gaitsweep.models.waist_quadruped.steps import WaistBody
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody
@@ -26,7 +26,7 @@ _TABLE_1 = {"body_mass": 1.0, "body_length": 0.1, "body_width": 0.1, "link_mass"
 _FIELD, _MADE_OF = "mjx.", "mjx of "
 
 
-class MjxQuadruped(Body):
+class WaistMjxBody(WaistBody):
     """The body as MJX steps it; the host compiles it for each row's masses and lengths."""
 
     compiled_of = tuple(_TABLE_1)
@@ -52,11 +52,11 @@ class MjxQuadruped(Body):
         fields = {name: values[_FIELD + name] for name in variants().fields}
         return {name: jnp.where(same, field, jnp.nan) for name, field in fields.items()}
 
-    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return mjx_body().points(_numbers(m), s.q, s.v)
 
     def moved(
-        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         numbers = {**_numbers(m), "opt.gravity": m.gravity()}
         pushes = jnp.stack([push.force for push in forces])
@@ -64,7 +64,7 @@ class MjxQuadruped(Body):
         return after.q, after.v
 
 
-def _numbers(m: Mechanics) -> dict[str, jax.Array]:
+def _numbers(m: WaistMechanics) -> dict[str, jax.Array]:
     if not m.numbers:
         raise ValueError("With body mjx, values go through the model's on_host before its params.")
     return m.numbers

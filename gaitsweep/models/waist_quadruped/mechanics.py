@@ -38,7 +38,7 @@ WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
-class Mechanics:
+class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
     `numbers` has what MuJoCo works out from masses and lengths, by the names of an mjx.Model, for a body that

@@ -28,24 +28,33 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree.kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.chart import LandingChart
-from gaitsweep.models.waist_quadruped.drawing import Drawn
+from gaitsweep.models.waist_quadruped.drawing import WaistDrawing
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
-from gaitsweep.models.waist_quadruped.in_mjx import MjxQuadruped
-from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
+from gaitsweep.models.waist_quadruped.in_mjx import WaistMjxBody
+from gaitsweep.models.waist_quadruped.mechanics import (
+    BEND,
+    HIP,
+    KNEE,
+    LIMBS,
+    RELEASE,
+    WAIST,
+    WaistMechanics,
+    body,
+)
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
 from gaitsweep.models.waist_quadruped.posture import fallen, tilt
 from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
-from gaitsweep.models.waist_quadruped.steps import Body, SemiImplicit, TreeBody
+from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")
 
 
 @dataclasses.dataclass(frozen=True)
-class WaistQuadruped(Drawn, HybridModel):
+class WaistQuadruped(WaistDrawing, HybridModel):
     """The quadruped of two bodies, a waist and four limbs."""
 
     body: str = dataclasses.field(
@@ -66,8 +75,8 @@ class WaistQuadruped(Drawn, HybridModel):
         return ("float64", "mixed") if self.body == "tree" else ("float64",)
 
     @property
-    def _mover(self) -> Body:
-        return TreeBody() if self.body == "tree" else MjxQuadruped()
+    def _mover(self) -> WaistBody:
+        return WaistTreeBody() if self.body == "tree" else WaistMjxBody()
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
@@ -100,10 +109,10 @@ class WaistQuadruped(Drawn, HybridModel):
     def params(self, values: Mapping[str, jax.Array]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
         omega_w = TWO_PI * v["f"]
-        mechanics = Mechanics(
+        mechanics = WaistMechanics(
             kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
-            **{f.name: v[f.name] for f in dataclasses.fields(Mechanics) if f.name in v},
+            **{f.name: v[f.name] for f in dataclasses.fields(WaistMechanics) if f.name in v},
             numbers=self._mover.numbers(v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.models.waist_quadruped.foot_path import FootPath
-from gaitsweep.models.waist_quadruped.mechanics import Mechanics
+from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 
 RHYTHM = (
     "beta", "T_sw", "K_12", "K_21", "K_34", "K_43", "resetting", "T_grow", "T_hold", "K_13", "D", "H", "x_c",
@@ -49,7 +49,7 @@ class Params:
     pace_width: jax.Array
     omega: jax.Array  # rad/s
     phi_AEP: jax.Array  # rad
-    mechanics: Mechanics
+    mechanics: WaistMechanics
 
     def path(self, clock: jax.Array, growing: jax.Array | bool) -> FootPath:
         """The feet's path at a time (s); while it is `growing`, as at the start, it does so from nothing."""

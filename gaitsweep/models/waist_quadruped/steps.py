@@ -22,7 +22,7 @@ from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.dynamics.tree.kinematics import integrate
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import LATE
-from gaitsweep.models.waist_quadruped.mechanics import RELEASE, Mechanics, body
+from gaitsweep.models.waist_quadruped.mechanics import RELEASE, WaistMechanics, body
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
 
@@ -30,7 +30,7 @@ from gaitsweep.models.waist_quadruped.state import Params, State
 STEPS_TO_RATE = 1.25
 
 
-class Body(abc.ABC):
+class WaistBody(abc.ABC):
     """What carries the limbs: where the feet are, how it moves on, and what a row's values become for it."""
 
     compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` compiles
@@ -40,30 +40,30 @@ class Body(abc.ABC):
         return dict(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`Mechanics.numbers` of a row's values."""
+        """`WaistMechanics.numbers` of a row's values."""
         return {}
 
     @abc.abstractmethod
-    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """As `Mechanics.feet`, in the precision of a step of `dt`."""
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """As `WaistMechanics.feet`, in the precision of a step of `dt`."""
 
     @abc.abstractmethod
     def moved(
-        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """q (16,) and v (15,) a step of `dt` (s) later, under `tau` (15,) and the ground's forces."""
 
 
-class TreeBody(Body):
+class WaistTreeBody(WaistBody):
     """The body as gaitsweep's own articulated tree."""
 
-    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return worked_in(dt.dtype, Mechanics.feet)(m, s.q, s.v)
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return worked_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
 
     def moved(
-        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        v = s.v + dt * worked_in(dt.dtype, Mechanics.accelerations)(m, s.q, s.v, tau, forces)
+        v = s.v + dt * worked_in(dt.dtype, WaistMechanics.accelerations)(m, s.q, s.v, tau, forces)
         return jnp.asarray(integrate(body()[0], s.q, v, dt)), v
 
 
@@ -71,7 +71,7 @@ class TreeBody(Body):
 class SemiImplicit(FixedStepDynamics):
     """Steps of semi-implicit Euler of a body."""
 
-    body: Body
+    body: WaistBody
 
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
         p, s, m, dt = params, state, params.mechanics, jnp.asarray(dt)
@@ -101,7 +101,7 @@ class SemiImplicit(FixedStepDynamics):
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
 
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
-        tau = worked_in(dt.dtype, Mechanics.torques)(m, s.q, s.v, x, z)
+        tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z)
         q, v = self.body.moved(m, s, tau, forces, dt)
         # of the step in which delta_13 is let go of, it is held for a share
         share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
