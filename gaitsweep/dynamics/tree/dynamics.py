@@ -1,4 +1,4 @@
-"""Equations of motion of an articulated tree, forward and inverse (Featherstone 2008, ch. 5 and 7)."""
+"""Forward and inverse dynamics of an articulated tree (Featherstone 2008, ch. 5 and 7)."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from gaitsweep.dynamics.tree.spatial import (
 
 @dataclasses.dataclass(frozen=True)
 class _Body:
-    """A link before anything is known of accelerations, about its point and in its axes.
+    """The velocity-dependent quantities of a link, about its point and in its axes.
 
-    `inertia` of its body; `bias` the force that it needs where its (classical) acceleration is zero, less the
-    forces from outside; `S` what its joint allows, of a hinge or slide; `c` the acceleration of its point
-    beyond that of its parent's motion and of its joint's own, in the parent's axes.
+    `inertia` is that of its body; `bias` the bias force at zero (classical) acceleration, less the external
+    forces; `S` the motion subspace of a hinge or slide; `c` the velocity-product acceleration of its point,
+    in the parent's axes.
     """
 
     place: Place
@@ -56,10 +56,10 @@ def forward_dynamics(
     Args:
         tree, geometry: the links.
         q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
-        tau: forces on the degrees of freedom (nv,), N m and N, as MuJoCo's qfrc_applied; the damping and the
-            springs of the joints come on top.
-        external: forces on bodies.
-        gravity: its acceleration in the world (3,), m/s2.
+        tau: generalised forces (nv,), N m and N, as MuJoCo's qfrc_applied; the joints' dampers and springs
+            are added.
+        external: external forces on bodies.
+        gravity: the acceleration of gravity in the world (3,), m/s2.
     """
     bodies = _bodies(tree, geometry, q, v, external, gravity)
     tau = tau + passive_forces(tree, geometry, q, v)
@@ -112,9 +112,9 @@ def inverse_dynamics(
     *,
     gravity: Array,
 ) -> Array:
-    """Forces tau (nv,), N m and N, that bring about an `acceleration` (nv,), by Newton and Euler (table 5.1).
+    """Generalised forces tau (nv,), N m and N, of an `acceleration` (nv,), by Newton-Euler (table 5.1).
 
-    Args: as those of `forward_dynamics`, of which it is the inverse.
+    The inverse of `forward_dynamics`, with its arguments.
     """
     bodies = _bodies(tree, geometry, q, v, external, gravity)
     accelerations: list[MotionVector] = []
@@ -144,7 +144,7 @@ def inverse_dynamics(
 
 
 def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
-    """Forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
+    """Generalised forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
     springs = []
     for i, link in enumerate(tree.links):
         stretch = q[tree.q_of[i]] - geometry.rest[i]
@@ -153,9 +153,9 @@ def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
 
 
 def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array]:
-    """A link's inertia about its point and its mass times the centre of mass from there (3,), in its axes."""
+    """A link's inertia about its point, and mass times centre of mass from there (3,), in its axes."""
     mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
-    # worked out in the body's frame, where it is constant, and turned whole
+    # computed in the body's frame, where it is constant, and then rotated
     inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])
     h = place.turn @ (mass * c)
     return Inertia(turned(place.turn, inertia), skew(h), mass * EYE), h
@@ -194,7 +194,7 @@ def _bodies(
 
 
 def _velocity_product(kind: str, place: Place, parent: Movement, rate: Array) -> MotionVector:
-    """The `c` of a body whose parent turns: centripetal, and Coriolis of its joint's own motion."""
+    """The velocity-product acceleration `c`: centripetal, and Coriolis of the joint's motion."""
     w = parent.angular
     linear = cross(w, cross(w, place.offset))
     if kind == "fixed":
@@ -206,7 +206,7 @@ def _velocity_product(kind: str, place: Place, parent: Movement, rate: Array) ->
 def _carried(
     tree: Tree, i: int, bodies: list[_Body], accelerations: list[MotionVector], gravity: Array
 ) -> MotionVector:
-    """The acceleration of link i where its joint does not accelerate; the world's is that against gravity."""
+    """The acceleration of link i at zero joint acceleration; that of the world is minus gravity."""
     parent = tree.links[i].parent
     below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place
@@ -216,10 +216,10 @@ def _carried(
 def _of_free(
     place: Place, IA: Inertia, pA: ForceVector, tau: Array, armature: Array, gravity: Array
 ) -> tuple[MotionVector, Array]:
-    """The acceleration of a free link, in its axes and less gravity, and of its joint, as MuJoCo has it."""
+    """The acceleration of a free link, in its axes and less gravity, and MuJoCo's qacc of its joint (6,)."""
     to_link = place.frame.T
     linear = turned(to_link, EYE * armature[:3, None])
-    # armature on the linear velocities resists their change alone, without gravity
+    # armature on linear velocities resists their change, but has no weight
     force = ForceVector(tau[3:], to_link @ tau[:3] - linear @ (to_link @ gravity)) - pA
     upper = jnp.concatenate([IA.I + EYE * armature[3:, None], IA.H], axis=1)
     lower = jnp.concatenate([IA.H.T, IA.M + linear], axis=1)
@@ -228,10 +228,10 @@ def _of_free(
 
 
 def _is_zero(value: Scalar) -> bool:
-    """Whether a number is known to be zero, which no JAX array is."""
+    """Whether a number is a constant zero; a JAX array never is."""
     return isinstance(value, float | np.generic) and float(value) == 0.0
 
 
 def _coordinate(axis: Array) -> bool:
-    """Whether an axis is a constant one of the coordinates'."""
+    """Whether an axis is a constant coordinate axis."""
     return isinstance(axis, np.ndarray) and bool(np.sum(axis != 0.0) == 1)

@@ -1,4 +1,4 @@
-"""Mass matrix, energy and momentum of an articulated tree: what tests and bookkeeping ask for."""
+"""Mass matrix, energy and momentum of an articulated tree."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, MotionVector, Scal
 
 
 def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
-    """The mass matrix (nv, nv), kg m2, kg m and kg, armature included, by composite bodies (table 6.2).
+    """The mass matrix (nv, nv), kg m2, kg m and kg, with armature, by composite bodies (table 6.2).
 
     Args:
         tree, geometry: the links.
@@ -42,7 +42,7 @@ def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
 
 
 def _subspace(tree: Tree, i: int, place: Place) -> list[tuple[int, MotionVector]]:
-    """The degrees of freedom of a link's joint and the motion that each allows, in the link's axes."""
+    """The degrees of freedom of a link's joint, and the motion subspace of each in the link's axes."""
     first = tree.v_of[i].start
     kind = tree.links[i].kind
     if kind == "free":
@@ -54,7 +54,7 @@ def _subspace(tree: Tree, i: int, place: Place) -> list[tuple[int, MotionVector]
 
 
 def kinetic_energy(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Scalar:
-    """Kinetic energy, J, that of the armature included (eq. 2.67), at q (nq,) and v (nv,)."""
+    """The kinetic energy, J, with that of the armature (eq. 2.67), at q (nq,) and v (nv,)."""
     placed = places(tree, geometry, q)
     total = 0.5 * (geometry.armature @ (v * v))
     for i, (place, moving) in enumerate(zip(placed, movements(tree, placed, v), strict=True)):
@@ -65,7 +65,7 @@ def kinetic_energy(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Scalar
 
 
 def potential_energy(tree: Tree, geometry: Geometry, q: Array, *, gravity: Array) -> Scalar:
-    """Potential energy, J, at q (nq,): of the masses in `gravity` (3,), m/s2, and of the joints' springs."""
+    """The potential energy, J, of masses in `gravity` (3,), m/s2, and of joint springs, at q (nq,)."""
     total: Scalar = 0.0
     for i, place in enumerate(places(tree, geometry, q)):
         total = total - geometry.mass[i] * (gravity @ place.position(geometry.com[i]))
@@ -87,7 +87,7 @@ def centre_of_mass(tree: Tree, geometry: Geometry, q: Array) -> Array:
 def momentum(tree: Tree, geometry: Geometry, q: Array, v: Array) -> tuple[Array, Array]:
     """Linear momentum (3,), kg m/s, and angular about the centre of mass (3,), kg m2/s, in the world.
 
-    The armature's, which is none of the bodies', is left out.
+    The armature is not included, since it does not belong to the bodies.
     """
     placed = places(tree, geometry, q)
     centre = centre_of_mass(tree, geometry, q)

@@ -1,13 +1,15 @@
 """The multi-legged chain reduced to its phases: rigid legs, no inertia, no lag (Ambe 2021, 3.1 and 3.2).
 
-The heights are those of the chain at rest on its legs (eq. 8), and a phase is reset at once where its leg
-touches (eq. 9), so nothing moves but the phases, at constant speed. A leg touches where the heights of the
-other legs say so: with z the chain's shape less that of the chain hanging free, leg i bears the load kappa
-times (least slope to a leg before it - greatest slope to a leg behind it), slopes of z between leg tips, and
-is in the air where that number is negative. That is the obstacle problem, leg by leg and with a sign.
+The heights are those of the chain in static equilibrium on its legs (eq. 8), and a phase is reset immediately
+at touchdown (eq. 9), so only the phases move, at constant speed. The touchdown of a leg depends on the
+heights of the others: with z the chain's shape less that of the freely hanging chain, leg i bears the load
+kappa times (least slope to a leg before it - greatest slope to a leg behind it), slopes of z between leg
+tips, and is in the air if that number is negative. This is the obstacle problem, solved for each leg with a
+sign.
 
-Two ways to run it. With events located (`method: exact`) times are exact and derivatives can be had. In steps
-of its own (`method: semi_implicit`) every step goes to the next event at most, found without search.
+There are two integration methods. With located events (`method: exact`) event times are exact, and the map
+has derivatives. With its own steps (`method: semi_implicit`) a step ends at the next event at the latest,
+which is found without a search.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from gaitsweep.models.multilegged.reduced_chart import ReducedChart
 from gaitsweep.models.multilegged.theory.obstacle import balance, balance_and_rate, obstacle_problem
 
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
-# A leg touches that is nearer than this to the ground (m): legs that come down together touch together,
-# whatever rounding makes of them.
+# A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
+# spite of rounding.
 TOUCHING = 1e-13
 
 
@@ -41,10 +43,10 @@ TOUCHING = 1e-13
 class State:
     """Phases phi (N+1,), rad, and the modes.
 
-    `segment` (N+1,) of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg has been on the
-    ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, as read when section 1
-    was crossed last; `landed`: leg 1 touched down there; `late`: s, by which steps of fixed length are ahead
-    of this state.
+    `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg
+    has been on the ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, are
+    the relative phases at the last crossing of section 1; `landed`: leg 1 touched down there; `late` (s) is
+    the time by which fixed steps are ahead of this state.
     """
 
     phi: jax.Array
@@ -62,9 +64,9 @@ def corner_of(p: Params, s: State) -> jax.Array:
 
 
 def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
-    """The state after legs (N+1,) reach a corner of their phase, touch down (`touches`), or lift off.
+    """The state after legs (N+1,) reach the end of a segment (`corner`), touch down (`touches`), or lift off.
 
-    A leg begins its landing segment as held; what it really is shows at once, without time going on.
+    A leg begins its landing segment as held; if it is not, it lifts off at the same instant.
     """
     landing = s.segment == LANDING
     resets = touches & landing
@@ -85,7 +87,7 @@ def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Arr
 
 @dataclasses.dataclass(frozen=True)
 class MultileggedReduced(Multilegged):
-    """The reduced chain of N + 1 legs; parameters, starts, observables and gaits are the full model's."""
+    """The reduced chain of N + 1 legs; its parameters, initial conditions, observables and gaits are the model's."""
 
     name: ClassVar[str] = "multilegged_reduced"
     linear: ClassVar[bool] = True
@@ -126,7 +128,7 @@ class MultileggedReduced(Multilegged):
             STANCE,
             jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
         )
-        # as in the full model, a leg is on the ground that bears a load before leg 1 is reset
+        # as in the full model, a leg with a load before the reset of leg 1 is on the ground
         length, _ = self._leg(p, phi, jnp.where(leg_1, LANDING, segment))
         return State(
             phi=jnp.where(leg_1, 0.0, phi),
@@ -145,12 +147,12 @@ class MultileggedReduced(Multilegged):
         return Recommended("semi_implicit")
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
-        """The phases turn evenly, at a rate of zero; steps of 1 over this rate are the legs' time apart."""
+        """Phases move at constant speed; this rate limits a step to the time between touchdowns."""
         rate = 20.0 / NextEventSteps(self).longest_step(params)
         return rate[None], jnp.ones((1,), rate.dtype)
 
     def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
-        """Each leg's phase against the end of its segment, then its touchdown, or its lift-off if held."""
+        """Each leg's phase relative to the end of its segment, then its touchdown, or its lift-off if held."""
         p, s = params, state
         length, _ = self._leg(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
@@ -162,7 +164,7 @@ class MultileggedReduced(Multilegged):
         return after_events(state, corner, switched & ~state.held, switched & state.held)
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:  # type: ignore[override]
-        """Leg 1's touchdown, or its wrap where it has had none."""
+        """Leg 1's touchdown, or the wrap of its phase if there was none."""
         resets = fired[self.N + 1] & ~before.held[0]
         return (before.segment[0] == LANDING) & (resets | fired[0])
 
@@ -178,23 +180,23 @@ class MultileggedReduced(Multilegged):
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
     def failed(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
-        """Never: masses come down to their legs' tips at most. Legs without length (a >= L) walk on, as in
-        the full model: no equation knows of them."""
+        """Never: a mass cannot be below the tip of its leg. Legs of zero length (a >= L) are not excluded, as
+        in the full model, since no equation depends on that."""
         return jnp.asarray(False)
 
 
-# Steps of a cycle for each spring; with fewer, crossings are seen later and later.
+# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
 STEPS_A_LEG = 6.25
 
 
 @dataclasses.dataclass(frozen=True)
 class NextEventSteps(FixedStepDynamics):
-    """Steps that end at the next event at the latest; the rest of a step is made up for by later ones.
+    """Steps that end at the next event at the latest; later steps catch up with the time.
 
-    While a leg lands its balance rises, and is concave: the secant of its momentary rate never overshoots
-    the touchdown and reaches it in a few steps, without a search. Results do not depend on dt; only the times
-    of crossings do, which are late by `late` and right to a step while steps are shorter than a sixteenth of
-    a cycle over N.
+    The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
+    touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
+    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
+    divided by N.
     """
 
     model: MultileggedReduced
@@ -224,11 +226,11 @@ class NextEventSteps(FixedStepDynamics):
         return after_events(moved, corner, due, lifts)
 
     def longest_step(self, params: Params) -> jax.Array:
-        """A sixth of the time between two legs' touchdowns, so that `late` is soon made up for."""
+        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
         return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
 
     def events(self, params: Params, before: State, after: State) -> jax.Array:
-        """Whether leg 1 ended its cycle, which the step has worked in already."""
+        """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
         return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
