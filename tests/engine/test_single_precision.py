@@ -55,7 +55,7 @@ def test_a_loop_is_refused() -> None:
     def looped(x: jax.Array) -> jax.Array:
         return jax.lax.while_loop(lambda y: y < 3.0, lambda y: y + 1.0, x)
 
-    with pytest.raises(ValueError, match="while cannot be worked out in float32"):
+    with pytest.raises(ValueError, match="while cannot be evaluated in float32"):
         worked_in("float32", looped)(jnp.asarray(1.0))
 
 

@@ -302,8 +302,8 @@ class Multilegged(HybridModel):
         following = jnp.where(s.segment == LANDING, STANCE, s.segment + 1)
         segment = jnp.where(corner, following, s.segment)
         wraps = corner & (s.segment == LANDING)
-        kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6): the landing segment includes its
-        lower end return corner, segment, wraps, kicked
+        kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6), from the segment's beginning on
+        return corner, segment, wraps, kicked
 
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
         psi = wrapped(state.phi[1:] - state.phi[:-1])  # eq. (7)

@@ -87,7 +87,7 @@ def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Arr
 
 @dataclasses.dataclass(frozen=True)
 class MultileggedReduced(Multilegged):
-    """The reduced chain of N + 1 legs; its parameters, initial conditions, observables and gaits are the model's."""
+    """The reduced chain of N + 1 legs, with the parameters, observables and gaits of the full model."""
 
     name: ClassVar[str] = "multilegged_reduced"
     linear: ClassVar[bool] = True
@@ -152,7 +152,7 @@ class MultileggedReduced(Multilegged):
         return rate[None], jnp.ones((1,), rate.dtype)
 
     def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
-        """Each leg's phase relative to the end of its segment, then its touchdown, or its lift-off if held."""
+        """Each leg's phase relative to the end of its segment, then its touchdown, or lift-off if held."""
         p, s = params, state
         length, _ = self._leg(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
