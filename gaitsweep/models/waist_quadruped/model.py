@@ -1,15 +1,14 @@
 """Quadruped with a passive waist joint (Aoi, Yamashita and Tsuchiya 2011).
 
-Two rigid bodies joined by a sprung roll joint, four limbs of two links. Each limb has a phase oscillator that
-draws its foot along a path; left and right oscillators are held half a turn apart, fore and hind ones do not
-speak to each other. A foot that lands resets its limb's phase, and the gait, the phase difference between
-fore and hind limbs, follows from the mechanics alone. Limbs: 1 right fore, 2 left fore, 3 right hind, 4 left
-hind.
+Two rigid bodies joined by a roll joint with a spring, and four limbs of two links. Each limb has a phase
+oscillator whose phase determines the desired position of its foot. Left and right oscillators are coupled in
+antiphase; fore and hind ones are not coupled. A landing resets the phase of its limb, and the gait, the phase
+difference between fore and hind limbs, results from the mechanics only. Limbs: 1 right fore, 2 left fore,
+3 right hind, 4 left hind.
 
-The model can be run in two ways. As an ODE with located events (`numerics.method: rk4`) for edges, slopes and
-Jacobians; in steps of semi-implicit Euler (`method: semi_implicit`) for scans, with the time of a landing
-interpolated inside its step. Its body is gaitsweep's own articulated tree, or MJX's (`body: mjx`), which has
-steps alone.
+There are two integration methods: an ODE with located events (`numerics.method: rk4`) for transition points
+and Jacobians, and semi-implicit Euler (`method: semi_implicit`) for scans, with landing times interpolated
+inside a step. The body is gaitsweep's articulated tree, or MJX's (`body: mjx`), which has fixed steps only.
 """
 
 from __future__ import annotations
@@ -59,7 +58,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     body: str = dataclasses.field(
         default="tree",
-        metadata={"meaning": "who moves it: gaitsweep's own dynamics, or MJX in steps", "allowed": BODIES},
+        metadata={
+            "meaning": "rigid-body dynamics: gaitsweep's own, or MJX with fixed steps",
+            "allowed": BODIES,
+        },
     )
 
     name: ClassVar[str] = "waist_quadruped"
@@ -124,7 +126,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         )
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
-        """Standing, all feet on the ground below their hips, limb 3 about to leave the AEP."""
+        """Standing, all feet on the ground below their hips, limb 3 at its AEP."""
         p, wanted = params, start["delta_13"]
         zero = jnp.zeros_like(p.omega)
         phi_3 = p.phi_AEP
@@ -136,7 +138,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
         angles = self._angles(p, x, z)
         q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
-        # pressed in by the body's weight
+        # compression of the ground by the body's weight
         weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
         q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))
         at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
@@ -164,7 +166,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         )
 
     def _angles(self, p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
-        """The joints of q beyond the root that put the feet at (x, z) from their hips, the waist straight."""
+        """The joint angles (9,) at which the feet are at (x, z) from their hips and the waist is straight."""
         found = [jnp.zeros_like(p.omega)] * 9
         for i in LIMBS:
             hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
@@ -202,7 +204,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return SemiImplicit(self._mover)
 
     def guards(self, params: Params, state: State) -> jax.Array:
-        """Each limb's phase against its segment's end, each foot's contact, the start's two ends: (10,)."""
+        """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
         foot = jnp.where(s.contact, height - RELEASE, -height)
@@ -216,7 +218,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     def guard_names(self) -> tuple[str, ...]:
         ends = (f"phase of limb {i} reaches the end of its segment" for i in range(1, 5))
         feet = (f"foot {i} touches or lifts" for i in range(1, 5))
-        return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is let go (T_hold)")
+        return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is released (T_hold)")
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
         p, s = params, state
@@ -229,7 +231,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return after_events(p, s, now, wanted_at, 0.0)
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Limb 3 lands."""
+        """Whether limb 3 lands."""
         return transitions(before, fired[:4], fired[4:8]).lands[2]
 
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
@@ -255,7 +257,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         }
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """The gait whose middle is nearest among those within whose width delta_13 is."""
+        """The gait with the nearest centre, among the gaits within whose width delta_13 is."""
         p, delta = params, observations["delta_13"]
         centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
         widths = jnp.stack([p.walk_width, p.trot_width, p.pace_width])
@@ -265,7 +267,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return {"gait": gait}
 
     def failed(self, params: Params, state: State) -> jax.Array:
-        """The body is down, or has tilted or twisted over."""
+        """Whether the body is too low, tilted or twisted."""
         return fallen(state.q, params.H)
 
     def period(self, params: Params) -> jax.Array:
