@@ -211,7 +211,7 @@ def followed(
 
 
 def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle:
-    """What LF's cycle gives where it has ended; `share` is its weight in the averages."""
+    """The measurements of LF's cycle at its end; `share` is its weight in the averages."""
     lasted = jnp.where(c.closed, c.period[LF], 1.0)
     ended = dataclasses.replace(
         c,
