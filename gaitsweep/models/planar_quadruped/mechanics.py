@@ -96,7 +96,7 @@ class PlanarMechanics:
         return dataclasses.replace(of_page, **stacked, damping=damping, armature=dt * damping)
 
     def _lower(self) -> tuple[Scalar, Scalar, Scalar]:
-        """A lower leg with its foot: mass (kg), centre of mass above the sole (m), inertia about it (kg m2)."""
+        """A lower leg with its foot: mass (kg), centre of mass above the sole (m), inertia there (kg m2)."""
         shin, foot = self.lower_mass, self.foot_mass
         mass = shin + foot
         apart = 0.5 * self.lower_length
