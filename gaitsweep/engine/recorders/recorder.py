@@ -20,20 +20,20 @@ import numpy as np
 from gaitsweep.contract import HybridModel, Model, Params, State, Status
 from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
 
-# Attempts between two polls at a trajectory. It is part of the results (a failed row's end time is a
-# multiple of it in attempts), so it is a constant and not a matter of tuning.
+# Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
+# it is a constant and not a tuning parameter.
 POLL_INTERVAL = 64
-# Rows or samples of a trajectory that wait on the device for the host.
+# Records of a trajectory that can wait on the device for the host.
 BUFFER = 32
-# A continuous state variable beyond this has diverged.
+# Absolute value beyond which a continuous state variable has diverged.
 DIVERGED = 1.0e9
-# Cycles of grace in a row's limit on time.
+# Additional cycles in the time limit of a row.
 SPARE_CYCLES = 10
-# Attempts for each nominal step of a row's allowed time, beyond which it is given up.
+# Attempts for each longest step in the allowed time of a row, beyond which it ends.
 ATTEMPTS_PER_STEP = 8.0
-# Guards in one number of `Record.fired`: a slot of a kernel is a float64, which holds 53 bits.
+# Guards in one number of `Record.fired`: a slot of a kernel is a float64 with 53 bits.
 GUARDS_A_WORD = 32
-# What of a record stays on the device.
+# Fields of a record that stay on the device.
 UNSEEN = ("window", "moves")
 
 
@@ -55,13 +55,13 @@ UNSEEN = ("window", "moves")
 )
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """What is known of a row so far.
+    """The progress and the results of a row.
 
-    `status` a `Status`; `cycles` crossings so far, the start being number 0; `last` the
-    observables (n,) at the last crossing; `window` those of the last crossings (w, n); `moves` how far apart
-    crossings were lately, as a kind of run needs it; `filled` rows that wait in the trajectory's buffer for
-    the host, at most `BUFFER`; `samples` rows kept so far; `period` of the attractor in crossings, 0 while it
-    is not known; `slowest` the observable (its number, else -1) that kept the row from settling; `fired` the
+    `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
+    at the last crossing; `window` (w, n) those at the last w crossings; `moves` recent distances of
+    crossings, for some recorders; `filled` the records in the buffer that wait for the host, at most
+    `BUFFER`; `samples` the records kept so far; `period` the period of the attractor in crossings, 0 if
+    unknown; `slowest` the number of the observable that kept the row from settling, else -1; `fired` the
     guards whose jumps stalled the row, a bit each.
     """
 
@@ -78,10 +78,10 @@ class Record:
 
 
 class Recorder(abc.ABC):
-    """What all kinds of runs share: health, the count of cycles, emptying of buffers."""
+    """The base class of recorders: tests of failure, the count of crossings, buffers."""
 
     model: Model
-    labelled: ClassVar[bool] = False  # whether rows end where their gait can be read
+    labelled: ClassVar[bool] = False  # whether the gait can be read at the end of a row
 
     @property
     def window(self) -> int:
@@ -89,7 +89,7 @@ class Recorder(abc.ABC):
 
     @property
     def width(self) -> int:
-        """Numbers in a buffered row; 0 where the kind keeps none."""
+        """Numbers in a record; 0 if no records are kept."""
         return 0
 
     @abc.abstractmethod
@@ -100,11 +100,11 @@ class Recorder(abc.ABC):
     def take(
         self, params: Params, carry: Carry, record: Record
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """Take what the halted or running trajectory has to give.
+        """Record the halted or running trajectory.
 
         Returns:
-            Carry and record after it, a row (width,) of numbers, and whether that row is to be kept; the
-            record counts it already (`counted`), and there is room for it in the buffer.
+            Carry and record after it, a row (width,) of numbers, and whether to keep that row; the record
+            counts it already (`counted`), and the buffer has room for it.
         """
 
     def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
@@ -115,7 +115,7 @@ class Recorder(abc.ABC):
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
     def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
-        """The record of a trajectory at its start, which is crossing 0, a row, and whether to keep it."""
+        """The record of a trajectory at its start (crossing 0), its first row, and whether to keep it."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
         record = Record(
@@ -134,15 +134,15 @@ class Recorder(abc.ABC):
 
     @abc.abstractmethod
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        """How much of its way each running row has behind it, 0 to 1, for the progress bar.
+        """The progress of each running row, 0 to 1, for the progress bar.
 
-        `typical_cycles` is the mean over the rows that have ended, 0 where none has.
+        `typical_cycles` is the mean number of cycles of the ended rows, 0 if there are none.
         """
 
     def poll(
         self, params: Params, carry: Carry, record: Record, dt: jax.Array | float
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """Health first, then what this kind of run takes; an ended row stays as it is."""
+        """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         taken_carry, taken, row, keep = self.take(params, carry, record)
         ill = self._illness(params, carry, dt)
@@ -156,7 +156,7 @@ class Recorder(abc.ABC):
 
     def _illness(self, params: Params, carry: Carry, dt: jax.Array | float) -> jax.Array:
         moving = carry.state
-        if isinstance(self.model, HybridModel):  # modes may hold what they like, infinity too
+        if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
@@ -169,13 +169,13 @@ class Recorder(abc.ABC):
 
 
 def counted(record: Record, keep: jax.Array) -> Record:
-    """`record` with one more row in its buffer where `keep`."""
+    """The record with one more row in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
 
 
 def _packed(fired: jax.Array) -> jax.Array:
-    """Which guards (n,) fired, in whole numbers of `GUARDS_A_WORD` bits; none where there are no guards."""
+    """The guards (n,) that fired, as integers of `GUARDS_A_WORD` bits; (0,) without guards."""
     bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
     words = [
         jnp.sum(jnp.where(fired[i : i + GUARDS_A_WORD], bits[i : i + GUARDS_A_WORD], 0))
@@ -185,6 +185,6 @@ def _packed(fired: jax.Array) -> jax.Array:
 
 
 def unpacked(words: np.ndarray) -> np.ndarray:
-    """Which guards fired (rows, guards) from `Record.fired` (rows, words), those past the last one False."""
+    """The guards that fired (rows, guards), from `Record.fired` (rows, words); padded with False."""
     bits = np.arange(GUARDS_A_WORD)
     return ((words[:, :, None].astype(np.int64) >> bits) & 1).astype(bool).reshape(len(words), -1)
