@@ -1,4 +1,4 @@
-"""The theory's numbers for a chain: `python -m gaitsweep.models.multilegged.theory --N 9 --m_1 0.85`."""
+"""The theory's results for a chain: `python -m gaitsweep.models.multilegged.theory --N 9 --m_1 0.85`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gaitsweep.models.multilegged.theory.stability import characteristic_polynom
 
 
 def main() -> None:
-    """Print the solutions of a chain: numbers of the whole line, then a row for each set."""
+    """Print the solutions of a chain: quantities of the whole line, then a row for each set."""
     parser = argparse.ArgumentParser(
         prog="python -m gaitsweep.models.multilegged.theory", description=__doc__
     )
@@ -44,7 +44,7 @@ def main() -> None:
     print("\nset          free phase      order of touchdowns in its middle; T_1, T_2; jumps; error of (22)")
     for branch in branches(N):
         rule = rule_of(N, branch, chain)
-        # not the middle itself, where two legs of set A touch at once
+        # not the middle itself, where two legs of set A touch down together
         s = float(rule.low + 0.45 * (rule.high - rule.low))
         order = " ".join(map(str, touchdown_order(N, branch, s, chain)))
         early = ", ".join(str(sorted(legs)) for legs in order_sets(N, branch, s, chain))
