@@ -9,11 +9,11 @@ import numpy as np
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.lanes import kernel_of
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.models.multilegged.model import Multilegged
 
@@ -62,7 +62,7 @@ def measure(
     """
     chosen = local_devices(devices)
     model, numerics = Multilegged(), Numerics(dt=dt or STEPS[method], method=method)
-    recorder = Crossings(model, crossings=crossings)
+    recorder = CrossingRecorder(model, crossings=crossings)
     name = f"gaitsweep, {engine}, {method}, dt {1e3 * numerics.dt:g} ms"
     try:
         choose(engine, chosen[0], model, recorder, numerics, None)
@@ -73,7 +73,7 @@ def measure(
 
     def run(rows: int) -> tuple[Timings, BlockResult]:
         given: list[BlockResult] = []
-        work = Work(
+        work = SweepSpec(
             model=model,
             recorder=recorder,
             numerics=numerics,
@@ -126,7 +126,7 @@ def operations(method: str) -> int:
     model = Multilegged()
     numerics = Numerics(dt=STEPS[method], method=method)
     local_devices()  # sets float64 on
-    chunk = kernel_of(model, Crossings(model, crossings=1), numerics, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=1), numerics, None).chunk
     program = chunk.program
     return sum(
         not program.steady[at] and program.nodes[at].op not in ("input", "constant")

@@ -9,10 +9,10 @@ import numpy as np
 
 from gaitsweep.contract import HybridModel, SteppedModel
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
 
@@ -56,14 +56,17 @@ def sweep_rate(
     def run(n: int) -> Timings:
         varied, starts = rows_of(n)
         params: dict[str, np.ndarray] = dict(varied)
-        for quantity in (*model.parameters, *model.starts):
+        for quantity in (*model.parameters, *model.initial_conditions):
             if quantity.name not in {**params, **starts} and quantity in model.parameters:
                 found = evaluate(quantity.default, params)  # type: ignore[arg-type]
                 params[quantity.name] = np.broadcast_to(np.asarray(found, float), (n,))
-        begin = {q.name: np.asarray(starts.get(q.name, np.full(n, q.default)), float) for q in model.starts}
-        work = Work(
-            model=model, recorder=Crossings(model, crossings=cycles), numerics=numerics, n_rows=n, block=n,
-            lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,
+        begin = {
+            q.name: np.asarray(starts.get(q.name, np.full(n, q.default)), float)
+            for q in model.initial_conditions
+        }
+        work = SweepSpec(
+            model=model, recorder=CrossingRecorder(model, crossings=cycles), numerics=numerics, n_rows=n,
+            block=n, lanes=lanes, devices=devices, values=lambda a, b: (params, begin), engine=engine,
         )  # fmt: skip
         return sweep(work, [0], lambda _, block: simulated.append(float(np.sum(block.t_end))))
 

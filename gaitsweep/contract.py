@@ -1,7 +1,7 @@
-"""What a model gives to the engine, and the result codes that the engine gives back.
+"""The abstract model that the engine runs, and the result codes of a row.
 
-A model is a set of pure JAX functions of *one* trajectory; batching is the engine's business alone.
-This module imports nothing of gaitsweep, so that a user's model needs nothing but JAX and this file
+A model is a set of pure JAX functions of *one* trajectory; the engine does the batching.
+This module imports nothing of gaitsweep, so a user's model needs only JAX and this file
 (and `gaitsweep/skeleton.py`, if it is to be drawn).
 """
 
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from gaitsweep.skeleton import Skeleton
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
-State = Any  # a frozen dataclass pytree: what changes along a trajectory, modes included
+State = Any  # a frozen dataclass pytree: the continuous variables and the discrete modes of a trajectory
 Rates = dict[str, jax.Array]  # time derivative of each continuous field of a State, by field name
 
 
 class Verdict(enum.Enum):
-    """What a status says of a row: that its result holds, that nothing was decided, or that it failed."""
+    """The class of a status: the row is complete, undecided, or failed."""
 
-    sound = "sound"  # the row came to what the run asked for
-    undecided = "undecided"  # a limit ended it: with a larger one it could still come to anything
-    failed = "failed"  # the body fell, or the numbers did: there is no gait at its end
+    sound = "sound"  # the row reached the end that its run asked for
+    undecided = "undecided"  # a limit ended the row: with a larger limit its result is still open
+    failed = "failed"  # the body fell or the integration failed: the row has no final gait
 
 
 class Status(enum.IntEnum):
-    """How a row ended, with a sentence each and its verdict; every row of a table has exactly one.
+    """The result code of a row, with its sentence and its verdict.
 
-    The numbers are stored in tables: those that are here stay as they are, and new ones come at the end.
+    Tables store the numbers: existing numbers must not change, and new ones are added at the end.
     """
 
     running = 0, "The row has not ended yet.", Verdict.undecided
@@ -71,16 +71,16 @@ class Status(enum.IntEnum):
 
     @classmethod
     def of(cls, *verdicts: Verdict) -> frozenset[str]:
-        """The names of the statuses with one of these verdicts, as the column `status` has them."""
+        """The names of all statuses with one of these verdicts, as written in the column `status`."""
         return frozenset(status.name for status in cls if status.verdict in verdicts)
 
 
 @dataclasses.dataclass(frozen=True)
 class Recommended:
-    """The numerics that a model recommends for itself; how long a step may be depends on a row's parameters.
+    """The integration method and tolerances that a model recommends; steps follow from a row's parameters.
 
-    `method` as `numerics.method` of a job names it; `rtol`, `atol` the relative and the absolute tolerance of
-    a step's error, read by methods with step control.
+    `method` is a value of `numerics.method` in a job; `rtol` and `atol` are the relative and absolute
+    tolerances on the local error, read by methods with step control.
     """
 
     method: str
@@ -90,14 +90,14 @@ class Recommended:
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """A parameter, a start value, an observable or a signal: its name, unit and meaning.
+    """Name, unit and meaning of a parameter, an initial condition, an observable, a label field or a signal.
 
-    `default` is a number, or an expression over parameters ("2*sqrt(kappa)"), or None where a value must
-    be given. `low` and `high` are what a job may set, the ends excluded where `open_ends` says so.
+    `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must
+    be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds.
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
-    `scale` (in `unit`, above 0) is the size in which changes of an observable count when a run settles; where
-    it is None, the observable's own magnitude over the last crossings counts. An observable that tends to 0
-    needs one: it has no magnitude of its own there. Angles marked circular count in rad.
+    `scale` (in `unit`, above 0) is the reference magnitude of an observable in the test of convergence of a
+    run of kind settle. None: its magnitude over the last crossings. An observable that tends to 0 needs a
+    scale, since its magnitude vanishes. Circular angles are compared in rad.
     """
 
     name: str
@@ -113,168 +113,198 @@ class Quantity:
     scale: float | None = None
 
 
-class Chart(abc.ABC):
-    """Coordinates of a model's section: few numbers that say where on it a state is, its modes apart.
+# Members that were renamed, of a `Model` and of a `Chart`: old name, new name.
+RENAMED = {"starts": "initial_conditions", "traits": "label_fields"}
+RENAMED_OF_CHARTS = {"kept": "conserved_values"}
 
-    Directions along which the model is the same everywhere (where it stands, which way it heads) are left
-    out, so that a steady gait is a fixed point; so are numbers that the section itself fixes.
+
+def _refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
+    for old, new in renamed.items():
+        # a field of the structure may have any name
+        if old in vars(cls) and old not in vars(cls).get("__annotations__", {}):
+            raise TypeError(f"{cls.__name__} defines {old}, which is now called {new}: rename it")
+
+
+class Chart(abc.ABC):
+    """Coordinates on a model's Poincare section; the discrete modes are not among them.
+
+    Symmetry directions (position, heading) are left out, so that a steady gait is a fixed point. Variables
+    that the section itself fixes are left out as well.
+
+    Raises:
+        TypeError: a subclass defines a member by its old name (`RENAMED_OF_CHARTS`).
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        _refuse_old_names(cls, RENAMED_OF_CHARTS)
 
     @property
     @abc.abstractmethod
     def coordinates(self) -> tuple[Quantity, ...]:
-        """What each coordinate is, in their order; angles marked circular."""
+        """The coordinates, in order; angles are marked circular."""
 
     @property
     def conserved(self) -> tuple[Quantity, ...]:
-        """What a cycle leaves as it is: there fixed points are not alone, and a condition picks one."""
+        """Conserved quantities of the return map: fixed points form families, and a condition selects one."""
         return ()
 
     @abc.abstractmethod
     def read(self, params: Params, state: State) -> jax.Array:
-        """The coordinates (n,) of a state just after a crossing's jump."""
+        """The coordinates (n,) of a state just after the jump of a crossing."""
 
     @abc.abstractmethod
-    def place(self, params: Params, at: jax.Array, like: State) -> State:
-        """The state on the section with the coordinates `at` (n,) and the modes of `like`, which is near."""
+    def place(self, params: Params, at: jax.Array, modes: State) -> State:
+        """The state on the section with coordinates `at` (n,) and the modes of the nearby state `modes`."""
 
     def holds(self, params: Params, state: State) -> jax.Array:
-        """Whether a state just after a crossing is one that `place` can give."""
+        """Whether the chart covers a state just after a crossing, so that `place` can return it."""
         return jnp.ones((), bool)
 
-    def kept(self, params: Params, at: jax.Array) -> jax.Array:
-        """The `conserved` quantities at these coordinates."""
+    def conserved_values(self, params: Params, at: jax.Array) -> jax.Array:
+        """The values (k,) of the `conserved` quantities at the coordinates `at` (n,)."""
         return jnp.zeros((0,))
 
 
 class Model(abc.ABC):
-    """What every model gives; a concrete model is a frozen dataclass whose fields are its structure.
+    """The properties and functions of every model; a concrete model is a frozen dataclass.
 
-    The structure (number of legs, kind of body) shapes the arrays and cannot vary inside a job. It has to
-    be hashable, since compiled programs are kept by model.
+    Its fields are its structure (number of legs, kind of body): they shape the arrays and cannot vary inside
+    a job. They have to be hashable, since compiled programs are cached by model.
     Derive from `HybridModel` or from `SteppedModel`, not from this class.
+
+    Raises:
+        TypeError: a subclass defines a member by its old name (`RENAMED`).
     """
 
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
-    gaits: ClassVar[tuple[str, ...]]  # what `label` indexes; "none" stands for what is no gait of these
+    gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        _refuse_old_names(cls, RENAMED)
 
     @property
     def precisions(self) -> tuple[str, ...]:
-        """Those in which it is known to hold: float64, float32, mixed (see `Steps.step`)."""
+        """The supported precisions: float64, float32, mixed (see `FixedStepDynamics.step`)."""
         return ("float64",)
 
     @property
     @abc.abstractmethod
     def parameters(self) -> tuple[Quantity, ...]:
-        """All parameters, in the order in which they are shown."""
+        """All parameters, in display order."""
 
     @property
     @abc.abstractmethod
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         """The initial conditions that a job may set."""
 
     @property
     @abc.abstractmethod
     def observables(self) -> tuple[Quantity, ...]:
-        """What is read at each crossing of the Poincare section."""
+        """The observables, read at each crossing of the Poincare section."""
 
     @property
     @abc.abstractmethod
     def signals(self) -> tuple[Quantity, ...]:
-        """What a trace records."""
+        """The signals that a trace records."""
 
     @property
-    def traits(self) -> tuple[Quantity, ...]:
-        """Columns that `label` gives beside `gait`."""
+    def label_fields(self) -> tuple[Quantity, ...]:
+        """The fields that `label` returns beside `gait`."""
         return ()
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
-        """The parameters that `on_host` reads: they differ between rows, but cannot move while a row runs."""
+        """Names of the parameters that `on_host` reads: they vary between rows, not along a trajectory."""
         return ()
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """The parameters (n,) of n rows by name, and arrays (n, ...) of floats made of them, for `params`.
+        """The parameters (n,) of n rows by name, and derived arrays (n, ...) of floats, passed to `params`.
 
-        Called once for each block of rows, before they go to a device. For what cannot be worked out there:
-        constants that a simulator's compiler makes of masses and lengths. All blocks get the same names.
+        Called once for each block of rows on the host, for quantities that cannot be computed on the device:
+        constants that a simulator's compiler derives from masses and lengths. The names returned must be the
+        same for all blocks.
         """
         return dict(values)
 
     @abc.abstractmethod
     def params(self, values: Mapping[str, jax.Array]) -> Params:
-        """The frozen pytree of parameters from one scalar for each name in `parameters` (see `on_host`)."""
+        """The frozen pytree of parameters, from one scalar for each name in `parameters` (see `on_host`)."""
 
     @abc.abstractmethod
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
-        """The state at t = 0, which is crossing 0 of the section, from one scalar for each start."""
+        """The state at t = 0 (crossing 0), from one scalar for each name in `initial_conditions`."""
 
     @abc.abstractmethod
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
-        """The section's observables, read just after the jump that closes a cycle."""
+        """The observables by name, of the state just after the jump that closes a cycle."""
 
     @abc.abstractmethod
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """True where the events `fired` close a cycle; `before` is the state before their jump."""
+        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
 
     @abc.abstractmethod
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
-        """The signals of a trace at this state."""
+        """The signals by name, at a state."""
 
     @abc.abstractmethod
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`gait` (an index into `gaits`) and the `traits`, from the observables where a row ended."""
+        """`gait` (an index into `gaits`) and the `label_fields`, from the last crossing's observables."""
 
     @abc.abstractmethod
     def failed(self, params: Params, state: State) -> jax.Array:
-        """True where the body has fallen; asked every 64 attempts (after each of adaptive steps), so a fall
-        is what lasts."""
+        """Whether the body has fallen.
+
+        It is evaluated every 64 attempts (after every adaptive step), so the condition has to persist after
+        a fall.
+        """
 
     @abc.abstractmethod
     def period(self, params: Params) -> jax.Array:
-        """A cycle's nominal duration in s; the engine's limits on time are multiples of it."""
+        """The nominal period of a cycle (s); the engine's time limits are multiples of it."""
 
     @property
     @abc.abstractmethod
     def recommended(self) -> Recommended:
-        """The numerics of a job that says nothing of them."""
+        """The default numerics of a job."""
 
     def free_after(self, params: Params) -> jax.Array:
-        """The time (s) before which something still holds the gait, so that no row can settle."""
+        """The time (s) until which the gait is externally constrained; no row settles before it."""
         return 0.0 * self.period(params)
 
     def chart(self) -> Chart | None:
-        """Coordinates of the section; where there are none, all numbers of a state serve."""
+        """Coordinates of the section; None: the return map uses all float variables of the state."""
         return None
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
-        """How the body is drawn with these parameters and signals (n,) of a trace; None where it is not."""
+        """The drawing of the body, from parameters and signals (n,) of a trace; None: it cannot be drawn."""
         return None
 
     def mjcf(self, values: Mapping[str, float]) -> str | None:
-        """An MJCF of the body whose qpos are the signals q_0, q_1, ..., its feet the sites foot_1, ..."""
+        """An MJCF of the body: its qpos are the signals q_0, q_1, ..., its feet the sites foot_1, ..."""
         return None
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
-        """The state after the events `fired` (a bool for each guard or event); it alone changes modes."""
+        """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
 
 
-class Steps(abc.ABC):
-    """What advances a trajectory in steps of fixed length, whose events happen at a step's end."""
+class FixedStepDynamics(abc.ABC):
+    """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
     @abc.abstractmethod
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
-        """The state one step of `dt` (s) later; modes are left to `jump`, where that has anything to do.
+        """The state one step of `dt` (s) later; modes are left to `jump`.
 
-        `dt` is float32 where `numerics.precision` is mixed: forces may then be worked out in float32, the
+        With `numerics.precision: mixed`, `dt` is float32: forces may then be computed in float32, while the
         state stays float64.
         """
 
     @abc.abstractmethod
     def events(self, params: Params, before: State, after: State) -> jax.Array:
-        """A bool for each event that this step brought about."""
+        """A bool for each event: whether it happened during the step."""
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
@@ -282,15 +312,15 @@ class Steps(abc.ABC):
 
     @abc.abstractmethod
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """True where the events `fired` close a cycle."""
+        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
 
     def longest_step(self, params: Params) -> jax.Array | None:
-        """The longest step (s) that is right with these parameters; None: a job has to say `numerics.dt`."""
+        """The longest accurate step (s) with these parameters; None: a job has to set `numerics.dt`."""
         return None
 
 
-class SteppedModel(Model, Steps):
-    """A model advanced by a simulator's own step."""
+class SteppedModel(Model, FixedStepDynamics):
+    """A model that a simulator's own step advances."""
 
     @property
     def recommended(self) -> Recommended:
@@ -298,36 +328,36 @@ class SteppedModel(Model, Steps):
 
 
 class HybridModel(Model):
-    """A model whose state flows by an ODE between located events.
+    """A hybrid system: an ODE between events that are located in time.
 
     `flow` and `guards` only read the discrete modes in the state (contacts, leg segments): a `flow` that
-    recomputes a contact inside a step ruins the location of events and the order of convergence.
+    recomputes a contact inside a step breaks event location and the order of convergence.
     """
 
-    linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields, modes held
+    linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields at fixed modes
 
     @property
     def recommended(self) -> Recommended:
-        """By default the adaptive pair, whose steps follow from its tolerances: right for every flow."""
+        """The adaptive method tsit5, whose steps follow from its tolerances, so it suits every flow."""
         return Recommended("tsit5")
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array] | None:
         """Rates (n,) in 1/s and damping ratios (n,) of the fastest motions, over all discrete modes.
 
-        Methods of fixed order take steps in proportion to 1 / rate (a job's `numerics.dt` is compared with
-        them). Of a linear flow no eigenvalue of its matrix, in any discrete mode, may be larger than the
-        largest rate. A damping ratio of 1 and more means a motion that does not oscillate. None where the
-        rates are not known: methods of fixed order then need `numerics.dt`.
+        Methods with fixed steps take steps proportional to 1 / rate (a job's `numerics.dt` is compared with
+        them). For a linear flow, the largest rate bounds the absolute eigenvalues of its matrix in every
+        discrete mode. A damping ratio of 1 or more means a motion that does not oscillate. None where the
+        rates are unknown: methods with fixed steps then need `numerics.dt`.
         """
         return None
 
     @property
     def located(self) -> bool:
-        """Whether events can be located; if not, `flow` only names what moves, and `in_steps` moves it."""
+        """Whether events can be located; if not, `flow` only names the moving fields; `in_steps` is used."""
         return True
 
-    def in_steps(self) -> Steps | None:
-        """The same model in steps of fixed length, for `numerics.method: semi_implicit`, if it has them."""
+    def in_steps(self) -> FixedStepDynamics | None:
+        """The model's own fixed-step scheme, for `numerics.method: semi_implicit`; None: it has none."""
         return None
 
     @abc.abstractmethod
@@ -336,18 +366,19 @@ class HybridModel(Model):
 
     @abc.abstractmethod
     def guards(self, params: Params, state: State) -> jax.Array:
-        """One number for each possible event: negative while armed, firing where it becomes >= 0.
+        """The guard function (n,) of each event: negative while armed; the event fires where it becomes >= 0.
 
-        Finite, and continuous as long as the modes stay. A guard that is still >= 0 after its own jump fires
-        again at once, so a jump changes a mode that turns the guard's sign (a contact flag), or the guard
-        counts on the way up (`-height - c * max(speed, 0)` for a ball that bounces).
-        A flow without events gives `jnp.zeros((0,))`; its section is then never crossed.
+        Guards are finite, and continuous while the modes are constant. A guard that is still >= 0 after its
+        own jump fires again at once. So a jump changes a mode that reverses the guard's sign (a contact
+        flag), or the guard includes the velocity (`-height - c * max(speed, 0)` for a bouncing ball).
+        A flow without events returns `jnp.zeros((0,))`; its section is then never crossed.
         """
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        """What happens where each guard fires, in the order of `guards`: "foot 2 lands".
+        """Names of the events, in the order of `guards`: "foot 2 lands".
 
-        A row that ends as `event_stall` is told by these names; guards without one are guard 1, guard 2, ...
+        The column `stalled_by` of a row that ends as `event_stall` has these names; without them they are
+        guard 1, guard 2, ...
         """
         return ()

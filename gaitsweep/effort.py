@@ -1,4 +1,4 @@
-"""What reading one job may cost: searches and evaluations are counted, so that no file takes long."""
+"""A budget for reading one job: searches and evaluations are counted, so that every file is read quickly."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Literal
 
 Kind = Literal["near misses", "expressions"]
 
-# A near miss takes about 1 ms, an expression .1 ms.
+# A near miss takes about 1 ms, an expression 0.1 ms.
 MOST: dict[Kind, int] = {"near misses": 200, "expressions": 5_000}
 _LEFT: ContextVar[dict[Kind, int] | None] = ContextVar("_LEFT", default=None)
 
 
 class Effort:
-    """How much more of each kind a job that is being read may ask for; nothing is limited elsewhere."""
+    """The remaining budget of the job that is being read, by kind; without one there is no limit."""
 
     @staticmethod
     @contextlib.contextmanager
     def limited() -> Iterator[None]:
-        """The time in which one job is read; one inside another counts for the outer one."""
+        """A context in which one job is read; a nested context uses the budget of the outer one."""
         if _LEFT.get() is not None:
             yield
             return
@@ -32,7 +32,7 @@ class Effort:
 
     @staticmethod
     def spend(kind: Kind) -> bool:
-        """Take one of a kind; False where none is left."""
+        """Spend one unit of a kind; False if none is left."""
         left = _LEFT.get()
         if left is None:
             return True

@@ -1,31 +1,31 @@
-"""What errors that a user can mend have in common: a sentence, which is all that is shown, and a code."""
+"""Errors that a user can correct: a sentence, which is shown without a traceback, and an exit code."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-REFUSED = 2  # what the user asked for cannot be done
-FAILED = 1  # it could be done, but something failed on the way: a full disk
+REFUSED = 2  # the request is invalid
+FAILED = 1  # the request is valid, but its execution failed, for example by a full disk
 
 
 class UserError(Exception):
-    """Something the user asked for cannot be done; the message says what, and what is allowed.
+    """A request of the user cannot be executed; the message says why, and what is allowed.
 
-    Every error that a user can cause is one: the command line shows its `sentence` and ends with its
-    `exit_code`; whatever else is raised is a fault of the program.
+    All errors that a user can cause derive from it: the command line shows the `sentence` and ends with the
+    `exit_code`. Any other exception is a bug.
     """
 
     exit_code: ClassVar[int] = REFUSED
 
     @property
     def sentence(self) -> str:
-        """The message as a sentence of its own."""
+        """The message as a complete sentence."""
         return str(self)
 
     def _render_traceback_(self) -> list[str]:
-        """What IPython shows in a notebook instead of the way through the package."""
+        """The lines that IPython shows in a notebook instead of a traceback."""
         return [f"{type(self).__name__}: {self}"]
 
 
 class ArgumentError(UserError, ValueError):
-    """An argument that a function does not take; the message is a sentence that says what it takes."""
+    """An invalid argument of a function; the message is a sentence that says what is allowed."""

@@ -1,4 +1,4 @@
-"""How a refusal names what is allowed: the nearest allowed word, and the list of them."""
+"""The end of an error message about an unknown name: the nearest allowed name, and the list of them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from collections.abc import Iterable
 from gaitsweep.effort import Effort
 
 _LONGEST_LIST = 40
-_LONGEST_WORD = 60  # letters: what is longer is no slip of the finger, and takes long to compare
-_MOST_COMPARED = 2000  # allowed words that are compared
+_LONGEST_WORD = 60  # letters: longer words are not typing errors, and are slow to compare
+_MOST_COMPARED = 2000  # number of allowed words that are compared
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
-    """The allowed word that looks most like `word`, or None where none looks like it; case does not count.
+    """The allowed word that is most similar to `word`, without regard to case, or None if none is similar.
 
-    None too where `word` is very long, or where a job has had near misses enough (`Effort`).
+    It is also None if `word` is very long, or if the job's budget of near misses is spent (`Effort`).
     """
     if len(word) > _LONGEST_WORD or not Effort.spend("near misses"):
         return None
@@ -29,7 +29,7 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
-    """The end of a refusal, "; did you mean kappa? Allowed: beta, kappa.", the near miss if there is one."""
+    """The end of an error message, "; did you mean kappa? Allowed: beta, kappa."."""
     names = list(allowed)
     near = nearest(word, names)
     question = f"; did you mean {near}?" if near is not None else "."
@@ -37,7 +37,7 @@ def suggestion(word: str, allowed: Iterable[str]) -> str:
 
 
 def allowing(names: Iterable[str]) -> str:
-    """The list of what is allowed as a sentence, cut where it grows past what anybody reads."""
+    """The list of allowed names as a sentence, shortened to `_LONGEST_LIST` names."""
     listed = list(names)
     if not listed:
         return "Nothing is allowed here."

@@ -38,7 +38,7 @@ class DoubleWell(SteppedModel):
         return (Quantity("lean", "m/s2", "error of a step, over dt^2", 0.0),)
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return (Quantity("x_0", "m", "where it starts", 0.5),)
 
     @property

@@ -46,7 +46,7 @@ class Neuron(HybridModel):
         )
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return (Quantity("v_0", "1", "potential at the start", 0.0),)
 
     @property

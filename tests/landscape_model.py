@@ -50,7 +50,7 @@ class Landscape(HybridModel):
         )
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(f"theta_{i}", "rad", "angle", circular=True) for i in (1, 2))
 
     @property
@@ -62,7 +62,7 @@ class Landscape(HybridModel):
         return self.observables
 
     @property
-    def traits(self) -> tuple[Quantity, ...]:
+    def label_fields(self) -> tuple[Quantity, ...]:
         return (
             Quantity("side", "1", "1 where it is near"),
             Quantity("away", "rad", "sine of it"),

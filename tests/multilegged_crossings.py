@@ -12,7 +12,7 @@ from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 
 FILE = Path(__file__).parent / "reference" / "multilegged_crossings.csv"
@@ -38,7 +38,7 @@ def simulated(params: dict, psi: np.ndarray, crossings: int, devices: int = 2):
     # a ground that cannot pull is not linear, and the recommended method takes it for its tangent
     numerics = Numerics(method="rk4") if params.get("clamp") else Numerics()
     options = {"params": params, "lanes": 32, "devices": devices, "numerics": numerics}
-    result = run_rows(model, Crossings(model, crossings=crossings), starts, **options)
+    result = run_rows(model, CrossingRecorder(model, crossings=crossings), starts, **options)
     assert np.all(result.status == Status.complete)
     samples = result.samples.reshape(len(psi), crossings + 1, -1)
     return samples[:, :, 1], samples[:, :, 2:-1], samples[:, :, -1]

@@ -47,7 +47,7 @@ class Map(SteppedModel):
         )
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return Quantity("x_0", "1", "first x", 0.3), Quantity("y_0", "1", "first y", 0.0)
 
     @property

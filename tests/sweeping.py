@@ -15,7 +15,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import evaluate
 
 
@@ -57,12 +57,12 @@ def run_rows(
     """Run one row for each element of the starts; the results of all blocks as one."""
     n = max(np.size(v) for v in starts.values())
     held = complete(model, params or {}, n)
-    defaults = {q.name: q.default for q in model.starts if q.default is not None}
+    defaults = {q.name: q.default for q in model.initial_conditions if q.default is not None}
     begin = {
         q.name: np.broadcast_to(np.asarray(starts.get(q.name, defaults.get(q.name)), np.float64), (n,))
-        for q in model.starts
+        for q in model.initial_conditions
     }
-    work = Work(
+    work = SweepSpec(
         model=model,
         recorder=recorder,
         numerics=numerics or Numerics(),

@@ -84,7 +84,7 @@ class Toy(HybridModel):
         )
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return tuple(
             Quantity(
                 f"launch_{i}", "m/s", f"launch speed of mass {i} from the floor", 1.0, low=0.0, open_ends=True
@@ -108,7 +108,7 @@ class Toy(HybridModel):
         )
 
     @property
-    def traits(self) -> tuple[Quantity, ...]:
+    def label_fields(self) -> tuple[Quantity, ...]:
         return (Quantity("apex", "m", "height that mass 1 reaches"),)
 
     def params(self, values: Mapping[str, jax.Array]) -> Params:

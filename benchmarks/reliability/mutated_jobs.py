@@ -283,7 +283,11 @@ def _rows(data: Any, rng: random.Random, shop: Workshop) -> None:
     from gaitsweep import models
 
     model = models.find(data["model"])() if data.get("model") in models.names() else None
-    names = [q.name for q in (*model.starts, *model.parameters)] if model is not None else ["psi_1", "beta"]
+    names = (
+        [q.name for q in (*model.initial_conditions, *model.parameters)]
+        if model is not None
+        else ["psi_1", "beta"]
+    )
     names = rng.sample(names, min(len(names), rng.choice((1, 2, 17))))
     count = rng.choice((10**7, 10**8, 1e18, 99_999))
     kind = rng.choice(("sobol", "random", "linspace", "logspace"))

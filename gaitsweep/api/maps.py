@@ -87,7 +87,7 @@ class PoincareMap:
         images = self.mapping.images(points, self._values)
         at = np.where(images.sound[:, None], images.points.at, np.nan)
         if isinstance(x, Points | FixedPoints | Mapping):
-            return Points(at, images.points.like)
+            return Points(at, images.points.modes)
         return at[0] if single else at
 
     def jacobian(self, x: SectionPoints | ArrayLike) -> np.ndarray:
@@ -226,7 +226,7 @@ class PoincareMap:
                 f"Points have the shape {at.shape}, but the map has {size} coordinates: give (n, {size})."
             )
         rows = np.atleast_2d(at)
-        like = jax.tree.map(lambda leaf: np.repeat(leaf[:1], len(rows), axis=0), self._start.like)
+        like = jax.tree.map(lambda leaf: np.repeat(leaf[:1], len(rows), axis=0), self._start.modes)
         return Points(rows, like), at.ndim == 1 and not self._values
 
     @cached_property
@@ -234,7 +234,7 @@ class PoincareMap:
         return self.settled({}, 0)
 
     def _checked(self, starts: Mapping[str, Any]) -> Mapping[str, Any]:
-        known = [quantity.name for quantity in self.model.starts]
+        known = [quantity.name for quantity in self.model.initial_conditions]
         for name in starts:
             if name not in known:
                 near = near_miss.suggestion(name, known)
@@ -277,5 +277,5 @@ def return_map(
     fields = {"numerics": numerics, "engine": {"name": engine}}
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
-    without = [q.name for q in job.plan.model.starts if q.default is None]
+    without = [q.name for q in job.plan.model.initial_conditions if q.default is None]
     return PoincareMap(job, cycles, [name for name in without if name not in {**values, **(start or {})}])

@@ -131,11 +131,11 @@ def model(kind: type[Model]) -> None:
         _print_table("structure (one job for each)", ("name", "default", "allowed", "meaning"), structure)
     columns = ("name", "unit", "default", "allowed", "meaning", "source")
     _print_table("parameters", columns, [_quantity(quantity) for quantity in instance.parameters])
-    _print_table("start", columns[:5], [_quantity(quantity)[:5] for quantity in instance.starts])
+    _print_table("start", columns[:5], [_quantity(quantity)[:5] for quantity in instance.initial_conditions])
     for title, quantities in (
         ("observables", instance.observables),
         ("signals", instance.signals),
-        ("traits", instance.traits),
+        ("label fields", instance.label_fields),
     ):
         if quantities:
             _print_table(

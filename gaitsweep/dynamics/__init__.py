@@ -1,1 +1,1 @@
-"""The parts that models are made of."""
+"""Mechanics and oscillators that models share."""

@@ -1,4 +1,4 @@
-"""A foot on the ground: a spring and a damper between it and the point where it touched down."""
+"""Contact of a foot: a spring and a damper between it and the point where it touched down."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def anchored_force(
     Args:
         position, velocity: of the foot in the world, (3,), m and m/s.
         anchor: x and y at touchdown, (2,), m.
-        contact: whether the foot stands, scalar bool.
-        K, D: spring, N/m, and damper, N s/m, alike in all directions.
-        clamp: above zero, the ground cannot pull.
+        contact: whether the foot is on the ground, scalar bool.
+        K, D: spring, N/m, and damper, N s/m, equal in all directions.
+        clamp: if above zero, the ground cannot pull.
     """
     sunk = position - jnp.concatenate([anchor, jnp.zeros(1)])
     force = -K * sunk - D * velocity

@@ -1,4 +1,4 @@
-"""A round foot on level ground that gives way: a spring and a damper, friction that never sticks fast."""
+"""Contact of a round foot with compliant level ground: a spring, a damper, regularised Coulomb friction."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
 
 def normal_force(depth: Array, rate: Array, K: Scalar, D: Scalar) -> jax.Array:
-    """Force of the ground upwards, N: a spring and a damper that push and never pull.
+    """The normal force of the ground, N: a spring and a damper that push but do not pull.
 
     Args:
-        depth: of the lowest point below the ground, m, of any shape; above it there is no force.
-        rate: of the depth, m/s.
+        depth: depth of the lowest point below the ground, m, of any shape; no force above the ground.
+        rate: time derivative of the depth, m/s.
         K, D: spring, N/m, and damper, N s/m.
     """
     return jnp.where(depth > 0.0, jnp.maximum(K * depth + D * rate, 0.0), 0.0)
 
 
 def friction_slope(load: jax.Array, slip: Array, mu: Scalar, v_slip: Scalar) -> jax.Array:
-    """Friction over slip speed, N s/m: Coulomb's mu load, less in proportion where it slips below `v_slip`.
+    """Friction divided by slip speed, N s/m: Coulomb friction mu load, viscous below the speed `v_slip`.
 
     Args:
-        load: force of the ground upwards, N.
-        slip: velocity along the ground, m/s, of one shape with `load`.
+        load: normal force, N.
+        slip: velocity along the ground, m/s, with the shape of `load`.
         mu: coefficient of friction.
-        v_slip: m/s.
+        v_slip: slip speed below which friction is viscous, m/s.
     """
     return jnp.asarray(mu * load) / jnp.maximum(jnp.abs(slip), v_slip)
 
@@ -43,17 +43,17 @@ def ground_force(
     mu: Scalar,
     v_slip: Scalar,
 ) -> YieldingForce:
-    """The force of ground at z = 0 on a foot that moves in the plane of x and z, for a step of `dt` (s).
+    """The force of ground at z = 0 on a foot that moves in the x-z plane, for a step of `dt` (s).
 
-    The friction is that at the step's end, in which it would otherwise turn the slip around: its slope,
-    taken at the beginning, times the velocity that the foot then has.
+    Friction is implicit: its slope at the beginning of the step times the foot's velocity at the end, since
+    explicit friction could reverse the slip within a step.
 
     Args:
         link: the foot's link.
-        at: its lowest point in the world, (3,) m.
-        velocity: of the foot there, (3,) m/s.
+        at: the foot's lowest point in the world, (3,) m.
+        velocity: its velocity there, (3,) m/s.
         dt: the step, s.
-        K, D, mu, v_slip: as above.
+        K, D, mu, v_slip: as for `normal_force` and `friction_slope`.
     """
     load = normal_force(-at[2], -velocity[2], K, D)
     slope = friction_slope(load, velocity[0], mu, v_slip)

@@ -1,4 +1,4 @@
-"""Forces from outside on the links of an articulated tree: of the ground on a foot, of a push."""
+"""External forces on the links of an articulated tree, such as ground contact or a push."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
-    Force,
+    ForceVector,
     Inertia,
-    Motion,
+    MotionVector,
     cross,
     skew,
     symmetric,
@@ -29,46 +29,46 @@ from gaitsweep.dynamics.tree.spatial import (
 class PointForce:
     """A force on a point of a body.
 
-    `link` its number; `point` (3,) m, in the body's frame; `force` (3,) N, in the world's axes.
+    `link` is the link's number; `point` (3,) m is in the body's frame; `force` (3,) N in the world's axes.
     """
 
     link: int
     point: Array
     force: Array
 
-    def on(self, place: Place) -> Force:
+    def on(self, place: Place) -> ForceVector:
         """The spatial force about the link's point, in the link's axes."""
         force = place.frame.T @ self.force
-        return Force(cross(place.turn @ (self.point - place.anchor), force), force)
+        return ForceVector(cross(place.turn @ (self.point - place.anchor), force), force)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["couple", "force"], meta_fields=["link"])
 @dataclasses.dataclass(frozen=True)
 class WorldForce:
-    """A spatial force in the world's coordinates.
+    """A spatial force in world coordinates.
 
-    `link` its number; `couple` (3,) N m, about the world's origin; `force` (3,) N.
+    `link` is the link's number; `couple` (3,) N m is about the world's origin; `force` (3,) N.
     """
 
     link: int
     couple: Array
     force: Array
 
-    def on(self, place: Place) -> Force:
+    def on(self, place: Place) -> ForceVector:
         """The spatial force about the link's point, in the link's axes."""
         couple = self.couple - cross(place.point, self.force)
-        return Force(place.frame.T @ couple, place.frame.T @ self.force)
+        return ForceVector(place.frame.T @ couple, place.frame.T @ self.force)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["at", "force", "yields"], meta_fields=["link"])
 @dataclasses.dataclass(frozen=True)
 class YieldingForce:
-    """A force that is the less the more its point accelerates: `force` - `yields` times the acceleration.
+    """A force that decreases with the acceleration of its point: `force` - `yields` times the acceleration.
 
-    So does a damper at the end of a step of dt: with its coefficient c, `yields` is dt c.
+    An implicit damper is such a force: with the coefficient c and a step of dt, `yields` is dt c.
 
-    `link` its number; `at` (3,) m, the point in the world; `force` (3,) N and `yields` (3,) kg along the
-    world's axes.
+    `link` is the link's number; `at` (3,) m is the point in the world; `force` (3,) N and `yields` (3,) kg
+    are along the world's axes.
     """
 
     link: int
@@ -76,29 +76,29 @@ class YieldingForce:
     force: Array
     yields: Array
 
-    def on(self, place: Place) -> Force:
-        """The spatial force of a point at rest, about the link's point, in the link's axes."""
+    def on(self, place: Place) -> ForceVector:
+        """The spatial force at zero acceleration, about the link's point, in the link's axes."""
         force = place.frame.T @ self.force
-        return Force(cross(self._lever(place), force), force)
+        return ForceVector(cross(self._lever(place), force), force)
 
     def inertia(self, place: Place) -> Inertia:
-        """What yields, as the inertia about the link's point of a mass at the force's, by axis."""
+        """`yields` as a spatial inertia about the link's point: a point mass that differs by axis."""
         frame = place.frame.T
         M = turned(frame, EYE * self.yields[:, None])
         rx = skew(self._lever(place))
         H = rx @ M
         return Inertia(symmetric(H @ rx.T), H, M)
 
-    def at_rest(self, place: Place, w: Array, gravity: Array) -> Motion:
-        """The acceleration of the force's point where its link's joints and its point do not accelerate.
+    def at_rest(self, place: Place, w: Array, gravity: Array) -> MotionVector:
+        """The acceleration of the force's point if its link's point and axes do not accelerate.
 
         Args:
-            place: where the link is.
+            place: the link's place.
             w: its angular velocity (3,) rad/s, in its axes.
-            gravity: what the algorithm leaves out of accelerations, (3,) m/s2.
+            gravity: acceleration (3,) m/s2, which the algorithm subtracts from accelerations.
         """
-        # as that of the link's point, from which `inertia` takes it
-        return Motion(ZERO, cross(w, cross(w, self._lever(place))) + place.frame.T @ gravity)
+        # given as an acceleration of the link's point, as `inertia` expects
+        return MotionVector(ZERO, cross(w, cross(w, self._lever(place))) + place.frame.T @ gravity)
 
     def _lever(self, place: Place) -> Array:
         return place.frame.T @ (self.at - place.base) - place.reach

@@ -1,11 +1,11 @@
-"""Matsuoka's half-centres: neurons that tire and inhibit each other, an extensor and a flexor for each leg.
+"""Matsuoka oscillators: half-centres with fatigue and mutual inhibition, an extensor and a flexor a leg.
 
     Tr u' = -u + gamma y(opposite) + sum of weight x y(linked) - b f + s + feedback,    y = max(0, u)
     Ta f' = -f + y
 
 Arrays are (2, n): the n legs' extensors in row EXTENSOR, their flexors in row FLEXOR. Weights are added, so
-those that inhibit are negative. Potentials `u` and inputs have one unit, which nothing depends on: u, f and
-every input times c is a solution too; times, Tr and Ta times c likewise.
+inhibition has a negative weight. The equations are homogeneous: u, f and all inputs may be multiplied by one
+constant, and so may time, Tr and Ta.
 
 Source: Matsuoka 1985, Biol. Cybern. 52:367, and 1987, Biol. Cybern. 56:345; the symbols are those of Fukuoka,
 Habu and Fukui 2015, Sci. Rep. 5:8169, where f is a flexor as an index and the fatigue as a variable.
@@ -25,17 +25,16 @@ import numpy as np
 Scalar: TypeAlias = jax.Array | float
 
 EXTENSOR, FLEXOR = 0, 1
-# A neuron that is active is let go of this far below zero: let go of at zero, one that stands at zero exactly
-# would switch for ever.
+# An active neuron becomes inactive at this value below zero. At zero itself, a neuron at exactly zero would
+# switch without end.
 RELEASE = 1e-12
 
 
 class Coupling(NamedTuple):
-    """What some half-centres tell others: `weight` times the outputs along `links`.
+    """A coupling between half-centres: `weight` times the outputs along `links`.
 
-    `links`: (n, n), to each leg from each leg, extensors to extensors and flexors to flexors; or
-    (2, n, 2, n), to each half-centre from each. They are structure, a NumPy constant: what is zero is not
-    computed.
+    `links` are (n, n), to each leg from each leg, extensors to extensors and flexors to flexors; or
+    (2, n, 2, n), to each half-centre from each. They are structure, a NumPy constant: zeros are not computed.
     """
 
     weight: Scalar
@@ -43,14 +42,14 @@ class Coupling(NamedTuple):
 
 
 def links(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
-    """The links (n, n) of 1 between the legs of each pair, both ways.
+    """The links (n, n) that are 1 between the legs of each pair, in both directions.
 
     Args:
         n: number of legs.
-        pairs: legs by number, from 0 on.
+        pairs: pairs of leg numbers, counted from 0.
 
     Raises:
-        ValueError: a pair names a leg twice, or one that is not there.
+        ValueError: a pair has one leg twice, or a leg that does not exist.
     """
     found = np.zeros((n, n))
     for i, j in pairs:
@@ -65,8 +64,8 @@ def output(u: jax.Array, active: jax.Array | None = None) -> jax.Array:
 
     Args:
         u: potentials (2, n).
-        active: bools (2, n), the modes of a model that locates where u crosses zero (see `guards`); None:
-            those where u is positive.
+        active: bools (2, n), the modes of a model that locates the zeros of u (see `guards`); None: where u
+            is positive.
     """
     return jnp.maximum(u, 0.0) if active is None else jnp.where(active, u, 0.0)
 
@@ -84,21 +83,21 @@ def rates(
     feedback: Scalar = 0.0,
     active: jax.Array | None = None,
 ) -> tuple[jax.Array, jax.Array]:
-    """Rates (2, n) of the potentials u and of the fatigue f, per second.
+    """Time derivatives (2, n) of the potentials u and of the fatigue f, per second.
 
     Args:
         u, f: potentials and fatigue, (2, n).
         s: tonic drive, a scalar or (2, n).
         Tr, Ta: time constants of the rise and of the adaptation, s.
-        b: inhibition by one's own fatigue.
-        gamma: weight from a leg's one half-centre to its other one.
+        b: gain of the inhibition by fatigue.
+        gamma: weight between the two half-centres of a leg.
         couplings: the weights between legs.
-        feedback: what the body tells each half-centre, a scalar or (2, n).
-        active: as for `output`; with it the rates are affine in u and f.
+        feedback: sensory input of each half-centre, a scalar or (2, n).
+        active: as for `output`; with it the derivatives are affine in u and f.
 
     Raises:
-        TypeError: links are no NumPy constant.
-        ValueError: links are of another shape than the legs'.
+        TypeError: links are not a NumPy array.
+        ValueError: the shape of the links does not fit the number of legs.
 
     Source: Matsuoka 1985 and 1987; Fukuoka et al. 2015, Methods and Fig. 7(a).
     """
@@ -110,12 +109,12 @@ def rates(
 
 
 def leg_feedback(theta: jax.Array, F: jax.Array, *, theta0: Scalar, k1: Scalar, k2: Scalar) -> jax.Array:
-    """Feedback (2, n) of each leg's hip angle to both its half-centres and of its load to its flexor.
+    """Feedback (2, n): each leg's hip angle to both its half-centres, its load to its flexor.
 
     Args:
         theta: hip angles relative to the torso, (n,) rad, leg forward positive.
         F: loads on the feet, (n,) N, not negative.
-        theta0: angle at which the hip says nothing, rad.
+        theta0: hip angle of zero feedback, rad.
         k1, k2: gains, 1/rad and 1/N.
 
     Source: Fukuoka et al. 2015, eq. (1) for the load, Methods for the hip.
@@ -125,16 +124,16 @@ def leg_feedback(theta: jax.Array, F: jax.Array, *, theta0: Scalar, k1: Scalar, 
 
 
 def guards(u: jax.Array, active: jax.Array) -> jax.Array:
-    """For each half-centre (2, n) what is negative until its output sets in or ends, as `HybridModel.guards`.
+    """The guards (2, n) of the half-centres: they fire where an output begins or ends.
 
-    The jump turns `active` where it fires. Unlocated, the kink of max(0, u) leaves a method of steps its
-    second order at most.
+    The jump inverts `active` where a guard fires. If it is not located, the kink of max(0, u) limits the
+    order of an integration method to two.
     """
     return jnp.where(active, -u - RELEASE, u)
 
 
 def _along(between: np.ndarray, y: jax.Array) -> jax.Array:
-    """The outputs (2, n) summed along the links, written out: no routine of linear algebra."""
+    """The outputs (2, n) summed along the links, written out, without linear algebra routines."""
     if not isinstance(between, np.ndarray):
         raise TypeError("links are structure: give a NumPy array, and what varies as the coupling's weight")
     n = y.shape[1]

@@ -1,4 +1,4 @@
-"""A leg's phase oscillator whose phase is reset through a first-order lag when the leg touches down."""
+"""A phase oscillator with phase resetting at touchdown through a first-order lag."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ TWO_PI = 2.0 * jnp.pi
 
 
 def lagged_reset(phi: jax.Array, tau: jax.Array) -> jax.Array:
-    """The kick to the lag variable y (rad/s) that moves the phase phi (rad) to 2 pi in the long run.
+    """The jump of the lag variable y (rad/s) that finally moves the phase phi (rad) to 2 pi.
 
-    The lag tau y' = -y + u answers the impulse u = (2 pi - phi) delta(t) by a jump of y; phi is continuous.
-    Source: Ambe et al. 2021, eq. (5), (6).
+    The lag tau y' = -y + u responds to the impulse u = (2 pi - phi) delta(t) by a jump of y; phi is
+    continuous. Source: Ambe et al. 2021, eq. (5), (6).
     """
     return (TWO_PI - phi) / tau
 
 
 def wrapped(phi: jax.Array) -> jax.Array:
-    """`phi` (rad) in [0, 2 pi)."""
+    """The angle `phi` (rad) wrapped to [0, 2 pi)."""
     return phi - TWO_PI * jnp.floor(phi / TWO_PI)

@@ -1,4 +1,4 @@
-"""A Poincare section by a plane that is crossed in one direction: its guards, and the mode that arms it."""
+"""A one-sided Poincare section by a plane: its guards, and the mode that arms it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 GUARDS = ("the plane is crossed", "the plane's far side is reached")
-# Of the rounding of a height: what lies nearer to the plane lies on it.
+# Multiple of the rounding error of a height within which a point counts as on the plane.
 _RESOLUTIONS = 16.0
 
 
@@ -18,41 +18,40 @@ _RESOLUTIONS = 16.0
 class Plane:
     """The plane `normal` . x = `offset` of points x (n,), crossed in the direction of its normal (n,).
 
-    A model keeps a mode `armed` (a bool) in its state, `Plane.armed_at` at its start; it appends `guards` to
-    its own, and takes `armed_after` in its jump and `crossed` as its section, of the two guards that are
-    these. The section is armed only while the state is on the far side, from which it crosses. So a start on
-    the plane is no crossing, whichever way it moves, every crossing in the direction of the normal is met
-    once, and none in the other direction; a state that rounding cannot tell from one on the plane counts as
-    on it.
+    A model has a mode `armed` (a bool) in its state, initially `Plane.armed_at`. It appends `guards` to its
+    own guards, calls `armed_after` in its jump and `crossed` in its section, with the two flags of these
+    guards. The section is armed only while the state is below the plane. So a start on the plane is not a
+    crossing, every crossing in the direction of the normal is found once, and none in the other direction.
+    A state within rounding error of the plane counts as on it.
     """
 
     normal: jax.Array
     offset: jax.Array
 
     def height(self, x: jax.Array) -> jax.Array:
-        """How far x is beyond the plane, in units of the normal's length."""
+        """The signed distance of x from the plane, in units of the normal's length."""
         return jnp.sum(self.normal * x) - self.offset
 
     def armed_at(self, x: jax.Array) -> jax.Array:
-        """Whether a state that starts at x is on the far side, off the plane."""
+        """Whether a start at x is below the plane, and so arms the section."""
         return self._below(x) >= 0.0
 
     def guards(self, x: jax.Array, armed: jax.Array) -> jax.Array:
-        """The crossing while armed, else the coming to the far side, shape (2,); see `GUARDS`."""
+        """The guards (2,): the crossing while armed, else the return below the plane; see `GUARDS`."""
         return jnp.stack([jnp.where(armed, self.height(x), -1.0), jnp.where(armed, -1.0, self._below(x))])
 
     @staticmethod
     def armed_after(armed: jax.Array, fired: jax.Array) -> jax.Array:
-        """The mode after those of the guards (2,) that `fired`."""
+        """The mode `armed` after the guards `fired` (2,)."""
         return (armed | fired[1]) & ~fired[0]
 
     @staticmethod
     def crossed(fired: jax.Array) -> jax.Array:
-        """Whether the guards (2,) that `fired` are a crossing."""
+        """Whether the guards `fired` (2,) include the crossing."""
         return fired[0]
 
     def _below(self, x: jax.Array) -> jax.Array:
-        """How far x is below the plane, less what rounding may make of a point on it."""
+        """The distance of x below the plane, less the rounding error of a point on it."""
         size = jnp.sum(jnp.abs(self.normal * x)) + jnp.abs(self.offset)
-        # the smallest number: a height of zero is on the plane, where all is zero too
+        # the smallest float: if all terms are zero, x is on the plane
         return -self.height(x) - _RESOLUTIONS * jnp.finfo(size.dtype).eps * size - jnp.finfo(size.dtype).tiny

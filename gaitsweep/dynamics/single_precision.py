@@ -1,8 +1,8 @@
-"""Functions worked out in single precision whose arguments and results stay in double.
+"""Evaluation of a float64 function in single precision, with arguments and results in float64.
 
-State that is added to step by step needs float64: a step of 0.2 ms moves a body by 4e-5 m, a tenth of what
-float32 resolves at a kilometre. What it is moved by, forces and accelerations, does not. A function written
-for float64, with constants of NumPy's in it, is traced and its arithmetic repeated in float32.
+State that is accumulated over many steps needs float64: a step of 0.2 ms moves a body by 4e-5 m, a tenth of
+the resolution of float32 at a kilometre. Forces and accelerations do not. A function written for float64,
+with NumPy constants in it, is traced, and its operations are repeated in float32.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ _DOUBLE, _SINGLE = np.dtype("float64"), np.dtype("float32")
 
 
 def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function with all its floating-point arithmetic in `dtype`; what it gives is float64 again.
+    """A function with its floating-point arithmetic in `dtype` and its results in float64.
 
     Args:
         dtype: float64 (the function itself) or float32.
-        function: pure, of trees of arrays, without loops or branches of JAX's.
+        function: a pure function of pytrees of arrays, without JAX loops or branches.
 
     Raises:
-        ValueError: the function has a loop or a branch; when it is called.
+        ValueError: at the call, if the function has a loop or a branch.
     """
     if np.dtype(dtype) != _SINGLE:
         return function
@@ -41,7 +41,7 @@ def worked_in(dtype: Any, function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _evaluated(closed: core.ClosedJaxpr, given: Sequence[Any]) -> list[Any]:
-    """What a program gives, each of its operations done in float32 where it says float64."""
+    """The outputs of a jaxpr whose float64 operations are done in float32."""
     program = closed.jaxpr
     known: dict[Any, Any] = dict(zip(program.invars, given, strict=True))
     known |= dict(zip(program.constvars, [_single(constant) for constant in closed.consts], strict=True))
@@ -57,8 +57,8 @@ def _evaluated(closed: core.ClosedJaxpr, given: Sequence[Any]) -> list[Any]:
             found = _evaluated(inner, values)
         elif any(isinstance(p, core.Jaxpr | core.ClosedJaxpr) for p in jax.tree.leaves(params)):
             raise ValueError(
-                f"{equation.primitive.name} cannot be worked out in float32 inside a float64 program. "
-                "Allowed: arithmetic without loops and branches (jnp.where chooses)."
+                f"{equation.primitive.name} cannot be evaluated in float32 inside a float64 program. "
+                "Allowed: arithmetic without loops and branches (use jnp.where)."
             )
         else:
             typed = {name: _single_dtype(value) for name, value in params.items()}

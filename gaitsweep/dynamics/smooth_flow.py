@@ -1,4 +1,4 @@
-"""Models of a smooth flow, all of which is its right-hand side and a plane for the section."""
+"""Models of a smooth flow: a right-hand side, and a plane as Poincare section."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class State:
 
 @dataclasses.dataclass(frozen=True)
 class SmoothFlow(HybridModel):
-    """x' = f(x) with a section by a plane, or without one.
+    """A smooth flow x' = f(x), with or without a plane as Poincare section.
 
-    A model of one's own derives from it, gives its `name`, `variables` and `parameters`, its `rates`, `plane`
-    and `period`, and may replace all else. Starts are the variables' names with `_0`, and their defaults;
-    observables and signals are the variables. Without a `plane` there are no crossings: such a model runs for
-    a given time (`kind: trace`).
+    A model derives from it, defines `name`, `variables`, `parameters`, `rates`, `plane` and `period`, and may
+    override the rest. Initial conditions are the variables' names with `_0`, with their defaults; observables
+    and signals are the variables. Without a `plane` there are no crossings: such a model runs for a given
+    time (`kind: trace`).
     """
 
     variables: ClassVar[tuple[Quantity, ...]]
@@ -42,14 +42,14 @@ class SmoothFlow(HybridModel):
 
     @abc.abstractmethod
     def rates(self, params: Values, x: jax.Array) -> jax.Array:
-        """The time derivative (n,) of the variables x (n,); `params` has one scalar by each name."""
+        """The time derivatives (n,) of the variables x (n,); `params` has one scalar for each parameter."""
 
     def plane(self, params: Values) -> Plane | None:
-        """The section, or None where there is none."""
+        """The section, or None for a model without one."""
         return None
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return tuple(
             dataclasses.replace(q, name=f"{q.name}_0", meaning=f"{q.meaning} at the start")
             for q in self.variables

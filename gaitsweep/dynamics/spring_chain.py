@@ -1,4 +1,4 @@
-"""A chain of point masses that move vertically, neighbours joined by a spring and a damper."""
+"""A chain of point masses that move vertically, with a spring and a damper between neighbours."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import jax.numpy as jnp
 
 
 def neighbour_force(x: jax.Array, v: jax.Array, kappa: jax.Array, sigma: jax.Array) -> jax.Array:
-    """Force of the springs and dampers on each mass, N, shape (n,); natural length zero.
+    """The force of the springs and dampers on each mass, N, shape (n,); natural length zero.
 
     Args:
         x, v: heights (m) and velocities (m/s) of the masses, shape (n,).
-        kappa: spring between neighbours, N/m, shape (n-1,) or one for all.
-        sigma: damper between neighbours, N s/m, shape (n-1,) or one for all.
+        kappa: springs between neighbours, N/m, shape (n-1,) or a scalar.
+        sigma: dampers between neighbours, N s/m, shape (n-1,) or a scalar.
 
     Source: Ambe et al. 2021, eq. (1).
     """
-    # the pull on mass i+1 towards mass i, which is the pull on i towards i+1 with the other sign
+    # the force on mass i+1 towards mass i; the force on mass i is its negative
     pull = kappa * (x[:-1] - x[1:]) + sigma * (v[:-1] - v[1:])
     end = jnp.zeros_like(pull[:1])
     return jnp.concatenate([end, pull]) - jnp.concatenate([pull, end])
@@ -27,7 +27,7 @@ def neighbour_force(x: jax.Array, v: jax.Array, kappa: jax.Array, sigma: jax.Arr
 def fastest_motions(
     masses: jax.Array, kappa: jax.Array, sigma: jax.Array, K: jax.Array, D: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Rates (1/s) and damping ratios that bound the chain's motions, whichever masses touch the ground.
+    """Rates (1/s) and damping ratios that bound the chain's motions for every combination of contacts.
 
     With x = u exp(-r t) an eigenvector u makes u* (r^2 M - r C + K) u = 0. That matrix is diagonally
     dominant, hence positive definite, for each real r above all roots of
@@ -42,8 +42,8 @@ def fastest_motions(
         K, D: N/m and N s/m, of the ground under a mass.
 
     Returns:
-        Ten numbers a mass, (10 n,) each: motions that decay, then those that oscillate on the ground and in
-        the air.
+        Two arrays of ten numbers for each mass, (10 n,): decaying motions, then oscillations on the ground
+        and in the air.
     """
     m, none = masses, jnp.zeros_like(masses[:1])
     before = jnp.concatenate([none, kappa]), jnp.concatenate([none, jnp.broadcast_to(sigma, kappa.shape)])

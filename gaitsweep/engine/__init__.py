@@ -1,1 +1,1 @@
-"""How rows are run, knowing no model."""
+"""The engine: integration, events, recorders and sweeps, for every model."""

@@ -1,4 +1,4 @@
-"""One trajectory, one straight-line attempt: propose a step, look at the guards, accept, shrink or jump.
+"""One trajectory, one straight-line attempt: propose a step, poll at the guards, accept, shrink or jump.
 
 The same function serves every engine. All decisions are selects, so that it can be vmapped or printed as
 a scalar kernel, and each trajectory has a time and a step of its own.
@@ -20,29 +20,30 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import HybridModel, Model, Params, Rates, State, Steps
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import guard_slopes, may_hide
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 
-# Why a trajectory waits for its recorder. It stays where it is until the recorder lets it go on, so no
-# crossing is ever lost and nothing has to be copied when one happens.
+# Reasons why a trajectory waits for its recorder. It does not move until the recorder has polled it, so no
+# crossing is lost and no crossing has to be copied.
 GOING, CROSSING, TIME, FINISHED, FAILED = 0, 1, 2, 3, 4
 
-# Jumps at one instant for each guard before the row counts as stalled: far above any true chain of events.
+# Jumps at one instant, for each guard, beyond which the row is stalled: far above any physical chain of
+# events.
 CHAIN_LIMIT = 4
-# Shorter steps than this (s) do not end a chain of jumps.
+# Steps shorter than this (s) do not end a chain of jumps.
 CHAIN_STEP = 1e-9
-# A guard counts as at most this many times as far below zero before a step as it is above it after: a model
-# may disarm a guard by any large negative number, and the secant through such a number locates nothing.
+# A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
+# by a large negative number, with which the secant would locate nothing.
 STEEPEST = 1e9
 # Trials before the location of an event falls back to bisection (superlinear location takes 5 to 8), and
 # before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
 SECANT_TRIALS = 24
 PATIENT_TRIALS = 60
-# Steps whose length follows from a tolerance: the share of the step that would just meet it, the most by
-# which one may be shorter than the one that failed, and the least share of the longest step, which is taken
-# whatever its error (a state that runs away is then told as diverged).
+# Step control: the safety factor of a step, the smallest factor by which a failed step is shortened, and the
+# smallest step as a share of the longest, which is accepted with any error (a state that diverges is then
+# reported as diverged).
 CAUTION = 0.9
 STEEPEST_CUT = 0.2
 LEAST_SHARE = 1e-9
@@ -54,7 +55,7 @@ LEAST_SHARE = 1e-9
         "state",
         "t",
         "h",
-        "pace",
+        "h_max",
         "near",
         "far",
         "far_guards",
@@ -71,22 +72,22 @@ LEAST_SHARE = 1e-9
 )
 @dataclasses.dataclass(frozen=True)
 class Carry:
-    """All that an attempt needs of a trajectory.
+    """The state of a trajectory's integration.
 
-    `t` time (s); `h` the step to try next; `pace` the longest that it may be, which
-    grows after an event; `near` the guards at the state; `far` the shortest step known to fire (infinite
-    while no event is being located) and `far_guards` the guards there, >= 0 too for those that fired
-    before at the same instant; `weight` the Illinois weight of the
-    end that stayed (above zero: the near end stayed, below: the far one); `trials` attempts spent on this
-    event; `chain` jumps since time went on; `attempts` made in all; `stop` the time at which to halt; `halt`
-    why the trajectory waits. The trajectory's own numerics, which stay: `dt` its longest step (s), `share` by
-    which that is shorter than the numerics say, and its tolerances finer.
+    `t` is the time (s); `h` the next step (s); `h_max` its upper bound (s), which grows after an event;
+    `near` the guards at the state; `far` the shortest step known to fire (infinite unless an event is being
+    located) and `far_guards` the guards there, also >= 0 for guards that fired before at the same instant;
+    `weight` the Illinois weight of the end that was kept (above zero: the near end, below: the far end);
+    `trials` the attempts to locate this event; `chain` the jumps at this instant; `attempts` their total
+    number; `stop` the time (s) at which to halt; `halt` the reason why the trajectory waits. Constants of the
+    trajectory: `dt` its longest step (s), `share` the factor on that step, by which tolerances are finer as
+    well.
     """
 
     state: State
     t: jax.Array
     h: jax.Array
-    pace: jax.Array
+    h_max: jax.Array
     near: jax.Array
     far: jax.Array
     far_guards: jax.Array
@@ -114,15 +115,15 @@ def start(
     stop: jax.Array | float = jnp.inf,
     share: jax.Array | float = 1.0,
 ) -> Carry:
-    """A trajectory at t = 0; a hybrid model's first attempt has zero length and fires what is due there.
+    """A trajectory at t = 0; the first attempt of a hybrid model has zero length and fires guards >= 0 there.
 
     Args:
-        model, params, state: what begins.
-        dt: its longest step (s), already shortened by `share`.
+        model, params, state: the model, its parameters and its initial state.
+        dt: its longest step (s), with the factor `share` applied.
         stop: the time (s) at which to halt.
         share: see `Carry`.
     """
-    # a simulator's step is not shortened: nothing is located in it
+    # the step of a stepped model is not shortened, since no event is located
     near = model.guards(params, state) if isinstance(model, HybridModel) else jnp.zeros((0,), jnp.float64)
     zero = jnp.zeros((), near.dtype)
     count = jnp.zeros((), jnp.int32)
@@ -130,7 +131,7 @@ def start(
         state=state,
         t=zero,
         h=zero,
-        pace=zero,
+        h_max=zero,
         near=near,
         far=zero + jnp.inf,
         far_guards=near,
@@ -158,11 +159,10 @@ def advance(
     Args:
         model: a hybrid or a stepped model.
         numerics: step, method and tolerances.
-        drive: for a ramp, the parameters at a time; they are held at the middle of each attempt.
-        sensitivities: make derivatives (forward mode) of event times and of states after events right: each
-            event's time is corrected to first order, t_e - g/g', by a term whose value is zero and whose
-            derivative is what is missing to that of the event time.
-        worked_out: the step and the rates at its beginning and end, for whoever works them out beforehand.
+        drive: for a ramp, the parameters at a time (s); an attempt uses those at its middle.
+        sensitivities: include the derivative of event times in forward-mode derivatives: each event time is
+            corrected to first order, t_e - g/g', by a term of value zero.
+        worked_out: the step and the rates at its beginning and end, if they are computed beforehand.
     """
     numerics = numerics.of(model)
     steps = own_steps(numerics.method, model)
@@ -192,8 +192,8 @@ def _advance_hybrid(
         dtype, dt = carry.t.dtype, carry.dt
         # a tolerance below the resolution of time would never be met in float32
         finest = jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
-        # where a guard rises so slowly that rounding hides the event, no bracket of that width fires:
-        # after two rounds of location the event may be as late as it must
+        # if a guard rises so slowly that rounding hides the event, no bracket of that width fires: after
+        # two rounds of location the tolerance grows
         impatience = jnp.maximum(carry.trials - PATIENT_TRIALS, 0).astype(dtype)
         tolerance = finest * (1.0 + impatience * impatience)
         going = carry.halt == GOING
@@ -203,7 +203,7 @@ def _advance_hybrid(
         if method.adaptive:
             trial, error = propose(here, carry.state, h)
             change = _fitting_change(error, carry, trial, numerics)
-            # shortened, it is tried again before anything else is made of it
+            # a rejected step is shortened and tried again
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
             trial, change, taken = propose(here, carry.state, h), None, jnp.asarray(True)
@@ -225,21 +225,21 @@ def _advance_hybrid(
         bracket = _next_bracket(carry, h, guards, on, hit, land)
         guess = _guess(bracket, below, above, tolerance)
         locating = bracket["far"] < jnp.inf
-        # a step cut short by a stop or an event says nothing of how far the next may go
+        # a step shortened by a stop or an event does not limit the next step
         if change is None:
-            grown = jnp.minimum(dt, method.growth * carry.pace)
+            grown = jnp.minimum(dt, method.growth * carry.h_max)
             first = method.first_step * dt
-            pace = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.pace, grown))
-            next_h = jnp.where(land, 0.0, jnp.where(locating, guess, pace))
+            h_max = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.h_max, grown))
+            next_h = jnp.where(land, 0.0, jnp.where(locating, guess, h_max))
         else:
-            pace, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
-        # what begins and ends within the step is looked for in its first half
-        pace, next_h = jnp.where(hidden, carry.pace, pace), jnp.where(hidden, 0.5 * h, next_h)
+            h_max, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
+        # an event that may begin and end within the step is searched in its first half
+        h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
 
         end = trial
         t = carry.t + h
         if sensitivities:
-            # what a jump itself set off has no root to follow: it happens when that jump does
+            # an event caused by a jump has no root of its own: it happens at the time of that jump
             rooted = fired & (carry.near < 0.0) & (h > 0.0) & land
             end, t = _implicit_event_time(model, here, trial, flow_after(here, trial), t, guards, rooted)
         after = model.jump(here, end, fired)
@@ -249,16 +249,16 @@ def _advance_hybrid(
         chain = jnp.where(land, carry.chain + 1, jnp.where(on & (h > CHAIN_STEP), 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
         if method.adaptive:
-            # many cycles can pass between two looks of the recorder, and a fall may not last so long
+            # many cycles can pass between two polls of the recorder, so a fall is tested after every step
             down = (on | land) & model.failed(here, select(land, after, end))
             halt = jnp.where(down, FAILED, halt)
         halt = halt.astype(carry.halt.dtype)
-        # a lane that waits keeps what it has, as one does that goes back
+        # a waiting lane, or one whose step is rejected, keeps its state
         return Carry(
             state=select(on | land, select(land, after, end), carry.state),
             t=jnp.where(timed, carry.stop, jnp.where(on | land, t, carry.t)),
             h=jnp.where(going, next_h, carry.h),
-            pace=jnp.where(going, pace, carry.pace),
+            h_max=jnp.where(going, h_max, carry.h_max),
             chain=jnp.where(going, chain, carry.chain),
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
             stop=carry.stop,
@@ -272,9 +272,9 @@ def _advance_hybrid(
 
 
 def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Numerics) -> jax.Array:
-    """The factor by which a step may change so that its error just meets the tolerance, CAUTION included.
+    """The factor on a step with which its error would meet the tolerance, with the safety factor CAUTION.
 
-    At least CAUTION where the step itself meets it; 0 where the error is no number.
+    It is at least CAUTION if the step itself meets the tolerance, and 0 if the error is NaN.
     """
     assert numerics.rtol is not None
     assert numerics.atol is not None
@@ -284,7 +284,7 @@ def _fitting_change(error: Rates, carry: Carry, trial: State, numerics: Numerics
         size = jnp.maximum(jnp.abs(getattr(carry.state, name)), jnp.abs(getattr(trial, name)))
         worst = jnp.maximum(worst, jnp.max(jnp.abs(each) / (finer * (numerics.atol + numerics.rtol * size))))
     worst = jax.lax.stop_gradient(worst)
-    # the fourth root, not the fifth: two square roots are far cheaper, and a step's error is met all the same
+    # the fourth root instead of the fifth: two square roots are far cheaper, and the tolerance is met as well
     floor = (CAUTION / 10.0) ** (ORDER - 1)
     change = CAUTION / jnp.sqrt(jnp.sqrt(jnp.maximum(worst, floor)))
     return jnp.where(worst >= 0.0, change, 0.0)
@@ -302,29 +302,30 @@ def _controlled(
     locating: jax.Array,
     guess: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """The longest step to try from here on and the next one, where steps follow from a tolerance.
+    """`h_max` and the next step, for methods with step control.
 
-    `change` is what `_fitting_change` gives, `failed` whether the step of length `h` did not meet the
-    tolerance; the others as in an attempt.
+    `change` is the result of `_fitting_change`, `failed` whether the step of length `h` missed the tolerance;
+    the other arguments are those of an attempt.
     """
     least = LEAST_SHARE * dt
-    # at the start nothing is known of how fast the flow is
-    begun = jnp.maximum(jnp.where(carry.pace > 0.0, method.first_step * carry.pace, 1e-3 * dt), least)
+    # at the start the time scale of the flow is unknown
+    begun = jnp.maximum(jnp.where(carry.h_max > 0.0, method.first_step * carry.h_max, 1e-3 * dt), least)
     shorter = jnp.maximum(h * jnp.maximum(change, STEEPEST_CUT), least)
-    # a step cut short by a stop or an event says only that one of its length is right
-    longer = jnp.maximum(carry.pace, h * jnp.minimum(change, method.growth))
-    met = jnp.where(h < carry.pace, longer, h * jnp.minimum(change, method.growth))
-    pace = jnp.where(hit | locating, carry.pace, jnp.minimum(dt, jnp.maximum(met, least)))
-    pace = jnp.where(failed, shorter, jnp.where(land, carry.pace, jnp.where(h == 0.0, begun, pace)))
-    next_h = jnp.where(land, 0.0, jnp.where(failed, shorter, jnp.where(locating, guess, pace)))
-    return pace, next_h
+    # a step shortened by a stop or an event only shows that its length is accurate
+    longer = jnp.maximum(carry.h_max, h * jnp.minimum(change, method.growth))
+    met = jnp.where(h < carry.h_max, longer, h * jnp.minimum(change, method.growth))
+    h_max = jnp.where(hit | locating, carry.h_max, jnp.minimum(dt, jnp.maximum(met, least)))
+    h_max = jnp.where(failed, shorter, jnp.where(land, carry.h_max, jnp.where(h == 0.0, begun, h_max)))
+    next_h = jnp.where(land, 0.0, jnp.where(failed, shorter, jnp.where(locating, guess, h_max)))
+    return h_max, next_h
 
 
 def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Of the guards that fire at the far end, the one whose secant crosses zero first.
+    """The guard, of those that fire at the far end, whose secant crosses zero first.
 
-    Returns how far it is below zero at the near end and above it at the far one, both >= 0; (1, 0) where
-    none fires. The least of all quotients below / above is found without dividing.
+    Returns:
+        Its distance below zero at the near end and above zero at the far end, both >= 0; (1, 0) if none
+        fires. The smallest quotient below / above is found without division.
     """
     if near.size == 0:  # a flow without events
         none = jnp.zeros((), near.dtype)
@@ -345,7 +346,7 @@ def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Arra
 
 
 def _share(below: jax.Array, above: jax.Array) -> jax.Array:
-    """Where the secant crosses zero, as a share of the way from the near end to the far one."""
+    """The zero of the secant, as a share of the bracket from its near end."""
     rise = below + above
     return jnp.where(rise > 0.0, below / jnp.where(rise > 0.0, rise, 1.0), 0.0)
 
@@ -353,7 +354,7 @@ def _share(below: jax.Array, above: jax.Array) -> jax.Array:
 def _next_bracket(
     carry: Carry, h: jax.Array, guards: jax.Array, on: jax.Array, hit: jax.Array, land: jax.Array
 ) -> dict[str, jax.Array]:
-    """The bracket after this attempt: its far end at the trial (back), or its near end there (on)."""
+    """The bracket after this attempt, with its far end (back) or its near end (on) at the trial."""
     back = hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
@@ -362,10 +363,10 @@ def _next_bracket(
     stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
     fresh = carry.far == jnp.inf
     weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
-    # a location that ended without its event is the same event's still: only a step on forgets it
+    # a location that ended without an event is continued: only an accepted step resets its trials
     trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
     waits = ~(on | hit)
-    # what has fired at this instant already stays told beside what fires now: see `fired_last`
+    # guards that fired earlier at this instant stay marked beside those that fire now: see `fired_last`
     told = carry.far_guards >= jnp.where(hit, jnp.where(h == 0.0, 0.0, jnp.inf), -jnp.inf)
     return {
         "near": jnp.where(on, guards, carry.near),
@@ -386,8 +387,8 @@ def _guess(
     far = jnp.where(bracket["far"] < jnp.inf, bracket["far"], 0.0)
     secant = far * _share(below, above) + 0.5 * tolerance
     guess = jnp.where(bracket["trials"] > SECANT_TRIALS, 0.5 * far, secant)
-    # a bracket this short is tried whole: where rounding hides the event from this nearer state, the step
-    # reaches the far end without firing and the location ends, instead of halving the rest for ever
+    # so short a bracket is stepped as a whole: if rounding hides the event, the step reaches the far end
+    # without firing and the location ends, instead of bisecting without end
     return jnp.where((far <= tolerance) | (guess > far), far, guess)
 
 
@@ -400,7 +401,7 @@ def _implicit_event_time(
     guards: jax.Array,
     rooted: jax.Array,
 ) -> tuple[State, jax.Array]:
-    """State and time at the event, with the derivative of the event time in them.
+    """State and time at the event, with the derivative of the event time.
 
     g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that fires; of several
     at once (`rooted`) the one that came first counts.
@@ -416,11 +417,11 @@ def _implicit_event_time(
     return move(trial, rates, shift), t + shift
 
 
-def _advance_stepped(model: Steps, numerics: Numerics, drive: Drive | None) -> Advance:
+def _advance_stepped(model: FixedStepDynamics, numerics: Numerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = carry.dt
         going = carry.halt == GOING
-        # a simulator's step cannot be shortened, so a stop is met at the step's end nearest to it
+        # a simulator's step cannot be shortened, so a stop is at the nearest end of a step
         timed = carry.stop - carry.t <= 0.5 * dt
         here = params if drive is None else drive(params, carry.t + 0.5 * dt)
         trial = model.step(here, carry.state, jnp.asarray(dt, numerics.stepped))
@@ -442,15 +443,15 @@ def _advance_stepped(model: Steps, numerics: Numerics, drive: Drive | None) -> A
 
 
 def select(condition: jax.Array, yes: Any, no: Any) -> Any:
-    """One of two trees of the same shape, leaf by leaf."""
+    """`yes` or `no`, two pytrees of the same structure, leaf by leaf."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
 def stalled(carry: Carry) -> jax.Array:
-    """True where jumps follow each other at one instant without end."""
+    """Whether jumps follow each other at one instant without end."""
     return carry.chain > CHAIN_LIMIT * (carry.near.size + 1)
 
 
 def fired_last(carry: Carry) -> jax.Array:
-    """The guards (a bool each) that fired at the last instant at which any did, those of all its jumps."""
+    """Which guards fired at the last instant of an event, in any of its jumps (a bool each)."""
     return carry.far_guards >= 0.0

@@ -1,4 +1,4 @@
-"""The eigenvalues of a linear flow's matrix, over all combinations of its contacts."""
+"""The eigenvalues of the matrix of a linear flow, for all combinations of contacts."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy as np
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.propose import METHODS
 
-# Flags of a state whose combinations are listed; each one more doubles their number.
+# Number of flags whose combinations are evaluated; each flag doubles the number of combinations.
 MOST_FLAGS = 8
 
 
 def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> np.ndarray:
     """The eigenvalues (1/s) of the flow's matrix for all combinations of a state's flags, (modes, n).
 
-    Other modes than flags (bool) stay as they are in `state`, and so do flags after the first `MOST_FLAGS`.
+    Modes other than bools, and flags after the first `MOST_FLAGS`, are those of `state`.
 
     Args:
-        model: its flow is linear between events.
+        model: a model whose flow is linear between events.
         params, state: its parameters and a state.
     """
     names = list(jax.eval_shape(model.flow, params, state))
@@ -57,7 +57,7 @@ def flow_eigenvalues(model: HybridModel, params: Params, state: State) -> np.nda
 
 
 def slowest_limit(model: HybridModel, params: Params, state: State, method: str) -> float:
-    """The longest step (s) that is right for all eigenvalues of a linear flow with a method of `METHODS`."""
+    """The longest accurate step (s) of a method of `METHODS` for all eigenvalues of a linear flow."""
     eigenvalues = flow_eigenvalues(model, params, state)
     rates = np.abs(eigenvalues)
     fast = rates > 0.0

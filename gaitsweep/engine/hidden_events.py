@@ -1,10 +1,9 @@
-"""Events that may begin and end inside one step: at both of its ends the guard is below zero.
+"""Detection of events that may begin and end inside one step, with the guard below zero at both ends.
 
-A leg that grazes the ground between two ends of a step would leave no trace there. So a step is not taken
-while a guard that stays below zero at its end could have reached zero on the way: the tangent at the step's
-beginning crosses zero within the step, and the guard has fallen so far below that tangent at the end that it
-may have turned. Half the step is tried then. A guard whose curve lies below that tangent (one that rises ever
-more slowly, then falls) is never missed by the tangent itself.
+A short contact inside a step is not visible in the guard at the ends of the step. So a step is rejected if a
+guard that is below zero at its end could have reached zero inside: the tangent at the beginning crosses zero
+within the step, and at the end the guard is so far below the tangent that it may have passed a maximum. Half
+the step is tried then. For a guard that is concave, the tangent is an upper bound, so no event is missed.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ import jax.numpy as jnp
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.propose import move
 
-# The parabola through the guard at both ends, with its slope at the beginning, has its top within this many
-# steps. One step would be the top itself; a curve that falls steeply and then flattens has its top before
-# that of the parabola.
+# A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the
+# beginning, has its maximum within this many steps. The value is above 1, since the maximum of a curve that
+# falls steeply and then flattens is before that of the parabola.
 TOP_WITHIN = 2.0
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> jax.Array:
-    """How fast each guard rises along a flow (1/s times its unit), as numbers without a derivative."""
+    """Time derivatives of the guards along a flow (their units per s), without derivatives of their own."""
     still, params = jax.lax.stop_gradient((state, params))
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     zero = jnp.zeros_like(jax.tree.leaves(along)[0], shape=())
@@ -33,10 +32,10 @@ def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates)
 
 
 def may_hide(near: jax.Array, slopes: jax.Array, end: jax.Array, h: jax.Array) -> jax.Array:
-    """Whether any guard may have been above zero within a step and is below it at both ends.
+    """Whether a guard may be above zero inside a step and is below zero at both ends.
 
     Args:
-        near, slopes: the guards at the step's beginning and how fast they rise there.
+        near, slopes: the guards and their time derivatives at the step's beginning.
         end: the guards at its end.
         h: its length (s).
     """

@@ -1,7 +1,7 @@
-"""How trajectories are integrated: the method, its tolerances, and how long a step may be.
+"""The numerics of a run: the integration method, its tolerances, and the longest step.
 
-A model recommends its numerics (`Model.recommended`), and how long its steps may be follows from a row's
-parameters. What a job leaves open is taken from there.
+A model recommends its numerics (`Model.recommended`), and the longest step follows from a row's parameters.
+These are the defaults of a job.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ import jax.numpy as jnp
 from gaitsweep.contract import HybridModel, Model, Params
 from gaitsweep.engine.propose import METHODS, own_steps
 
-# The start value, beside a model's own, by which a row's steps are shorter than its numerics say: 1, or less
-# where a row is repeated to see how far its numbers depend on the step. No model's name has a dot.
+# The name, among a row's initial conditions, of the factor on its steps: 1, or less if a row is repeated to
+# test how its results depend on the step. No name of a model has a dot.
 SHARE = "numerics.share"
-# Order of the step's error in its length, for methods whose steps follow from a tolerance.
+# Order of the local error in the step, for methods with step control.
 ORDER = 5
-# Of the longest step that is right, what is recommended.
+# The recommended share of the longest accurate step.
 SAFETY = 0.85
-# Steps of an adaptive method that fit into its longest one before a row counts as having too many.
+# Number of adaptive steps in the longest step beyond which a row has too many steps.
 ADAPTIVE_STEPS = 64.0
-# Steps with a tolerance are at most this share of a nominal period, so that few events begin and end inside
-# one (`hidden_events`). A step of any method that is written in a job may be four times as long.
+# Fewest steps in a nominal period: the default for adaptive methods, so that few events begin and end inside
+# a step (`hidden_events`), and the limit for a step that a job sets.
 SHORTEST_CYCLE = 32.0
 FEWEST_STEPS = 8.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
-    """How trajectories are integrated; what is None or auto is what the model recommends.
+    """The numerics of a run; None or auto stands for the model's recommendation.
 
-    `dt` the longest step (s); `method` one of `METHODS`; `event_tolerance` of event times (s); `rtol`, `atol`
-    the relative and absolute tolerance of a step's error, for methods that estimate it.
-    `precision`: float64, float32, or mixed: all that a trajectory carries is float64, and a step's length
-    reaches the model as float32, to tell it that forces may be worked out so.
+    `dt` is the longest step (s); `method` one of `METHODS`; `event_tolerance` the tolerance on event times
+    (s); `rtol` and `atol` the relative and absolute tolerances on the local error, for methods with step
+    control; `precision` float64, float32, or mixed: states and times are float64, and a step's length is
+    passed to the model as float32, so that it may compute forces in float32.
     """
 
     dt: float | None = None
@@ -48,7 +48,7 @@ class Numerics:
     atol: float | None = None
 
     def of(self, model: Model) -> Numerics:
-        """The same with a model's recommendation in place of what is left open, but for `dt`."""
+        """The numerics with the recommendations of a model, except `dt`."""
         recommended = model.recommended
         return dataclasses.replace(
             self,
@@ -59,27 +59,27 @@ class Numerics:
 
     @property
     def adaptive(self) -> bool:
-        """Whether steps follow from the tolerances; the method has to be known."""
+        """Whether the method has step control; it must not be auto."""
         return METHODS[self.method].adaptive
 
     @property
     def steps_in_longest(self) -> float:
-        """Steps that the limit on attempts allows for each longest one; the method has to be known."""
+        """Steps that the limit on attempts allows in each longest step; the method must not be auto."""
         return ADAPTIVE_STEPS if self.adaptive else 1.0
 
     @property
     def carried(self) -> str:
-        """The dtype of rows' values, states and times."""
+        """The dtype of values, states and times."""
         return "float64" if self.precision == "mixed" else self.precision
 
     @property
     def stepped(self) -> str:
-        """The dtype of the step that a model of steps is given."""
+        """The dtype of the step that is passed to a stepped model."""
         return "float32" if self.precision == "mixed" else self.precision
 
 
 def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
-    """The longest step (s) that is right with a method and these parameters; None where it is not known.
+    """The longest accurate step (s) of a method with these parameters; None if it is unknown.
 
     Args:
         model: the model.
@@ -98,14 +98,14 @@ def longest_step(model: Model, method: str, params: Params) -> jax.Array | None:
     rates, damping = modes
     ratios, limits = (jnp.asarray(column) for column in zip(*METHODS[method].limits, strict=True))
     allowed = jnp.interp(damping, ratios, limits)
-    # where all motions are slow, steps still have to be short beside a cycle
+    # even if all motions are slow, a step has to be short compared with a cycle
     return jnp.minimum(jnp.min(allowed / rates), model.period(params) / FEWEST_STEPS)
 
 
 def recommended_step(model: Model, numerics: Numerics, params: Params) -> jax.Array | None:
-    """The longest step (s) that a row takes: that of the numerics, or the one its model recommends.
+    """The longest step (s) of a row: that of the numerics, or the recommendation of its model.
 
-    None where the numerics leave it open and the model does not know it either.
+    None if neither is known.
     """
     resolved = numerics.of(model)
     if resolved.dt is not None:
@@ -119,10 +119,10 @@ def recommended_step(model: Model, numerics: Numerics, params: Params) -> jax.Ar
 
 
 def step_of(model: Model, numerics: Numerics, params: Params) -> jax.Array:
-    """As `recommended_step`, where it has to be known.
+    """The `recommended_step` (s).
 
     Raises:
-        ValueError: neither the numerics nor the model say how long a step may be.
+        ValueError: neither the numerics nor the model determine it.
     """
     dt = recommended_step(model, numerics, params)
     if dt is None:
@@ -132,10 +132,10 @@ def step_of(model: Model, numerics: Numerics, params: Params) -> jax.Array:
 
 
 def unknown_step(model: Model, method: str) -> str:
-    """The sentence about a step that neither the numerics nor the model know."""
+    """The error message for a step that neither the numerics nor the model determine."""
     return f"{model.name} does not say how long a step of {method} may be: give numerics.dt."
 
 
 def tolerance_scale(share: Any) -> Any:
-    """How much finer the tolerances of a row with this share are: 1/32 at half the step."""
+    """The factor on the tolerances of a row with this share of the step: 1/32 for half the step."""
     return share**ORDER

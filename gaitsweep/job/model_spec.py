@@ -126,7 +126,7 @@ def _instance(
     try:
         model = model_class(**shape)
         parameters = {quantity.name: quantity for quantity in model.parameters}
-        starts = {quantity.name: quantity for quantity in model.starts}
+        starts = {quantity.name: quantity for quantity in model.initial_conditions}
     except Exception as error:  # a user's model may refuse its structure in any way
         return None, [Diagnostic(("structure",), f"is refused by {name}: {error}.")]
     names = [*parameters, *starts, *shape]

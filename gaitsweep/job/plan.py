@@ -94,7 +94,7 @@ class Plan:
     def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """All parameters and all starts in `rows` (n,) of int64, as `values` gives them."""
         parameters = [quantity.name for quantity in self.model.parameters]
-        starts = [quantity.name for quantity in self.model.starts]
+        starts = [quantity.name for quantity in self.model.initial_conditions]
         values = self.at(rows, [*parameters, *starts])
         self._check_block(rows, values)
         return {name: values[name] for name in parameters}, {name: values[name] for name in starts}
@@ -173,7 +173,7 @@ class Plan:
 
     def _closed(self, name: str, points: Spread) -> bool:
         """Whether an axis is an angle whose cells fill one turn."""
-        quantities = {q.name: q for q in (*self.model.parameters, *self.model.starts)}
+        quantities = {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
         if not quantities[name].circular or points.logarithmic:
             return False
         if isinstance(points.low, str) or isinstance(points.high, str):
@@ -206,7 +206,7 @@ class Plan:
         return sum(len(text) for text in texts if isinstance(text, str))
 
     def _check_block(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
-        for quantity in (*self.model.parameters, *self.model.starts):
+        for quantity in (*self.model.parameters, *self.model.initial_conditions):
             if quantity.name in self._unchecked:
                 wrong = np.flatnonzero(~inside(values[quantity.name], quantity))
                 if wrong.size:

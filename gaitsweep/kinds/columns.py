@@ -106,7 +106,7 @@ def observed(model: Model, suffix: str) -> list[Column]:
 
 def traits(model: Model) -> list[Column]:
     """What the model reads together with the gait."""
-    return [Column(q.name, lambda records, q=q: records.label(q.name), q, False) for q in model.traits]
+    return [Column(q.name, lambda records, q=q: records.label(q.name), q, False) for q in model.label_fields]
 
 
 def signals(model: Model) -> list[Column]:

@@ -20,7 +20,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare import return_map
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.propose import own_steps
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Real, Text
@@ -64,9 +64,9 @@ class Continuation(RunKind):
     def values_between(self) -> Iterator[float]:
         return path_values(sorted(self.path))
 
-    def recorder(self, model: Model) -> Crossings:
+    def recorder(self, model: Model) -> CrossingRecorder:
         # the rows are followed to where their branches begin; `block_table` does the rest
-        return Crossings(model, 1, self.settle)
+        return CrossingRecorder(model, 1, self.settle)
 
     def columns(self, model: Model) -> list[Column]:
         return [

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, Records, observed
 from gaitsweep.kinds.numbers import NotNegative, Positive, Real, Text
@@ -36,8 +36,8 @@ class Ramp(RunKind):
     def schedule(self) -> RampSchedule:
         return RampSchedule(tuple(self.path), self.rate, self.initial_dwell)
 
-    def recorder(self, model: Model) -> Crossings:
-        return Crossings(model, duration=self.schedule().duration)
+    def recorder(self, model: Model) -> CrossingRecorder:
+        return CrossingRecorder(model, duration=self.schedule().duration)
 
     def columns(self, model: Model) -> list[Column]:
         moving = moving_columns(self.parameter, self.schedule(), repeats=False)

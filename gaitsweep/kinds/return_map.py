@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, observed
 from gaitsweep.kinds.numbers import Count, CountOrZero
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
@@ -20,8 +20,8 @@ class ReturnMap(RunKind):
     crossings: Count = Field(description="section crossings to record")
     after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
 
-    def recorder(self, model: Model) -> Crossings:
-        return Crossings(model, self.crossings, self.after_cycles)
+    def recorder(self, model: Model) -> CrossingRecorder:
+        return CrossingRecorder(model, self.crossings, self.after_cycles)
 
     def columns(self, model: Model) -> list[Column]:
         return [CROSSING, Column("t", repeats=False), STATUS, STALLED_BY, *observed(model, "n")]

@@ -10,7 +10,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.recorders.settle import Settle as Recorder
+from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, slowest, traits
@@ -100,7 +100,7 @@ class Settle(RunKind):
     def refined(self, rows: Rows) -> Grid | None:
         if self.refine is None:
             return None
-        starts = {quantity.name for quantity in rows.model.starts}
+        starts = {quantity.name for quantity in rows.model.initial_conditions}
         wanted = starts if self.over is None else set(self.over)
         axes = {axis.place: axis.closed for name, axis in rows.grids.items() if name in wanted}
         return Grid(tuple(axis.length for axis in rows.axes), axes, self.coarse)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.engine.recorders.trace import Trace as Recorder
+from gaitsweep.engine.recorders.trace import TraceRecorder as Recorder
 from gaitsweep.kinds.columns import STALLED_BY, STATUS, Column, signals
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import CountOrZero, NotNegative, Positive, Real, Text

@@ -1,4 +1,4 @@
-"""The models that a job can name, each imported when it is first asked for."""
+"""The registry of models, which are imported when they are first used."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ _WRITTEN: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictiona
 
 
 class ModelError(UserError, LookupError):
-    """A model that cannot be had; the message is a sentence that goes on from the model's name."""
+    """A model is not available; the message continues a sentence that begins with "The model"."""
 
     @property
     def sentence(self) -> str:
-        """The message with what it goes on from."""
+        """The message as a complete sentence."""
         return f"The model {self}"
 
 
@@ -103,15 +103,16 @@ def importable(name: str) -> bool:
 
 
 def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
-    """The class of a registered model, or of the user's own as "package.module:attribute".
+    """The class of a registered model, or of a user's model given as "package.module:attribute".
 
     Args:
-        name: a registered name, or where the user's own class is.
-        folders: folders whose modules may be imported, besides the working directory and what is installed.
+        name: a registered name, or the module and name of the user's class.
+        folders: folders whose modules may be imported, in addition to the working directory and installed
+            packages.
 
     Raises:
-        ModelError: an unknown name (with the near miss), a module that does not import, or an attribute
-            that is missing or is not a model.
+        ModelError: the name is unknown (with the near miss), the module cannot be imported, or the attribute
+            is missing or not a model.
     """
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
@@ -161,7 +162,7 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
     except (
         Exception,
         SystemExit,
-    ) as error:  # a user's module may do anything, and its author must hear of it
+    ) as error:  # a user's module may raise anything, which is reported to its author
         raise ModelError(
             f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
         ) from error
@@ -170,10 +171,10 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
 
 
 def _as_written(module: ModuleType) -> ModuleType:
-    """The user's module, loaded anew where a file of it has changed, as it does while a notebook is open.
+    """The user's module, reloaded if one of its files has changed, for example while a notebook is open.
 
-    The modules beside it that it imports are part of it: where one has changed, all are loaded anew, each
-    after those that it imports, since they hold names out of each other.
+    The modules next to it that it imports are part of it: if one has changed, all are reloaded, each after
+    those that it imports, since they contain names from each other.
     """
     if installed(module):
         return module
@@ -181,20 +182,20 @@ def _as_written(module: ModuleType) -> ModuleType:
     if any(_WRITTEN.get(sys.modules[name], stamp) != stamp for name, stamp in now.items()):
         for name in now:
             importlib.reload(sys.modules[name])
-        now = _stamps(module) | now  # an edit may import more; what was written meanwhile is seen next time
+        now = _stamps(module) | now  # an edit may add imports; files written meanwhile are detected next time
     for name, stamp in now.items():
         _WRITTEN[sys.modules[name]] = stamp
     return sys.modules[module.__name__]
 
 
 def _stamps(module: ModuleType) -> dict[str, Stamp]:
-    """The files of a user's module and of those beside it that are loaded, as they are now."""
+    """The stamps of a user's module and of the loaded modules next to it."""
     return {name: stamp_of(file) for name, file in modules_beside(module).items() if name in sys.modules}
 
 
 @contextmanager
 def _importable(folders: list[Path]) -> Iterator[None]:
-    """Folders put last, so that a file of the user's hides no installed package from the others."""
+    """Append folders to the import path, so that a user's file does not hide an installed package."""
     added = [str(folder.resolve()) for folder in folders]
     sys.path.extend(added)
     importlib.invalidate_caches()
@@ -208,7 +209,7 @@ def _importable(folders: list[Path]) -> Iterator[None]:
 
 
 def _refuse_namesake(name: str, module_name: str, folders: list[Path]) -> None:
-    """A module of the same name loaded from elsewhere would be simulated in the place of the user's own."""
+    """Refuse a module that was loaded from elsewhere under the same name, since it would be used instead."""
     top = module_name.partition(".")[0]
     loaded = getattr(sys.modules.get(top), "__file__", None)
     for folder in folders:

@@ -1,4 +1,4 @@
-"""Whether the functions of a user's model give what the contract asks, found without running them."""
+"""Test of a user's model against the contract, by tracing its functions without running them."""
 
 from __future__ import annotations
 
@@ -11,26 +11,25 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep import near_miss
-from gaitsweep.contract import HybridModel, Model, Steps
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 
 _NUMBER = jax.ShapeDtypeStruct((), float)
 
 
 class _Fault(Exception):
-    """What is wrong, in words that go on from `but its function`."""
+    """A violation of the contract; the message continues `but its function`."""
 
 
 def fault(model: Model) -> str | None:
-    """The first function of a model that does not give what `gaitsweep/contract.py` says, or None.
+    """The first violation of `gaitsweep/contract.py` by a model, or None.
 
-    The functions are traced on shapes alone, as the engine does. What a model whose parameters pass through
-    `on_host` gives is not looked at.
+    The functions are traced with shapes only, as by the engine. A model with `host_parameters` is not tested.
 
     Args:
         model: an instance of the user's class.
 
     Returns:
-        Words that go on from the model's name, a full stop at their end.
+        Words that continue a sentence after the model's name, with a full stop at the end.
     """
     try:
         hash(model)
@@ -52,7 +51,9 @@ def _fault(model: Model) -> str | None:
 
 def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
-    state = _given("init", model.init, params, {quantity.name: _NUMBER for quantity in model.starts})
+    state = _given(
+        "init", model.init, params, {quantity.name: _NUMBER for quantity in model.initial_conditions}
+    )
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
     events = _events(model, params, state)
@@ -65,16 +66,21 @@ def _look(model: Model) -> None:
     signals = _given("signal", model.signal, params, state)
     _named("signal", signals, "signals", (quantity.name for quantity in model.signals))
     labels = _given("label", model.label, params, observed)
-    _named("label", labels, "gait and traits", ("gait", *(quantity.name for quantity in model.traits)))
+    _named(
+        "label",
+        labels,
+        "gait and label fields",
+        ("gait", *(quantity.name for quantity in model.label_fields)),
+    )
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
-    """The shape of what tells which events happen."""
+    """The shape of the flags of events."""
     if isinstance(model, HybridModel):
         _rates(state, _given("flow", model.flow, params, state))
         name, found = "guards", _given("guards", model.guards, params, state)
     else:
-        assert isinstance(model, Steps)
+        assert isinstance(model, FixedStepDynamics)
         after = _given("step", model.step, params, state, _NUMBER)
         _alike("step", state, after)
         name, found = "events", _given("events", model.events, params, state, after)
@@ -91,10 +97,10 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
 
 
 def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
-    """The shapes that a function gives."""
+    """The shapes of a function's results."""
     try:
         return jax.eval_shape(function, *args)
-    except Exception as error:  # a user's function may do anything
+    except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
         advice = ""
         if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
@@ -116,7 +122,7 @@ def _rates(state: Any, rates: Any) -> None:
 
 
 def _alike(name: str, before: Any, after: Any) -> None:
-    """Refuse what does not give a state of the same kind."""
+    """Refuse a function whose result is not a state of the same structure and shapes."""
     if jax.tree.structure(before) != jax.tree.structure(after):
         raise _Fault(f"{name} gives {type(after).__name__}, where it gives a {type(before).__name__}.")
     for (path, old), new in zip(jax.tree.leaves_with_path(before), jax.tree.leaves(after), strict=True):

@@ -1,4 +1,4 @@
-"""A user's module and the modules beside it that it imports: what decides the numbers of the user's model."""
+"""The files of a user's model: its module and the modules next to it that it imports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-Stamp = tuple[int, int]  # when a file was written (ns), and its size
+Stamp = tuple[int, int]  # modification time (ns) and size of a file
 
 _OURS = __name__.partition(".")[0]
 
@@ -18,15 +18,15 @@ _OURS = __name__.partition(".")[0]
 def modules_beside(module: ModuleType) -> dict[str, Path]:
     """The files of a user's module and of those that it imports, directly or not, by module name.
 
-    Modules count that lie in the folder of the user's module (of its outermost package), or below it; where
-    that is a folder of installed packages, those of the same package alone. Imports are read from the
-    sources, those inside functions too; what is imported by a name that is worked out is not seen.
+    Only modules in the folder of the user's module (of its outermost package) or below it are included; in a
+    folder of installed packages, only those of the same package. Imports are read from the sources, also
+    inside functions; imports by computed names are not detected.
 
     Args:
         module: the user's module.
 
     Returns:
-        Each module after those that it imports, the user's own the last; empty where it has no file.
+        Each module after those that it imports, the user's module last; empty if it has no file.
     """
     folder = _folder_of(module)
     if folder is None:
@@ -39,13 +39,13 @@ def modules_beside(module: ModuleType) -> dict[str, Path]:
 
 
 def installed(module: ModuleType) -> bool:
-    """Whether a module is part of Python or of an installed package, which nobody edits meanwhile."""
+    """Whether a module belongs to Python or to an installed package, which does not change."""
     folder = _folder_of(module)
     return folder is None or _installed(folder)
 
 
 def _folder_of(module: ModuleType) -> Path | None:
-    """The folder from which a module is imported; None where it has no source."""
+    """The folder from which a module is imported; None if it has no source."""
     file = getattr(module, "__file__", None)
     if file is None or not file.endswith(".py") or module.__name__ == "__main__":
         return None
@@ -55,25 +55,25 @@ def _folder_of(module: ModuleType) -> Path | None:
 
 
 def stamp_of(file: Path) -> Stamp:
-    """When a file was written, and its size."""
+    """The modification time (ns) and the size of a file."""
     about = file.stat()
     return about.st_mtime_ns, about.st_size
 
 
 def _installed(folder: Path) -> bool:
-    """Whether a folder holds installed packages, which have nothing to do with each other."""
+    """Whether a folder contains installed packages, which are independent of each other."""
     paths = {Path(each).resolve() for each in sysconfig.get_paths().values()}
     return folder in paths or folder.name in ("site-packages", "dist-packages")
 
 
 def _follow(name: str, folder: Path, top: str | None, found: dict[str, Path], seen: set[str]) -> None:
-    """Add a module after those that it imports; a circle of imports is entered once."""
+    """Add a module after those that it imports; circular imports are visited once."""
     if name in seen or (file := _file_of(name, folder)) is None:
         return
     if name.partition(".")[0] == _OURS or (top is not None and name.partition(".")[0] != top):
         return
     seen.add(name)
-    if "." in name:  # importing a module runs the packages around it first
+    if "." in name:  # importing a module runs its parent packages first
         _follow(name.rpartition(".")[0], folder, top, found, seen)
     package = name if file.name == "__init__.py" else name.rpartition(".")[0]
     try:
@@ -86,10 +86,10 @@ def _follow(name: str, folder: Path, top: str | None, found: dict[str, Path], se
 
 
 def _file_of(name: str, folder: Path) -> Path | None:
-    """The source of a module in a folder, if it is one that would be imported from there."""
+    """The source of a module in a folder, if the module is imported from there."""
     loaded = getattr(sys.modules.get(name.partition(".")[0]), "__file__", None)
     if loaded is not None and folder not in Path(loaded).resolve().parents:
-        return None  # an installed module of that name came first
+        return None  # an installed module of that name has precedence
     place = folder.joinpath(*name.split("."))
     for file in (place / "__init__.py", place.with_name(f"{place.name}.py")):
         if file.is_file():
@@ -99,7 +99,7 @@ def _file_of(name: str, folder: Path) -> Path | None:
 
 @functools.lru_cache(maxsize=256)
 def _imports(file: Path, stamp: Stamp, package: str) -> tuple[str, ...]:
-    """The names that a source may import; a name out of a module may be a module too."""
+    """The names that a source may import; a name in a module may be a module as well."""
     try:
         tree = ast.parse(file.read_bytes())
     except (SyntaxError, ValueError):

@@ -11,10 +11,10 @@ import time
 import jax
 import numpy as np
 
-from gaitsweep.engine.recorders.recorder import CADENCE
-from gaitsweep.engine.sweep.engines import looks_of
-from gaitsweep.engine.sweep.lane_scheduler import Pool
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
+from gaitsweep.engine.sweep.engines import polls_per_chunk
+from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job, Plan
 from gaitsweep.job.axes import Drawn, Spread
 from gaitsweep.kinds.run_kind import table_columns
@@ -115,19 +115,19 @@ class Measured:
     crossings: float
 
 
-def _measured(work: Work, dt: float) -> Measured:
+def _measured(work: SweepSpec, dt: float) -> Measured:
     """Run a chunk of the first rows, for how fast it goes and how far it comes."""
     began = time.perf_counter()
-    pool = Pool(work, range(math.ceil(work.n_rows / work.block)))
+    pool = LaneScheduler(work, range(math.ceil(work.n_rows / work.block)))
     pool.refill()
     for lanes in pool.groups:
         lanes.run_chunk(0)
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.chunk(looks_of(work))
+    given = pool.chunk(polls_per_chunk(work))
     spent = time.perf_counter() - began
     slots = work.lanes * len(work.devices)
-    rate = slots * CADENCE * looks_of(work) / spent
+    rate = slots * POLL_INTERVAL * polls_per_chunk(work) / spent
     ran = pool.block_of >= 0
     simulated = float(np.sum(given.t[ran]))
     crossings = float(np.sum(given.record.cycles[ran]))
@@ -140,7 +140,7 @@ def _measured(work: Work, dt: float) -> Measured:
     return Measured(rate, compile_s, attempts, crossings / simulated)
 
 
-def _nominal_period(work: Work) -> float:
+def _nominal_period(work: SweepSpec) -> float:
     """The first row's, in s, as its model says."""
     params, _ = work.values(0, 1)
     one = {name: np.asarray(column[0]) for name, column in params.items()}

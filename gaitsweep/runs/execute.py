@@ -14,7 +14,7 @@ from typing import Any
 
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Progress as EngineProgress
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.figures import Progress, draw_of_complete
 from gaitsweep.runs.prepare import Prepared, naming_the_file, prepare
@@ -88,7 +88,7 @@ def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progres
         return before
     total = ready.work.n_rows
 
-    def tell(now: EngineProgress) -> None:
+    def tell(now: SweepProgress) -> None:
         if progress is not None:
             progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
@@ -124,7 +124,7 @@ def _run_missing(
     def write(number: int, block: BlockResult) -> None:
         directory.write_part(number, ready.table(block))
 
-    def tell(now: EngineProgress) -> None:
+    def tell(now: SweepProgress) -> None:
         if progress is not None:
             done, total = before + now.done, ready.work.n_rows
             rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0

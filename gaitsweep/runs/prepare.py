@@ -16,7 +16,7 @@ import pandas as pd
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
@@ -40,7 +40,7 @@ class Prepared:
 
     job: Job
     plan: Plan
-    work: Work
+    work: SweepSpec
     note: str | None
     job_hash: str
     steps: RowSteps
@@ -81,7 +81,7 @@ def prepare(job: Job) -> Prepared:
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
     lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     steps = row_steps(rows, job.run, numerics)
-    work = Work(
+    work = SweepSpec(
         model=rows.model,
         recorder=recorder,
         numerics=numerics,

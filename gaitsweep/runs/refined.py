@@ -19,7 +19,7 @@ from gaitsweep.contract import Status, Verdict
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
-from gaitsweep.engine.sweep.sweep_spec import Progress
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.figures import Progress as RunProgress
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load
@@ -65,7 +65,7 @@ def _round(
     directory: ResultDirectory,
     number: int,
     rows: np.ndarray,
-    tell: Callable[[Progress], None] | None,
+    tell: Callable[[SweepProgress], None] | None,
     timings: Timings,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
@@ -96,10 +96,12 @@ def _round(
     return frame
 
 
-def _telling(progress: RunProgress, number: int, total: int, decided: float) -> Callable[[Progress], None]:
+def _telling(
+    progress: RunProgress, number: int, total: int, decided: float
+) -> Callable[[SweepProgress], None]:
     """What tells of a round, before which this share of all rows was decided."""
 
-    def tell(now: Progress) -> None:
+    def tell(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
         share = min(decided + now.share * now.rows / total, 1.0)
         progress(int(share * total), total, rate, share, f"round {number + 1}: {now.rows} rows")
@@ -135,7 +137,7 @@ def _write_parts(
 def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
     plan, model, n = ready.plan, ready.plan.model, rows.size
-    traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.traits}
+    traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.label_fields}
     for trait in traits.values():
         if trait.dtype.kind == "f":
             trait[:] = np.nan

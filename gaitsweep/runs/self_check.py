@@ -18,13 +18,13 @@ import numpy as np
 
 from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.numerics import SHARE
-from gaitsweep.engine.poincare.maps import shorter
+from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.propose import own_steps
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, SettleRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
-from gaitsweep.engine.sweep.sweep_spec import Progress, Work
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.job import Plan
 from gaitsweep.runs.prepare import Prepared
@@ -93,7 +93,7 @@ def circular(model: Model) -> np.ndarray:
 
 def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
     """How far observables (..., observables) are from each other, angles by the shorter way."""
-    return np.abs(shorter(once - again, circular(model)))
+    return np.abs(wrap_difference(once - again, circular(model)))
 
 
 def sample_rows(plan: Plan, count: int) -> np.ndarray:
@@ -126,7 +126,7 @@ def sample_rows(plan: Plan, count: int) -> np.ndarray:
 
 
 def self_check(
-    ready: Prepared, count: int, progress: Callable[[Progress], None] | None = None
+    ready: Prepared, count: int, progress: Callable[[SweepProgress], None] | None = None
 ) -> dict[str, Any]:
     """Repeat a sample of a job's rows, and compare.
 
@@ -156,10 +156,10 @@ def self_check(
 
 
 def _repeated(
-    work: Work,
+    work: SweepSpec,
     plan: Plan,
     lanes: list[tuple[np.ndarray, float, float]],
-    progress: Callable[[Progress], None] | None,
+    progress: Callable[[SweepProgress], None] | None,
 ) -> list[BlockResult]:
     """The results of rows that run once more, for each (rows, share, move) of the list."""
     rows = np.concatenate([each[0] for each in lanes])
@@ -195,7 +195,7 @@ def _part(result: BlockResult, first: int, last: int) -> BlockResult:
 
 
 def _compare_ends(
-    ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[Progress], None] | None
+    ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> np.ndarray:
     """Compare how rows (n,) end; gives which of them came to rest, both times."""
     work, plan = ready.work, ready.plan
@@ -223,7 +223,7 @@ def _compare_ends(
     change = changes(plan.model, once.last, half.last)
     check.take_largest(plan.model, change[same])
     recorder = work.recorder
-    if isinstance(recorder, Settle):
+    if isinstance(recorder, SettleRecorder):
         # SETTLE_WINDOW tolerances, in each observable's unit
         bound = np.asarray(jax.vmap(lambda last: recorder.bound(last[None, :]))(once.last[same]))
         check.moved += int(np.sum(np.any(change[same] > TOLERANCES / SETTLE_WINDOW * bound, axis=1)))
@@ -247,13 +247,13 @@ def _failed(status: np.ndarray) -> np.ndarray:
 
 
 def _compare_crossings(
-    ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[Progress], None] | None
+    ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> None:
     """Compare the first crossings of rows (n,)."""
     plan, model = ready.plan, ready.plan.model
     recorder = ready.work.recorder
-    if not (isinstance(recorder, Crossings) and (recorder.crossings or math.inf) <= MOST_CROSSINGS):
-        recorder = Crossings(model, crossings=CROSSINGS)
+    if not (isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) <= MOST_CROSSINGS):
+        recorder = CrossingRecorder(model, crossings=CROSSINGS)
     work = dataclasses.replace(ready.work, recorder=recorder)
     lanes = [(rows, 1.0, 0.0), (rows, HALF, 0.0), (rows, 1.0, MOVED)]
     repeated = _repeated(work, plan, lanes, progress)

@@ -87,8 +87,8 @@ def quantities_of(model: Model) -> dict[str, dict[str, Any]]:
     named = {
         # a start stands in the table by its own name, an observable with _end or _n
         **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
-        **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.traits)},
-        **{q.name: q for q in model.starts},
+        **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},
+        **{q.name: q for q in model.initial_conditions},
     }
     return {
         name: {"unit": q.unit, "meaning": q.meaning, "symbol": q.symbol, "circular": q.circular}

@@ -1,9 +1,9 @@
-"""Result directories: a table in parts that survive any interruption, and what made it.
+"""Result directories: a table in parts that survives interruptions, with its provenance.
 
-A directory holds `job.yaml` (resolved), `manifest.json`, `table/part-00000.parquet` and so on (one part a
-block of rows), `SHA256SUMS` (the digest of each part), `figures/` and perhaps `report.html`. A part that
-exists is complete; while a run is under way, finished rows of other blocks stand in
-`table/open-00001.parquet` and so on.
+A directory contains `job.yaml` (resolved), `manifest.json`, `table/part-00000.parquet` and so on (one part
+for each block of rows), `SHA256SUMS` (the digest of each part), `figures/` and optionally `report.html`. A
+part that exists is complete; during a run, ended rows of other blocks are in `table/open-00001.parquet` and
+so on.
 """
 
 from __future__ import annotations

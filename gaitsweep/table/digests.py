@@ -1,7 +1,7 @@
-"""The digests of a directory's files, in `SHA256SUMS`, which `sha256sum -c` reads too.
+"""The digests of a directory's files, in `SHA256SUMS`, which `sha256sum -c` can read.
 
-A line is appended and on disk before the file that it tells of gets its name: whatever a kill leaves, a file
-that stands has a line. Of several lines for a name the last one counts.
+The line of a file is on disk before the file gets its name, so every file has a line, even after a kill. If a
+name has several lines, the last one is valid.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _LARGEST = 2**30  # bytes
 
 
 def digest_of(data: bytes) -> str:
-    """Give the sha256 of bytes, in hex."""
+    """Return the SHA-256 digest of bytes, in hex."""
     return hashlib.sha256(data).hexdigest()
 
 
 def read_digests(folder: Path) -> dict[str, str]:
-    """Read the digests of a directory by the names of its files; lines that are none are left out.
+    """Read the digests of a directory by file name; invalid lines are ignored.
 
     Raises:
-        TableError: the file is there and cannot be read.
+        TableError: the file exists but cannot be read.
     """
     try:
         text = read_file(folder / DIGESTS, _LARGEST).decode(errors="replace")
@@ -51,7 +51,7 @@ def add_digest(folder: Path, name: str, digest: str) -> None:
     new = not path.exists()
     with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
-        # a machine that lost its power may have left half a line
+        # a power failure may have left an incomplete line
         torn = size > 0 and os.pread(file.fileno(), 1, size - 1) != b"\n"
         line = f"{digest}  {name}\n".encode()
         file.write(b"\n" + line if torn else line)
@@ -61,10 +61,10 @@ def add_digest(folder: Path, name: str, digest: str) -> None:
 
 
 def write_digests(folder: Path, digests: Mapping[str, str]) -> None:
-    """Replace the file by these lines alone.
+    """Replace the content of `SHA256SUMS`.
 
     Raises:
-        OSError: it cannot be written; the old one stands.
+        OSError: it cannot be written; the old file is unchanged.
     """
     text = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
     replace_file(folder / DIGESTS, lambda file: file.write(text.encode()))

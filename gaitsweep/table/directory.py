@@ -1,4 +1,4 @@
-"""Writing a result directory: made or continued, one part at a time, by one writer."""
+"""Writing a result directory, new or continued, one part at a time, by one writer."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _FIXED = ("format", "job_hash", "rows", "block")
 class ResultDirectory:
     """A result directory open for writing; use it as a context manager, or call `close`.
 
-    `notes` are sentences about what was found and mended at opening, for the user to read.
+    `notes` are sentences for the user about damage that was found and repaired at opening.
     """
 
     def __init__(self, path: Path, lock: Lock, manifest: dict[str, Any]) -> None:
@@ -58,7 +58,7 @@ class ResultDirectory:
         self._lock = lock
         self._footers: dict[int, Footer] = {}
         self._digests: dict[str, str] = {}
-        # files of finished rows whose block is open, and the blocks that still need them
+        # files of ended rows of open blocks, and the blocks that still need them
         self._open_files: dict[Path, set[int]] = {}
         self._restored: dict[int, Rows] = {}
         self._last_open = 0
@@ -67,19 +67,18 @@ class ResultDirectory:
     def open(
         cls, path: str | Path, job: Mapping[str, Any], job_hash: str, n_rows: int, block: int
     ) -> ResultDirectory:
-        """Make a result directory, or continue the one that is there.
+        """Create a result directory, or continue an existing one.
 
         Args:
-            path: the directory; its parents are made.
+            path: the directory; its parents are created.
             job: the resolved job, written to `job.yaml`.
-            job_hash: what decides the numbers; a directory with another one is refused.
-            n_rows: rows of the whole sweep.
-            block: rows of a part.
+            job_hash: the hash of all that determines the results; a directory with another hash is refused.
+            n_rows: number of rows of the sweep.
+            block: number of rows of a part.
 
         Raises:
-            TableError: the directory belongs to another job, to something else than gaitsweep, or to a run
-                that is still going on.
-            WriteError: it cannot be made or written.
+            TableError: the directory belongs to another job or program, or another run is writing it.
+            WriteError: it cannot be created or written.
         """
         path = Path(path)
         _claimed(path, job_hash, n_rows, block)
@@ -91,7 +90,7 @@ class ResultDirectory:
             kind = WriteError if full else TableError
             raise kind(f"The result directory {path} cannot be made: {reason(error)}.") from error
         try:
-            # Looked at again, since another run may have made it between the first look and the lock.
+            # Checked again, since another run may have created it between the first check and the lock.
             damaged = _claimed(path, job_hash, n_rows, block)
             manifest = damaged if isinstance(damaged, dict) else None
             directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block, job))
@@ -117,7 +116,9 @@ class ResultDirectory:
         for folder in (self.path, self.path / TABLE, self.path / FIGURES):
             remove_partials(folder)
         plain = json.loads(json.dumps(dict(job), default=_plain))
-        if new or self.manifest.get("job") != plain:  # first of all, since a directory without one is foreign
+        if (
+            new or self.manifest.get("job") != plain
+        ):  # first, since a directory without a manifest is not recognised
             self.manifest["job"] = plain
             self._write_manifest()
         own_folder(self.path / TABLE)
@@ -134,7 +135,7 @@ class ResultDirectory:
             replace_file(job_file, lambda file: file.write(text))
 
     def _examine(self) -> None:
-        """Find out what stands, and clear away what is damaged."""
+        """Verify the files, and remove damaged ones."""
         examined = Examination(self.path, self.manifest)
         for _ in examined.parts():
             pass
@@ -142,7 +143,7 @@ class ResultDirectory:
             raise TableError(examined.strangers[0].sentence)
         for fault in examined.faults.values():
             if fault.foreign and not fault.digest_known:
-                # no part of ours ever stood there: somebody put it into the wrong place
+                # no part of this table was ever there: the file was put there by mistake
                 raise TableError(f"{fault.sentence[:-1]}: move it out of this directory, and run again.")
             self._clear(fault)
         self._footers = examined.footers
@@ -161,14 +162,14 @@ class ResultDirectory:
                 stored.setdefault(number, []).append(chosen(rows, np.flatnonzero(blocks == number)))
             if missing:
                 self._open_files[file] = set(missing)
-            else:  # the run was killed after it had written their parts
+            else:  # the earlier run was killed after it had written their parts
                 file.unlink(missing_ok=True)
         for fault in examined.open_faults:
             self._clear(fault)
         self._restored = {number: joined(parts) for number, parts in stored.items()}
 
     def _clear(self, fault: Fault) -> None:
-        """Take a file away that cannot be used; what is another job's is kept under another name."""
+        """Remove a file that cannot be used; a part of another job is renamed instead."""
         file = fault.file
         if file.is_dir() and not file.is_symlink():
             try:
@@ -196,48 +197,48 @@ class ResultDirectory:
 
     @property
     def n_rows(self) -> int:
-        """Rows of the whole sweep."""
+        """The number of rows of the sweep."""
         return self.manifest["rows"]
 
     @property
     def n_blocks(self) -> int:
-        """Parts of the whole table."""
+        """The number of parts of the table."""
         return -(-self.manifest["rows"] // self.manifest["block"])
 
     @property
     def rows_done(self) -> int:
-        """How many rows stand in complete parts."""
+        """The number of rows in complete parts."""
         return sum(footer.rows for footer in self._footers.values())
 
     @property
     def rows_open(self) -> int:
-        """How many rows stood finished in open blocks when the directory was opened."""
+        """The number of ended rows in open blocks when the directory was opened."""
         return sum(len(rows["row"]) for rows in self._restored.values())
 
     def rows_of(self, number: int) -> tuple[int, int]:
-        """Give the first row of a block and the row after its last (equal past the table's end)."""
+        """Return the first row of a block and the row after its last (equal past the table's end)."""
         block, rows = self.manifest["block"], self.manifest["rows"]
         return min(number * block, rows), min((number + 1) * block, rows)
 
     def missing_blocks(self) -> list[int]:
-        """List the blocks that have no part yet, in order."""
+        """Return the blocks without a part, in order."""
         return [number for number in range(self.n_blocks) if number not in self._footers]
 
     def counts(self) -> dict[str, int]:
-        """Count the rows of all complete parts by status."""
+        """Return the numbers of rows in complete parts by status."""
         return add_counts(self._footers)
 
     def write_part(self, number: int, frame: pd.DataFrame) -> None:
-        """Write a block's records; they are safe when this returns.
+        """Write the records of a block; they are on disk when this returns.
 
         Args:
             number: the block.
-            frame: its records, in the order of their rows and at least one for each, with `row` (int64)
+            frame: its records, in the order of their rows and at least one for each row, with `row` (int64)
                 and `status`.
 
         Raises:
-            WriteError: the disk is full or the file cannot be written; there is no half part.
-            ValueError: the frame is not that block's.
+            WriteError: the disk is full or the file cannot be written; no incomplete part is left.
+            ValueError: the frame does not belong to the block.
         """
         start, stop = self.rows_of(number)
         if not 0 <= number < self.n_blocks:
@@ -248,7 +249,8 @@ class ResultDirectory:
             raise ValueError(
                 f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
             )
-        data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts)
+        quantities = self.manifest.get("quantities")
+        data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts, quantities)
         try:
             self._write(part_name(number), data)
         except OSError as error:
@@ -268,11 +270,11 @@ class ResultDirectory:
                     file.unlink(missing_ok=True)
 
     def restored(self, number: int) -> Rows | None:
-        """Give the rows of an open block that an earlier run finished, as `keep` was given them."""
+        """Return the rows of an open block that an earlier run has stored by `keep`, or None."""
         return self._restored.get(number)
 
     def keep(self, rows: Rows) -> None:
-        """Store finished rows of open blocks; they are safe when this returns, until their part has them.
+        """Store ended rows of open blocks until their part is written; they are on disk when this returns.
 
         Args:
             rows: arrays by name: `row` (n,) int64, `kept` (n,), `samples` (sum of kept, width), others (n,).
@@ -294,18 +296,18 @@ class ResultDirectory:
         self._open_files[self.path / TABLE / name] = blocks
 
     def _write(self, name: str, data: bytes) -> None:
-        """Write a file of the table, its digest before it."""
+        """Write a file of the table, after its digest."""
         digest = digest_of(data)
         add_digest(self.path, f"{TABLE}/{name}", digest)
         replace_file(self.path / TABLE / name, lambda file: file.write(data))
         self._digests[f"{TABLE}/{name}"] = digest
 
     def update_manifest(self, **fields: Any) -> None:
-        """Set fields of `manifest.json` (JSON values; None removes one), which is replaced as a whole.
+        """Set fields of `manifest.json` (JSON values; None removes a field).
 
         Raises:
-            WriteError: it cannot be written; the old one stands.
-            ValueError: a field that identifies the directory.
+            WriteError: it cannot be written; the old file is unchanged.
+            ValueError: a field identifies the directory and cannot change.
         """
         for name in fields:
             if name in _FIXED:
@@ -321,10 +323,10 @@ class ResultDirectory:
             ) from error
 
     def tidy_digests(self) -> None:
-        """Leave in `SHA256SUMS` the files that stand, a line each.
+        """Reduce `SHA256SUMS` to one line for each existing file.
 
         Raises:
-            WriteError: it cannot be written; the old one stands.
+            WriteError: it cannot be written; the old file is unchanged.
         """
         names = {JOB, *(f"{TABLE}/{part_name(number)}" for number in self._footers)}
         names |= {f"{TABLE}/{file.name}" for file in self._open_files}
@@ -345,7 +347,7 @@ class ResultDirectory:
         replace_file(self.path / MANIFEST, lambda file: file.write(text.encode()))
 
     def close(self) -> None:
-        """Let others write the directory; a second call does nothing."""
+        """Release the directory for other writers; a second call does nothing."""
         self._lock.release()
 
     def __enter__(self) -> ResultDirectory:
@@ -358,7 +360,7 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest as `claim` gives it; or its damage, where the table's parts tell that they are this job's.
+    """The manifest from `claim`, or its error if it is damaged but the parts belong to this job.
 
     Raises:
         TableError: the directory is not for this job.
@@ -374,7 +376,7 @@ def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, An
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes a list that stands in two places twice, not as an anchor and an alias."""
+    """Writes a repeated list twice, not as an anchor and an alias."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

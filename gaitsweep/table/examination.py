@@ -1,4 +1,4 @@
-"""What stands in a directory's table, compared with its manifest and its digests."""
+"""Verification of the files of a table against its manifest and digests."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.open_rows import open_name, open_number, read_open
 from gaitsweep.table.parts import DamagedPart, Footer, part_name, part_number, read_footer, read_records
 
-FOREIGN = ".foreign"  # ends the name under which a part of another table is set aside
+FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
 
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """Why a file of a table is not used: `what` is a sentence's end; `foreign` says it is another table's."""
+    """A file that cannot be used: `what` is the end of a sentence; `foreign`: it belongs to another table."""
 
     file: Path
     what: str
@@ -34,15 +34,15 @@ class Fault:
 
 
 class Examination:
-    """The files of a table, each read once and held against the manifest.
+    """The files of a table, each read once and compared with the manifest.
 
-    After `parts` has been gone through: `footers` of the sound parts and `faults` of the others by block,
-    `strangers` that have no block; after `open_rows`, `open_faults` too. `digests` are those of the files;
-    `without_digest` lists the blocks whose part carries none, as those of older versions do.
+    The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
+    are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are those of the
+    files; `without_digest` lists blocks whose part has no digest, as in older versions.
     """
 
     def __init__(self, path: Path, manifest: Mapping[str, Any]) -> None:
-        """Look which files there are.
+        """List the files.
 
         Raises:
             TableError: the folder cannot be read.
@@ -62,7 +62,7 @@ class Examination:
                 names = sorted(entry.name for entry in self.folder.iterdir() if not is_partial(entry))
         except OSError as error:
             raise TableError(f"{self.folder} cannot be read: {reason(error)}.") from error
-        # digests after names: the line of a file that stands is older than its name
+        # digests are read after names, since the line of a file is written before its name
         self.digests = read_digests(path)
         self._numbers: list[int] = []
         self._open_numbers: list[int] = []
@@ -82,11 +82,11 @@ class Examination:
         return -(-self.rows // self.block)
 
     def rows_of(self, number: int) -> tuple[int, int]:
-        """Give the first row of a block and the row after its last (equal past the table's end)."""
+        """Return the first row of a block and the row after its last (equal past the table's end)."""
         return min(number * self.block, self.rows), min((number + 1) * self.block, self.rows)
 
     def parts(self, records: bool = False) -> Iterator[tuple[int, pa.Table | None]]:
-        """Go through the sound parts in order, with their records where they are asked for."""
+        """Iterate over the valid parts in order, with their records if `records`."""
         for number in self._numbers:
             file = self.folder / part_name(number)
             name = f"{TABLE}/{file.name}"
@@ -128,7 +128,7 @@ class Examination:
             yield number, table
 
     def _say_whose(self, data: bytes, number: int) -> None:
-        """Raise where a part with the wrong digest is whole, but another's."""
+        """Raise the reason if a part with a wrong digest is a valid part of another job or block."""
         try:
             footer = read_footer(data)
         except DamagedPart:
@@ -139,7 +139,7 @@ class Examination:
             raise DamagedPart(f"it holds part {footer.part}, not {number}")
 
     def open_rows(self) -> Iterator[tuple[Path, dict[str, np.ndarray]]]:
-        """Go through the files of finished rows whose blocks were not complete when they were stored."""
+        """Iterate over the files of ended rows of incomplete blocks."""
         for number in self._open_numbers:
             file = self.folder / open_name(number)
             digest = self.digests.get(f"{TABLE}/{file.name}")
@@ -162,4 +162,4 @@ class Examination:
 
 
 class _ForeignPart(Exception):
-    """A sound part of another job."""
+    """A valid part of another job."""

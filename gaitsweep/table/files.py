@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and the lock that keeps a directory to one writer."""
+"""Atomic replacement of files, and a lock that restricts a directory to one writer."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import BinaryIO
 
 from gaitsweep.errors import FAILED, UserError
 
-PARTIAL = ".partial"  # ends the hidden name under which a file is written
+PARTIAL = ".partial"  # suffix of the hidden temporary name of a file
 LOCK_NAME = ".lock"
 
 _NO_LOCKS_HERE = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EINVAL)
-# What stands in the way is the user's, who can move it or choose another place; all else failed by itself.
+# Errors that the user can correct, by another path or permissions; all others are failures of the machine.
 _PLACE_AT_FAULT = (
     errno.EISDIR,
     errno.ENOTDIR,
@@ -33,38 +33,38 @@ _PLACE_AT_FAULT = (
 
 
 class TableError(UserError):
-    """A result directory is refused; the message is one sentence that says what to do instead."""
+    """A result directory cannot be used; the message is one sentence that says what to do instead."""
 
 
 class WriteError(TableError):
-    """A file of a result directory could not be written (a full disk, say); what stood there is safe."""
+    """A file of a result directory could not be written, for example on a full disk; old files are intact."""
 
     exit_code = FAILED
 
 
 def reason(error: OSError) -> str:
-    """Say in words why the operating system refused."""
+    """Return the reason of an error of the operating system, in words."""
     if error.errno == errno.ENOSPC:
         return "the disk is full"
     return (error.strerror or str(error) or type(error).__name__).lower()
 
 
 def not_written(sentence: str, error: OSError) -> TableError:
-    """Make the error of a file that could not be written: the user's fault, or the machine's."""
+    """Return the exception for a file that could not be written: `TableError` or `WriteError`."""
     return (TableError if error.errno in _PLACE_AT_FAULT else WriteError)(sentence)
 
 
 def read_file(path: Path, most: int | None = None) -> bytes:
-    """Read a regular file, and wait for nothing else.
+    """Read a regular file, without blocking on other kinds of files.
 
     Args:
         path: the file.
-        most: bytes that it may have.
+        most: largest allowed size, bytes.
 
     Raises:
-        OSError: it cannot be read, is a folder, a pipe or a device, or is larger.
+        OSError: it cannot be read, is a folder, a pipe or a device, or is too large.
     """
-    # without O_NONBLOCK the opening of a pipe waits for whoever writes it
+    # without O_NONBLOCK, opening a pipe waits for its writer
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
         found = os.fstat(file.fileno())
@@ -76,23 +76,23 @@ def read_file(path: Path, most: int | None = None) -> bytes:
 
 
 def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write a file to a hidden temporary name beside `path`, flush it to disk, and rename it.
+    """Write a file to a hidden temporary name in the folder of `path`, flush it to disk, and rename it.
 
-    Killed at any point it leaves the old file or the new one, and at most a temporary that `remove_partials`
-    takes away. A link that stands at either name is replaced, not followed.
+    A kill at any point leaves the old or the new file, and at most a temporary file, which `remove_partials`
+    removes. A link at either name is replaced, not followed.
 
     Args:
-        path: where the file shall stand; its folder exists.
+        path: the path of the file; its folder exists.
         write: writes the content to the open file.
 
     Raises:
-        OSError: the file could not be written; `path` is as it was and the temporary is gone.
+        OSError: the file could not be written; `path` is unchanged, and the temporary file is removed.
     """
     temporary = path.with_name(f".{path.name}{PARTIAL}")
     with contextlib.suppress(FileNotFoundError):
         temporary.unlink()
     try:
-        # opened by its path, which programs that write it instead of us need to know
+        # opened by path, since other programs that write it need the path
         with open(temporary, "xb", opener=_without_links) as file:
             write(file)
             file.flush()
@@ -110,7 +110,7 @@ def _without_links(path: str, flags: int) -> int:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a folder's names to disk; a file system that cannot do it has nothing to lose by it."""
+    """Flush the entries of a folder to disk; errors of file systems without that function are ignored."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -120,11 +120,11 @@ def sync_folder(folder: Path) -> None:
 
 
 def own_folder(path: Path) -> None:
-    """Make a folder of a result directory unless it is there.
+    """Create a folder of a result directory, if it does not exist.
 
     Raises:
-        TableError: a file stands there, or a link, which would lead the writer out of the directory.
-        OSError: it cannot be made.
+        TableError: there is a file, or a link, which could point out of the directory.
+        OSError: it cannot be created.
     """
     if path.is_symlink():
         raise TableError(f"{path} is a link, which is not followed: put a folder there, or remove it.")
@@ -134,12 +134,12 @@ def own_folder(path: Path) -> None:
 
 
 def is_partial(path: Path) -> bool:
-    """Tell a temporary of `replace_file` from every other file."""
+    """Return whether a path is a temporary file of `replace_file`."""
     return path.name.startswith(".") and path.name.endswith(PARTIAL)
 
 
 def remove_partials(folder: Path) -> None:
-    """Remove the temporaries that a killed run left in a folder; only its one writer may call this."""
+    """Remove temporary files of a killed run from a folder; only its writer may call this."""
     if folder.is_dir():
         for path in folder.iterdir():
             if is_partial(path) and (path.is_symlink() or path.is_file()):
@@ -147,14 +147,14 @@ def remove_partials(folder: Path) -> None:
 
 
 class Lock:
-    """The right to write a directory, which the kernel takes back when its process ends, however it ends."""
+    """The exclusive right to write a directory, released by the operating system when the process ends."""
 
     def __init__(self, folder: Path) -> None:
         """Take the lock of a folder.
 
         Raises:
-            TableError: another run holds it, or what stands at its name is no file of ours.
-            OSError: the lock file cannot be made.
+            TableError: another run holds it, or the lock file is not a regular file.
+            OSError: the lock file cannot be created.
         """
         self.exclusive = True
         path = folder / LOCK_NAME
@@ -166,7 +166,9 @@ class Lock:
                 raise TableError(f"{path} is a link, which is not followed: remove it.") from None
             raise
         found = os.fstat(self._descriptor)
-        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:  # what is written would stand elsewhere too
+        if (
+            not stat.S_ISREG(found.st_mode) or found.st_nlink > 1
+        ):  # a hard link: another file would be changed too
             self.release()
             raise TableError(f"{path} is no lock file of gaitsweep: remove it.")
         try:
@@ -187,7 +189,7 @@ class Lock:
         os.pwrite(self._descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
 
     def release(self) -> None:
-        """Give the lock back; a second call does nothing."""
+        """Release the lock; a second call does nothing."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

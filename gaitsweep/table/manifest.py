@@ -1,4 +1,4 @@
-"""The manifest: what makes a directory a result directory, and whose it is."""
+"""The manifest, which identifies a result directory and its job."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ MANIFEST = "manifest.json"
 JOB = "job.yaml"
 TABLE = "table"
 FIGURES = "figures"
-FORMAT = 2  # of the directory; a change that older code cannot read raises it
-FORMATS = (1, FORMAT)  # that are read; those of format 1 have no digests
-SEAL = "sha256"  # of all other fields
+FORMAT = 2  # of the directory; it is increased by a change that older versions cannot read
+FORMATS = (1, FORMAT)  # formats that can be read; format 1 has no digests
+SEAL = "sha256"  # the digest of all other fields
 _LARGEST = 256 * 2**20  # bytes
 
 
 class DamagedManifest(TableError):
-    """A manifest that is not as gaitsweep wrote it."""
+    """A manifest that was changed after gaitsweep wrote it."""
 
 
 def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Give a manifest of JSON values with the digest of its fields, which tells an edited one."""
+    """Return a manifest of JSON values with the digest of its fields, which reveals an edit."""
     fields = {name: value for name, value in manifest.items() if name != SEAL}
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"))
     return {**fields, SEAL: hashlib.sha256(text.encode()).hexdigest()}
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read a directory's manifest.
+    """Read the manifest of a directory.
 
     Raises:
-        DamagedManifest: it is no JSON, or was changed after it was written.
-        TableError: there is none, or this version of gaitsweep does not know its format.
+        DamagedManifest: it is not JSON, or was changed after it was written.
+        TableError: there is none, or its format is unknown to this version of gaitsweep.
     """
     file = path / MANIFEST
     try:
@@ -109,7 +109,7 @@ def _is_quantity(value: object) -> bool:
 
 
 def is_job(value: object) -> bool:
-    """Tell whether plain values could be a job, as far as a table's reader goes into it."""
+    """Return whether plain values can be a job, as far as a reader of tables depends on it."""
     if not isinstance(value, dict):
         return False
     mappings = ("structure", "params", "start", "vary", "run", "numerics", "engine")
@@ -122,7 +122,7 @@ def is_job(value: object) -> bool:
 
 
 _COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
-# the fields that something reads, what they are, and that in words
+# fields that are read: name, test, description
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "job_hash": (lambda value: isinstance(value, str), "text"),
     "rows": (_is_count, "a number of rows"),
@@ -138,7 +138,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def new_manifest(job_hash: str, n_rows: int, block: int, job: Mapping[str, Any]) -> dict[str, Any]:
-    """Make the manifest that a new directory starts with."""
+    """Return the manifest of a new directory."""
     if n_rows < 1 or block < 1:
         raise ValueError(f"A table has at least one row and one row a part, not {n_rows} and {block}.")
     created = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -154,14 +154,14 @@ def new_manifest(job_hash: str, n_rows: int, block: int, job: Mapping[str, Any])
 
 
 def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | None:
-    """Find out whether a job may use a directory; writes nothing.
+    """Check whether a job may use a directory, without writing to it.
 
     Returns:
-        The manifest of this job's directory, or None where nothing stands yet.
+        The manifest of the job's directory, or None for a new or empty directory.
 
     Raises:
-        DamagedManifest: nothing can be said by its manifest.
-        TableError: the directory is another job's, or not gaitsweep's.
+        DamagedManifest: the manifest is damaged.
+        TableError: the directory belongs to another job, or not to gaitsweep.
     """
     try:
         if not path.exists():

@@ -1,7 +1,7 @@
-"""Finished rows of blocks that are not complete: files of their own, until the blocks' parts take them up.
+"""Files of ended rows of incomplete blocks, which are kept until the parts of the blocks are written.
 
-`table/open-00003.parquet` is the third time that a run stored such rows. It holds them as the engine gave
-them, to the bit and without gaits, since these are read for a whole block at once.
+`table/open-00003.parquet` is the third file of such rows. It contains the engine's results to the bit,
+without gaits, since these are determined for whole blocks.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 
 from gaitsweep.table.parts import UNREADABLE, DamagedPart, on_one_line
 
-# By name (n,) or (n, k): `row`, the row's number in the table; `kept`, how many of the samples
-# (sum of kept, width) are its own; and what else is known of it.
+# Arrays by name, (n,) or (n, k): `row`, the number of the row in the table; `kept`, the number of its
+# samples; `samples` (sum of kept, width); and other results.
 Rows = Mapping[str, np.ndarray]
 
 _KEY = b"gaitsweep open rows"
@@ -27,12 +27,12 @@ _NAME = re.compile(r"open-([0-9]{5,18})\.parquet")
 
 
 def open_name(number: int) -> str:
-    """Name the file of the rows that were stored the n-th time."""
+    """Return the name of the n-th file of open rows."""
     return f"open-{number:05d}.parquet"
 
 
 def open_number(name: str) -> int | None:
-    """Give the number of a file's name, None for a name that is none of these files'."""
+    """Return the number in a file name, or None if it is not a file of open rows."""
     match = _NAME.fullmatch(name)
     return int(match[1]) if match and open_name(int(match[1])) == name else None
 
@@ -64,10 +64,10 @@ def _lists(values: np.ndarray, ends: np.ndarray) -> pa.Array:
 
 
 def read_open(data: bytes, job_hash: str, n_rows: int) -> dict[str, np.ndarray]:
-    """Read the rows of such a file.
+    """Read the rows of a file of open rows.
 
     Raises:
-        DamagedPart: they cannot be decoded, are another job's, or no rows of this table.
+        DamagedPart: they cannot be decoded, or belong to another job or table.
     """
     try:
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
@@ -100,7 +100,7 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> dict[str, np.ndarray]:
 
 
 def chosen(rows: Rows, which: np.ndarray) -> dict[str, np.ndarray]:
-    """Take some of the rows, `which` (m,) their places."""
+    """Return the rows with the indices `which` (m,)."""
     first = np.cumsum(rows["kept"]) - rows["kept"]
     counts = rows["kept"][which]
     begins = np.repeat(first[which] - (np.cumsum(counts) - counts), counts)
@@ -109,9 +109,9 @@ def chosen(rows: Rows, which: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def joined(stored: Iterable[Rows]) -> dict[str, np.ndarray]:
-    """Put rows that were stored one after the other together, each of them once."""
+    """Concatenate rows of several files, without duplicates."""
     parts = list(stored)
-    # samples of rows that kept none have no type to go by
+    # empty arrays have no dtype
     samples = [part["samples"] for part in parts if len(part["samples"])] or [parts[0]["samples"]]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name != "samples"}
     whole["samples"] = np.concatenate(samples)

@@ -1,4 +1,4 @@
-"""One part of a table: a parquet file with the rows of one block, and in its footer what it belongs to."""
+"""One part of a table: a parquet file with the rows of one block, and a footer that identifies it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ _NAME = re.compile(r"part-([0-9]{5,18})\.parquet")
 
 @dataclasses.dataclass(frozen=True)
 class Footer:
-    """What a part says of itself: its block, its job's hash, its statuses and its categorical columns."""
+    """The metadata of a part: its block, the hash of its job, its statuses and its categorical columns."""
 
     part: int
     job_hash: str
@@ -29,27 +30,27 @@ class Footer:
 
     @property
     def rows(self) -> int:
-        """The rows of the sweep in this part; a row may have many records."""
+        """The number of rows of the sweep in this part; a row may have many records."""
         return sum(self.counts.values())
 
 
 class DamagedPart(Exception):
-    """A part's bytes are not those that were written; the message says what tells so."""
+    """A part differs from what was written; the message gives the evidence."""
 
 
 def part_name(number: int) -> str:
-    """Name the file of a block."""
+    """Return the file name of a block."""
     return f"part-{number:05d}.parquet"
 
 
 def part_number(name: str) -> int | None:
-    """Give the block of a file's name, None for a name that is no part's."""
+    """Return the block of a file name, or None if it is not the name of a part."""
     match = _NAME.fullmatch(name)
     return int(match[1]) if match and part_name(int(match[1])) == name else None
 
 
 def part_numbers(folder: Path) -> list[int]:
-    """List the blocks whose part stands in a folder, in order."""
+    """Return the blocks with a part in a folder, in order."""
     if not folder.is_dir():
         return []
     found = (part_number(path.name) for path in folder.iterdir())
@@ -57,16 +58,16 @@ def part_numbers(folder: Path) -> list[int]:
 
 
 def count_statuses(frame: pd.DataFrame) -> dict[str, int]:
-    """Count the rows of the sweep by status: a row's status is that of its last record."""
+    """Return the numbers of rows by status; the status of a row is that of its last record."""
     last = frame.drop_duplicates("row", keep="last")["status"].astype(str)
     return {str(status): int(number) for status, number in last.value_counts().sort_index().items()}
 
 
 def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
-    """Refuse a frame that is not the records of rows `start` to `stop - 1`, in order.
+    """Check that a frame has the records of rows `start` to `stop - 1`, in order.
 
     Raises:
-        ValueError: what is wrong with it; the caller is at fault, not the user.
+        ValueError: it has not, by an error of the program.
     """
     for column in ("row", "status"):
         if column not in frame:
@@ -83,12 +84,25 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
 
 
 def part_bytes(
-    frame: pd.DataFrame, number: int, job_hash: str, counts: Mapping[str, int]
+    frame: pd.DataFrame,
+    number: int,
+    job_hash: str,
+    counts: Mapping[str, int],
+    quantities: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[bytes, Footer]:
-    """Encode a block's records as parquet with a checksum for each page, its `Footer` in the metadata.
+    """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
 
     Categories are stored as text, which parquet encodes by a dictionary of its own; their order is kept in
-    the footer. So any other reader of parquet sees plain text.
+    the footer. So any other reader of parquet sees plain text, and finds the unit and the meaning of a column
+    in the metadata of its arrow field, under the keys `unit` and `meaning`.
+
+    Args:
+        frame: the records, in the order of their rows.
+        number: the block.
+        job_hash: the hash of the job.
+        counts: rows by status.
+        quantities: `unit` and `meaning` by the name of the column, as in the manifest; columns that are not
+            there get no metadata.
     """
     plain = frame.copy(deep=False)
     categories: dict[str, list[str]] = {}
@@ -104,7 +118,9 @@ def part_bytes(
     for column in plain.columns:
         text = pa.string() if column in categories else None
         arrays.append(pa.Array.from_pandas(plain[column], type=text))
-        fields.append(pa.field(column, arrays[-1].type))
+        known = (quantities or {}).get(column, {})
+        said = {name: known[name] for name in ("unit", "meaning") if name in known}
+        fields.append(pa.field(column, arrays[-1].type, metadata=said or None))
     footer = Footer(number, job_hash, dict(counts), categories)
     metadata = {_KEY: json.dumps(dataclasses.asdict(footer)).encode()}
     file = io.BytesIO()
@@ -119,10 +135,10 @@ def part_bytes(
 
 
 def read_footer(data: bytes) -> Footer:
-    """Read what a part says of itself, without its records.
+    """Read the footer of a part, without its records.
 
     Raises:
-        DamagedPart: these bytes are cut short, are no parquet file, or none of ours.
+        DamagedPart: the bytes are truncated, or are not a parquet file of gaitsweep.
     """
     try:
         metadata = pq.read_metadata(pa.BufferReader(data)).metadata or {}
@@ -141,21 +157,23 @@ def read_footer(data: bytes) -> Footer:
 
 
 def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table:
-    """Read a part's records, its categorical columns dictionary-encoded.
+    """Read the records of a part, with categorical columns dictionary-encoded.
 
     Args:
         data: the part's bytes.
-        footer: what `read_footer` gave for them.
+        footer: their footer, from `read_footer`.
         start, stop: the first row of its block, and the row after its last.
 
     Raises:
-        DamagedPart: the records cannot be decoded, or are not those of these rows.
+        DamagedPart: the records cannot be decoded, or belong to other rows.
     """
     try:
         file = pq.ParquetFile(
             pa.BufferReader(data), read_dictionary=list(footer.categories), page_checksum_verification=True
         )
-        table = file.read().replace_schema_metadata(None)
+        table = file.read()
+        # parts of older versions have no units: without metadata all parts have one schema
+        table = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
         rows = table.column("row").to_numpy()
     except UNREADABLE as error:
         raise DamagedPart(f"its records cannot be read ({on_one_line(error)})") from error
@@ -165,7 +183,7 @@ def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table
     return table
 
 
-# what parquet's reader and a footer's JSON raise where bytes are not as they were written
+# errors of the parquet reader and the JSON reader for damaged bytes
 UNREADABLE = (
     pa.ArrowException,
     OSError,
@@ -181,6 +199,6 @@ UNREADABLE = (
 
 
 def on_one_line(error: BaseException) -> str:
-    """Write what a library says of its trouble so that it fits into a sentence."""
+    """Return the message of a library's error on one line, shortened to 120 characters."""
     text = " ".join(str(error).split())
     return text if len(text) <= 120 else f"{text[:120]}..."

@@ -1,4 +1,4 @@
-"""Reading a result directory: what it holds so far, and its table as a data frame."""
+"""Reading a result directory: its contents, and its table as a data frame."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
 _LARGEST_JOB = 64 * 2**20  # bytes
-_DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited one
+_DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
 
 
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
-    """What a result directory held at one moment, read without its records; a run may be writing it.
+    """The contents of a result directory at one moment, without its records; a run may be writing it.
 
-    `job` is the one that was run, `written` what `job.yaml` says; it was edited where the two differ.
-    `footers` and `faults` (parts that are damaged or another table's) are by block, `strangers` have no
-    block. `rows_open`: finished rows of blocks that are not complete. `without_digest`: parts of an older
-    version, which carry none.
+    `job` is the job that was run, `written` the content of `job.yaml`; they differ if it was edited.
+    `footers` and `faults` (damaged parts and parts of another table) are by block; `strangers` are files
+    without a block; `rows_open` is the number of ended rows of incomplete blocks; `without_digest` are blocks
+    of an older version without digests.
     """
 
     path: Path
@@ -47,10 +47,10 @@ class Snapshot:
 
     @classmethod
     def of(cls, path: str | Path) -> Snapshot:
-        """Look at a result directory.
+        """Read a result directory.
 
         Raises:
-            TableError: it is none, or its manifest or `job.yaml` cannot be read.
+            TableError: it is not a result directory, or its manifest or `job.yaml` cannot be read.
         """
         return _look(Path(path), None)
 
@@ -61,44 +61,44 @@ class Snapshot:
 
     @property
     def damaged(self) -> tuple[int, ...]:
-        """The blocks whose part cannot be used."""
+        """The blocks whose parts cannot be used."""
         return tuple(sorted(self.faults))
 
     @property
     def counts(self) -> dict[str, int]:
-        """Finished rows by status."""
+        """Numbers of ended rows by status."""
         return add_counts(self.footers)
 
     @property
     def rows_done(self) -> int:
-        """How many rows of the sweep stand in complete parts."""
+        """The number of rows in complete parts."""
         return sum(footer.rows for footer in self.footers.values())
 
     @property
     def rows_safe(self) -> int:
-        """How many rows no later run has to run again, those of open blocks included."""
+        """The number of rows that need not be run again, with those of open blocks."""
         return self.rows_done + self.rows_open
 
     @property
     def table_folder(self) -> Path:
-        """Where the parts stand."""
+        """The folder of the parts."""
         return self.path / TABLE
 
     @property
     def figures(self) -> list[Path]:
-        """The figures that have been drawn, by name."""
+        """The files of drawn figures, sorted by name."""
         return sorted(file for file in (self.path / FIGURES).glob("*.png") if file.is_file())
 
     @property
     def complete(self) -> bool:
-        """Whether every row is there."""
+        """Whether all rows are present."""
         return self.rows_done == self.manifest["rows"]
 
     def require_sound(self) -> None:
-        """Refuse a table of which a file is damaged or another table's.
+        """Refuse a table with damaged files or files of another table.
 
         Raises:
-            TableError: it names the files.
+            TableError: there are such files; the message names them.
         """
         found = [*self.faults.values(), *self.strangers]
         if found:
@@ -114,7 +114,7 @@ def _refusal(found: list[Fault]) -> str:
 
 
 def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
-    """Add up the statuses of parts, the most frequent first."""
+    """Return the numbers of rows by status over all parts, the most frequent status first."""
     total: collections.Counter[str] = collections.Counter()
     for footer in footers.values():
         total.update(footer.counts)
@@ -122,7 +122,7 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
 
 
 def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
-    """Look at a directory, and read the records of its sound parts into `tables` where it is given."""
+    """Read a directory, and the records of its valid parts into `tables` if it is given."""
     manifest = read_manifest(path)
     examined = Examination(path, manifest)
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
@@ -151,7 +151,7 @@ def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
 def _job_of(
     path: Path, manifest: dict[str, Any], digest: str | None
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The job that was run, and what `job.yaml` says: the same object unless it was edited."""
+    """The job that was run, and the content of `job.yaml`: the same object if it was not edited."""
     file = path / JOB
     known = manifest.get("job")
     try:
@@ -173,14 +173,14 @@ def _job_of(
 
 
 def _parsed(text: str) -> Any:
-    """The plain values of YAML that somebody may have edited.
+    """The values of a YAML text that may have been edited.
 
     Raises:
-        ValueError, yaml.YAMLError, and what YAML's readings of values raise: it cannot be read.
+        ValueError, yaml.YAMLError, and errors of YAML's value readers: the text cannot be read.
     """
     depth = 0
     for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
-        # PyYAML's time grows with the square of the depth, and its readings of values are recursive
+        # the time of PyYAML grows with the square of the depth, and its value readers are recursive
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
             raise ValueError("it is nested too deep")
@@ -196,28 +196,27 @@ def _written_anew(path: Path) -> str:
 def load(path: str | Path) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
 
-    A table that is not complete is read with a warning: finished rows of blocks that are still open are left
-    out, until the run that goes on has completed their part.
+    An incomplete table is read with a warning; ended rows of incomplete blocks are not included.
 
-    `.attrs` holds `job` and `manifest` (dicts, as the run wrote them), `quantities` (unit, meaning and symbol
-    by name), `path`, `complete` (whether every row is there), `rows_missing` (how many are not) and
-    `rows_open` (how many of those have ended, and wait for their block).
+    `.attrs` has `job` and `manifest` (dicts, as the run wrote them), `quantities` (unit, meaning and symbol
+    by name), `path`, `complete` (whether all rows are present), `rows_missing` (their number) and `rows_open`
+    (the number of those that have ended and wait for their block).
 
     Args:
         path: the directory.
 
     Returns:
-        One record a row, or a crossing or a sample; `status`, `gait` and other names are categories.
+        One record for each row, crossing or sample; `status`, `gait` and other names are categories.
 
     Raises:
-        TableError: it is no result directory, has no finished part yet, or a file of it is damaged.
+        TableError: it is not a result directory, has no complete part yet, or has a damaged file.
     """
     _, table = load_with_snapshot(path)
     return table
 
 
 def load_with_snapshot(path: str | Path) -> tuple[Snapshot, pd.DataFrame]:
-    """Read the table of a result directory as `load` does, and what else the directory holds."""
+    """Read the table of a result directory as `load` does, with the snapshot of the directory."""
     tables: dict[int, pa.Table] = {}
     snapshot = _look(Path(path), tables)
     snapshot.require_sound()

@@ -20,7 +20,7 @@ from gaitsweep.analysis.edges.edge_states import (
 )
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import return_map
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
@@ -102,7 +102,7 @@ def test_a_pair_does_not_depend_on_the_others() -> None:
     assert many.outcome.tolist() == [EdgeOutcome.fixed, EdgeOutcome.lost, EdgeOutcome.fixed]
     pd.testing.assert_frame_equal(many.table.iloc[[0]], alone.table)
     np.testing.assert_array_equal(many.points.at[2], many.points.at[0])
-    assert many.table.loc[1, "met"] == -1 - Way.lost
+    assert many.table.loc[1, "met"] == -1 - ReturnStatus.lost
     assert many.table.loc[[1], ["u", "w"]].isna().all(axis=None)
     faster = edge_states(SADDLE, u1[:1], u2[:1], {}, limits=EdgeLimits(settle_cycles=40, cuts=7))
     np.testing.assert_allclose(faster.points.at, alone.points.at, atol=4e-6)
@@ -270,10 +270,10 @@ def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
     exact[:, 1] = 0.0
     m_b = (1.0 - 0.8) * 9.8 * np.pi / (100.0 * 0.4)
     for side in (1.0, -1.0):
-        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), found.points.like)
+        beside = Points(exact + side * np.array([0.0, 1e-6, 0.0]), found.points.modes)
         psi_2 = wrapped(mapping.images(beside, {}).points.at[:, 1])
         np.testing.assert_allclose(psi_2, 0.5 * side * m_b, atol=1e-5)
-    held = Points(exact, found.points.like)
+    held = Points(exact, found.points.modes)
     for _ in range(60):
         held = mapping.images(held, {}).points
     locked = np.asarray(locked_state(Chain()))

@@ -9,7 +9,7 @@ from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.edges.edge_states import EdgeLimits, edge_states
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import return_map
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 
@@ -26,7 +26,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
     f = np.array([2.4, 2.5, 2.6, 2.7, 2.8])
     begun = np.concatenate([np.full(5, 2.83), np.full(5, 2.38), [2.6, 2.594]])
     points, way = mapping.settled({"delta_13": begun}, {"f": np.concatenate([f, f, [2.6, 2.6]])}, 80)
-    assert np.all(way == Way.crossed)
+    assert np.all(way == ReturnStatus.crossed)
     upper, lower = points.at[:5, 0] - 0.03, points.at[5:10, 0] + 0.03
     # trot, the wider and the narrower attractor, walk of f = 2.6
     four = np.array([2, 10, 11, 7])
@@ -83,7 +83,7 @@ def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
     """
     mapping = return_map(WaistQuadruped(), numerics=Numerics(dt=dt))
     points, way = mapping.settled({"delta_13": np.array([2.6, 2.594])}, {"f": 2.6}, 80)
-    assert np.all(way == Way.crossed)
+    assert np.all(way == ReturnStatus.crossed)
     course = []
     for _ in range(200):
         points = mapping.images(points, {"f": 2.6}).points

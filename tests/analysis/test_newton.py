@@ -10,7 +10,7 @@ from gaitsweep.analysis.continuation.floquet import characteristic_polynomial, m
 from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.maps import MOST_TOGETHER
+from gaitsweep.engine.poincare.maps import BATCH_SIZES
 from gaitsweep.engine.poincare.return_map import return_map
 from gaitsweep.models.multilegged.model import Multilegged
 
@@ -54,7 +54,7 @@ def test_outcomes() -> None:
 
 def test_thousands_of_starts_in_any_number() -> None:
     """Rows do not depend on which others are searched for beside them."""
-    count = 20 * MOST_TOGETHER + 7
+    count = 20 * BATCH_SIZES[-1] + 7
     starts = np.concatenate([np.linspace(-2.0, -0.2, 640), np.linspace(0.2, 2.0, count - 640)])[:, None]
     radius = np.linspace(0.01, 1.0, count)
     found = newton(FOLD, FOLD.points(starts), {"r": radius})
@@ -68,7 +68,7 @@ def test_angles_are_compared_around_the_circle() -> None:
     mapping = PlainMap(pulled, ("a", "b"), (("pull", 0.5),), angles=("a", "b"))
     found = newton(mapping, mapping.points([[0.8, 0.1], [2 * np.pi + 1.2, 5.5]]), {})
     assert found.converged.all()
-    apart = mapping.apart(found.points.at, np.array([[1.0, 6.0]]))
+    apart = mapping.difference(found.points.at, np.array([[1.0, 6.0]]))
     np.testing.assert_allclose(apart, 0.0, atol=1e-8)
 
 
@@ -94,7 +94,7 @@ def test_what_is_conserved_is_held() -> None:
     np.testing.assert_allclose(held.points.at[:, 0], -0.5 + np.sqrt(0.25 + total), atol=1e-9)
     np.testing.assert_allclose(held.drift, 0.0, atol=1e-12)
     # of two multipliers the neutral one is left out
-    gradients = held.images.kept_jacobian
+    gradients = held.images.conserved_jacobian
     x = held.points.at[:, 0]
     np.testing.assert_allclose(multipliers(held.images.jacobian)[:, 0], 1.0, atol=1e-9)
     np.testing.assert_allclose(

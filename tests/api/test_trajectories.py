@@ -184,7 +184,7 @@ def test_a_result_shows_itself() -> None:
 def test_every_figure_is_a_method_of_a_result() -> None:
     result = gs.sweep(toy_model.Toy(), **AXES, run=gs.Settle(max_cycles=40))
     shown = {name for name in dir(result.plot) if not name.startswith("_")} - {"table"}
-    assert shown == set(gs.plot.KINDS)
+    assert shown == set(gs.plot.FIGURES)
     figure = result.plot.basin(x="launch_1", y="restitution")
     assert len(figure.axes) == len(gs.plot.basin(result.table, x="launch_1", y="restitution").axes)
 

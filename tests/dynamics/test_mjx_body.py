@@ -40,12 +40,12 @@ def step() -> Any:
             **{name: getattr(after, name) for name in names},
         }
 
-    shapes = jax.tree.map(jnp.asarray, (numbers_of(TABLE_1), *at_random(0)[:4]))
+    shapes = jax.tree.map(jnp.asarray, (float_leaves(TABLE_1), *at_random(0)[:4]))
     # run a few hundred times: XLA's optimizations would take longer than they save
     return jax.jit(run).lower(*shapes).compile({"xla_backend_optimization_level": 0})
 
 
-def numbers_of(
+def float_leaves(
     values: dict[str, float], gravity: tuple[float, ...] = (0.0, 0.0, -9.8)
 ) -> dict[str, np.ndarray]:
     columns = {name: np.array([value]) for name, value in values.items()}
@@ -94,7 +94,7 @@ def both(request: pytest.FixtureRequest) -> tuple[dict[str, Any], mujoco.MjModel
     *state, gravity = at_random(request.param)
     model = mujoco.MjModel.from_xml_string(mjcf())
     model.opt.gravity[:] = gravity
-    return step()(numbers_of(TABLE_1, tuple(gravity)), *state), model, in_mujoco(model, *state)
+    return step()(float_leaves(TABLE_1, tuple(gravity)), *state), model, in_mujoco(model, *state)
 
 
 # The two sides round alike but for the order of sums; a wrong term of any size shows at random states.
@@ -134,7 +134,7 @@ def test_two_hundred_steps() -> None:
     """Hung by springs and dampers at its feet, thrown."""
     model = mujoco.MjModel.from_xml_string(mjcf())
     q, v, tau, _, _ = at_random(7)
-    numbers, origin = numbers_of(TABLE_1), None
+    numbers, origin = float_leaves(TABLE_1), None
     mine, tau = (q, v), 0.05 * tau
     theirs = q, v
     for _ in range(200):
@@ -189,7 +189,7 @@ def rewritten(values: dict[str, float]) -> str:
 
 def test_varied_masses_and_lengths_are_those_of_models_compiled_anew() -> None:
     model = mujoco.MjModel.from_xml_string(rewritten(OTHER))
-    numbers = numbers_of(OTHER)
+    numbers = float_leaves(OTHER)
     for name, field in numbers.items():
         if name != "opt.gravity":
             np.testing.assert_allclose(field, getattr(model, name), rtol=1e-14, atol=1e-16, err_msg=name)

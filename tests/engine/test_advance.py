@@ -14,13 +14,13 @@ from toy_model import Toy, bounce_times, flight_time
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
-from gaitsweep.engine.poincare.section_map import next_crossing
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 
 
 def crossing_times(model, starts, count, **options):
-    result = run_rows(model, Crossings(model, crossings=count), starts, **options)
+    result = run_rows(model, CrossingRecorder(model, crossings=count), starts, **options)
     return result, result.samples[:, 1].reshape(len(result.status), count + 1)[:, 1:]
 
 
@@ -123,7 +123,7 @@ def test_ties_fire_together() -> None:
 def test_endless_events_stall_one_row_only() -> None:
     """A reset at the threshold fires again at once, without end: that row stalls, its neighbours go on."""
     reset = np.array([-1.0, 2.5, -2.0])
-    result = run_rows(Neuron(), Settle(Neuron()), {"v_0": np.zeros(3)}, params={"reset": reset})
+    result = run_rows(Neuron(), SettleRecorder(Neuron()), {"v_0": np.zeros(3)}, params={"reset": reset})
     assert [Status(code).name for code in result.status] == ["settled", "event_stall", "settled"]
 
 
@@ -131,7 +131,7 @@ def test_endless_events_stall_one_row_only() -> None:
 def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
     """A row whose section is crossed again and again at one instant has not recorded what was asked."""
     reset = np.array([-1.0, 2.5])
-    recorder = Crossings(Neuron(), crossings=crossings)
+    recorder = CrossingRecorder(Neuron(), crossings=crossings)
     result = run_rows(Neuron(), recorder, {"v_0": np.zeros(2)}, params={"reset": reset})
     stalls = crossings > 1  # the first crossing is sound, whatever comes after it
     ends = ["complete", "event_stall" if stalls else "complete"]
@@ -147,7 +147,7 @@ def test_rows_that_fail_harm_no_other() -> None:
         "restitution": np.array([0.5, 0.5, 0.5, 3.0, 0.6]),
     }
     launch = np.array([1.0, 1.0, np.nan, 1.0, 2.0])
-    settle = Settle(model, max_cycles=60)
+    settle = SettleRecorder(model, max_cycles=60)
     result = run_rows(model, settle, {"launch_1": launch}, params=params)
     ends = [Status(code).name for code in result.status]
     assert ends == ["settled", "fell", "not_a_number", "diverged", "settled"]
@@ -164,7 +164,7 @@ def test_a_row_without_crossings_meets_its_limit() -> None:
     """Below its rheobase a neuron never fires: the row ends at four nominal periods a cycle."""
     model = Neuron()
     params = {"current": np.array([-1.0, 1.0])}
-    result = run_rows(model, Settle(model, max_cycles=20), {"v_0": np.zeros(2)}, params=params)
+    result = run_rows(model, SettleRecorder(model, max_cycles=20), {"v_0": np.zeros(2)}, params=params)
     assert [Status(code).name for code in result.status] == ["time_limit", "settled"]
     assert abs(result.t_end[0] - 4.0 * 30 * np.pi) < 1e-9
 
@@ -174,7 +174,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
     """d T/d u = 2 d/(w^2 d^2 + u^2) of the flight time, w and d as in the toy's closed form."""
     model = Toy()
     params = scalars(model)
-    run = next_crossing(model, Numerics(dt=1e-3))
+    run = crossing_of(model, Numerics(dt=1e-3), "xla")
 
     def landing(u: jax.Array) -> jax.Array:
         return run(params, model.init(params, {"launch_1": u}))[0]
@@ -190,7 +190,7 @@ def test_derivative_of_a_landing_time(launch: float) -> None:
 def test_derivative_over_a_parameter_and_through_many_events() -> None:
     """The time of the sixth bounce over restitution and launch speed, against the closed form's slopes."""
     model = Toy()
-    run = next_crossing(model, Numerics(dt=1e-3))
+    run = crossing_of(model, Numerics(dt=1e-3), "xla")
 
     def sixth(z: jax.Array) -> jax.Array:
         params = dataclasses.replace(scalars(model), restitution=z[1])

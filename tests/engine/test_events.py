@@ -24,11 +24,11 @@ from gaitsweep.cli import show
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.dynamics.plane_section import Plane
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTime
 from gaitsweep.engine.recorders.recorder import _packed, unpacked
-from gaitsweep.engine.recorders.settle import Settle
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.models.conformity import fault
 from gaitsweep.table import Snapshot
 
@@ -37,7 +37,7 @@ ENGINES = ("xla", "kernel")
 
 def crossings(model: HybridModel, count: int, starts: dict[str, Any], **options: Any) -> np.ndarray:
     """The records (rows, count + 1, crossing t and observables) of rows that all complete."""
-    found = run_rows(model, Crossings(model, count), starts, **options)
+    found = run_rows(model, CrossingRecorder(model, count), starts, **options)
     assert set(found.status.tolist()) == {Status.complete}
     return found.samples.reshape(found.status.size, count + 1, -1)
 
@@ -82,7 +82,7 @@ def test_van_der_pol_crosses_once_a_cycle(engine: str) -> None:
 
 def test_van_der_pol_settles_on_its_cycle() -> None:
     model = VanDerPol()
-    found = run_rows(model, Settle(model), {"x_0": [0.5, 3.0]}, params={"mu": [1.0, 5.0]})
+    found = run_rows(model, SettleRecorder(model), {"x_0": [0.5, 3.0]}, params={"mu": [1.0, 5.0]})
     assert found.status.tolist() == [Status.settled] * 2
     assert found.period.tolist() == [1, 1]
     # the amplitude at mu = 1 is 2.00862
@@ -126,14 +126,14 @@ def test_a_plane_that_misses_zero_tells_rounding_from_the_far_side() -> None:
 def test_a_flow_without_guards_runs(engine: str) -> None:
     model, options = Spring(), {"numerics": Numerics(dt=2e-3), "engine": engine}
     assert fault(model) is None
-    traced = run_rows(model, Trace(model, 2.0, 0.25), {"x_0": 1.0}, **options)
+    traced = run_rows(model, TraceRecorder(model, 2.0, 0.25), {"x_0": 1.0}, **options)
     t, x, v = traced.samples.T
     np.testing.assert_allclose(x, np.cos(2.0 * t), rtol=0, atol=1e-10)
     np.testing.assert_allclose(v, -2.0 * np.sin(2.0 * t), rtol=0, atol=1e-10)
     held = run_rows(model, FixedTime(model, 3.0), {"x_0": 1.0}, **options)
     assert (Status(held.status[0]).name, held.cycles[0], held.t_end[0]) == ("complete", 0, 3.0)
     # there is no section to settle on: the row comes to its limit of time
-    never = run_rows(model, Settle(model, 5), {"x_0": 1.0}, **options)
+    never = run_rows(model, SettleRecorder(model, 5), {"x_0": 1.0}, **options)
     assert Status(never.status[0]).name == "time_limit"
 
 
@@ -235,7 +235,7 @@ def test_all_guards_of_a_chain_of_jumps_are_told(engine: str) -> None:
     """A reset to where another guard takes it back: both fire at the instant, never in one jump."""
     model = Alternating()
     found = run_rows(
-        model, Settle(model), {"v_0": np.zeros(3)}, params={"reset": [-0.5, 2.5, -2.0]}, engine=engine
+        model, SettleRecorder(model), {"v_0": np.zeros(3)}, params={"reset": [-0.5, 2.5, -2.0]}, engine=engine
     )
     assert [Status(code).name for code in found.status] == ["settled", "event_stall", "event_stall"]
     fired = unpacked(found.fired)[:, :3]
@@ -272,7 +272,7 @@ def test_names_that_are_too_few_are_refused() -> None:
 def test_a_row_that_makes_too_many_steps_is_not_stalled() -> None:
     """Attempts come to their end where steps are cut short for ever, without a jump at one instant."""
 
-    class Brief(Settle):
+    class Brief(SettleRecorder):
         def max_attempts(self, params, dt):
             return jnp.asarray(200.0)
 

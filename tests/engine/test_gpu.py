@@ -8,8 +8,8 @@ from multilegged_crossings import reference, simulated, wrapped
 from sweeping import run_rows
 
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 
@@ -33,7 +33,7 @@ def test_kernels_on_a_card_agree_with_solve_ivp(method: str, dt: float) -> None:
     exact = table[["psi_1", "psi_2", "psi_3"]].to_numpy().reshape(table["start"].nunique(), -1, 3)
     starts = {f"psi_{i + 1}": exact[:, 0, i] for i in range(3)}
     numerics = Numerics(dt=dt, method=method)
-    recorder = Crossings(Multilegged(), crossings=exact.shape[1] - 1)
+    recorder = CrossingRecorder(Multilegged(), crossings=exact.shape[1] - 1)
     result = run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=64, engine="kernel")
     psi = result.samples.reshape(len(exact), exact.shape[1], -1)[:, :, 2:5]
     assert np.mean(wrapped(psi - exact).max(axis=(1, 2)) < 1e-6) >= 0.95
@@ -45,7 +45,7 @@ def test_settling_on_a_card() -> None:
     random = np.random.default_rng(8)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 48) for i in (1, 2, 3)}
     numerics = Numerics(dt=32e-3, method="propagator6")
-    recorder = Settle(Multilegged())
+    recorder = SettleRecorder(Multilegged())
     kernel, xla = (
         run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=lanes, engine=engine)
         for engine, lanes in (("kernel", 32), ("xla", 48))
@@ -58,7 +58,7 @@ def test_a_rows_bits_do_not_depend_on_what_other_rows_share() -> None:
     """What all rows share reaches the threads in another way than what differs; the numbers are the same."""
     pytest.importorskip("numba_cuda")
     starts = {f"psi_{i}": np.full(40, 0.7 * i) for i in (1, 2, 3)}
-    recorder = Crossings(Multilegged(), crossings=12)
+    recorder = CrossingRecorder(Multilegged(), crossings=12)
     alike, mixed = (
         run_rows(
             Multilegged(),
@@ -86,7 +86,7 @@ def test_the_quadruped_on_a_card_as_on_a_cpu() -> None:
     model = WaistQuadruped()
     starts, params = {"delta_13": np.array([2.2, 3.0])}, {"T_grow": 0.4, "T_hold": 0.7}
     numerics = Numerics(dt=2e-4, method="semi_implicit")
-    recorder = Crossings(model, crossings=5)
+    recorder = CrossingRecorder(model, crossings=5)
     on = {
         platform: run_rows(
             model, recorder, starts, params=params, numerics=numerics, engine="kernel", on=platform

@@ -17,7 +17,7 @@ from gaitsweep.dynamics.plane_section import Plane
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.hidden_events import may_hide
 from gaitsweep.engine.poincare.section_map import crossing_of
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,7 @@ def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str)
     numerics, below = METHODS[method]
     found = run_rows(
         Peaks(),
-        Crossings(Peaks(), 6),
+        CrossingRecorder(Peaks(), 6),
         {"x_0": [1.0] * len(below)},
         params={"below": below},
         numerics=numerics,
@@ -74,7 +74,7 @@ def test_a_peak_that_stays_below_is_no_event_and_ends_the_search(engine: str) ->
     numerics = Numerics(method="propagator", dt=0.2)
     found = run_rows(
         Peaks(),
-        Crossings(Peaks(), 1),
+        CrossingRecorder(Peaks(), 1),
         {"x_0": [1.0] * 3},
         params={"below": [-1e-3, -1e-8, -1e-10]},
         numerics=numerics,

@@ -24,10 +24,10 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu, lower
 from gaitsweep.engine.kernel.lanes import kernel_of
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.engine.recorders.settle import Settle
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.models.multilegged.model import Multilegged
 
@@ -62,7 +62,7 @@ def agree(kernel, xla, tolerance: float) -> None:
 
 
 def test_settling_with_kernels_as_with_xla() -> None:
-    kernel, xla = both(Settle(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
+    kernel, xla = both(SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
     agree(kernel, xla, 1e-12)
     np.testing.assert_array_equal(kernel.labels["gait"], xla.labels["gait"])
 
@@ -70,10 +70,13 @@ def test_settling_with_kernels_as_with_xla() -> None:
 def test_a_row_depends_on_itself_alone() -> None:
     """Other lanes, blocks and devices, and the rows in another order: equal to the bit."""
     options = {"numerics": NUMERICS, "engine": "kernel"}
-    one = run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH}, lanes=4, **options)
-    same(one, run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH}, lanes=40, devices=2, block=5, **options))
+    one = run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, lanes=4, **options)
+    same(
+        one,
+        run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, lanes=40, devices=2, block=5, **options),
+    )
     order = np.random.default_rng(0).permutation(LAUNCH.size)
-    other = run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH[order]}, lanes=17, **options)
+    other = run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH[order]}, lanes=17, **options)
     np.testing.assert_array_equal(one.t_end[order], other.t_end)
     np.testing.assert_array_equal(one.last[order], other.last)
 
@@ -82,7 +85,7 @@ def test_a_row_depends_on_itself_alone() -> None:
 def test_fewer_rows_than_devices(engine: str) -> None:
     options = {"numerics": NUMERICS, "engine": engine, "lanes": 4}
     one, two = (
-        run_rows(Toy(), Crossings(Toy(), crossings=3), {"launch_1": LAUNCH[:1]}, devices=n, **options)
+        run_rows(Toy(), CrossingRecorder(Toy(), crossings=3), {"launch_1": LAUNCH[:1]}, devices=n, **options)
         for n in (1, 2)
     )
     same(one, two)
@@ -93,20 +96,24 @@ def test_rows_that_fail_harm_no_other() -> None:
     launch = np.array([1.0, np.nan, 2.0, 1e200, 40.0, 0.5])
     params = {"ceiling": np.array([1000.0, 1000.0, 1000.0, 1e300, 1.0, 1000.0])}
     kernel, xla = both(
-        Settle(Toy(), max_cycles=40), {"launch_1": launch}, params=params, numerics=NUMERICS, lanes=8
+        SettleRecorder(Toy(), max_cycles=40), {"launch_1": launch}, params=params, numerics=NUMERICS, lanes=8
     )
     np.testing.assert_array_equal(kernel.status, xla.status)
     assert Status(kernel.status[1]) is Status.not_a_number
     assert {Status(kernel.status[3]), Status(kernel.status[4])} == {Status.diverged, Status.fell}
     well = [0, 2, 5]
     alone = run_rows(
-        Toy(), Settle(Toy(), max_cycles=40), {"launch_1": launch[well]}, numerics=NUMERICS, engine="kernel"
+        Toy(),
+        SettleRecorder(Toy(), max_cycles=40),
+        {"launch_1": launch[well]},
+        numerics=NUMERICS,
+        engine="kernel",
     )
     np.testing.assert_array_equal(kernel.last[well], alone.last)
 
 
 def test_traces_and_ramps() -> None:
-    trace = Trace(Toy(), duration=5.0, every=0.05, after_cycles=1)
+    trace = TraceRecorder(Toy(), duration=5.0, every=0.05, after_cycles=1)
     kernel, xla = both(trace, {"launch_1": LAUNCH[:5]}, lanes=4)
     agree(kernel, xla, 1e-10)
     path = RampSchedule((1.0, 2.0, 1.0), rate=0.02)
@@ -115,7 +122,10 @@ def test_traces_and_ramps() -> None:
         return Toy().params({**values, "kick": path.at(t)})
 
     kernel, xla = both(
-        Crossings(Toy(), duration=path.duration), {"launch_1": [0.5, 2.0]}, numerics=NUMERICS, drive=drive
+        CrossingRecorder(Toy(), duration=path.duration),
+        {"launch_1": [0.5, 2.0]},
+        numerics=NUMERICS,
+        drive=drive,
     )
     assert len(kernel.samples) > 40, "more crossings than a buffer holds"
     agree(kernel, xla, 1e-9)
@@ -123,13 +133,17 @@ def test_traces_and_ramps() -> None:
 
 def test_a_neuron_that_fires() -> None:
     model = Neuron()
-    kernel, xla = both(Crossings(model, crossings=5), {q.name: np.array([0.1]) for q in model.starts})
+    kernel, xla = both(
+        CrossingRecorder(model, crossings=5), {q.name: np.array([0.1]) for q in model.initial_conditions}
+    )
     agree(kernel, xla, 1e-10)
 
 
 def test_single_precision() -> None:
     numerics = Numerics(dt=1e-2, precision="float32")
-    kernel, xla = both(Settle(Toy(), tolerance=1e-2), {"launch_1": LAUNCH}, numerics=numerics, lanes=8)
+    kernel, xla = both(
+        SettleRecorder(Toy(), tolerance=1e-2), {"launch_1": LAUNCH}, numerics=numerics, lanes=8
+    )
     np.testing.assert_array_equal(kernel.status, xla.status)
     np.testing.assert_allclose(kernel.last, xla.last, atol=1e-3)
 
@@ -140,7 +154,10 @@ def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
     random = np.random.default_rng(3)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 12) for i in (1, 2, 3)}
     kernel, xla = both(
-        Crossings(Multilegged(), crossings=10), starts, numerics=Numerics(dt=dt, method=method), devices=2
+        CrossingRecorder(Multilegged(), crossings=10),
+        starts,
+        numerics=Numerics(dt=dt, method=method),
+        devices=2,
     )
     np.testing.assert_array_equal(kernel.status, xla.status)
     assert wrapped(kernel.samples[:, 2:5] - xla.samples[:, 2:5]).max() < 1e-9
@@ -150,7 +167,7 @@ def test_lanes_run_in_vector_registers() -> None:
     """The chain's attempt is nearly all packed arithmetic: LLVM turned the loop over lanes into vectors."""
     if not llvm.get_host_cpu_features().get("avx2"):
         pytest.skip("this processor has no AVX2")
-    recorder = Crossings(Multilegged(), crossings=10)
+    recorder = CrossingRecorder(Multilegged(), crossings=10)
     kernel = kernel_of(Multilegged(), recorder, Numerics(dt=4e-3, method="rk4"), None)
     run = cpu.compiled(kernel.chunk, kernel.title)
     module = sys.modules[run.py_func.__module__]
@@ -169,8 +186,8 @@ def test_a_second_process_finds_the_kernel(kernels: Path) -> None:
         "import numpy as np\n"
         "from sweeping import run_rows\n"
         "from toy_model import Toy\n"
-        "from gaitsweep.engine.recorders.settle import Settle\n"
-        "run_rows(Toy(), Settle(Toy(), max_cycles=33), {'launch_1': np.ones(3)}, engine='kernel')\n"
+        "from gaitsweep.engine.recorders.settle import SettleRecorder\n"
+        "run_rows(Toy(), SettleRecorder(Toy(), max_cycles=33), {'launch_1': np.ones(3)}, engine='kernel')\n"
         "import sys\n"
         "(kernel,) = [m for n, m in sys.modules.items() if n.startswith('gaitsweep_kernel')]\n"
         "print(sum(kernel.run.stats.cache_hits.values()), sum(kernel.run.stats.cache_misses.values()))\n"
@@ -198,14 +215,14 @@ class Sampling(Toy):
 def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
     device = jax.local_devices()[0]
     model = Sampling()
-    engine, note = choose("auto", device, model, Settle(model), NUMERICS, None)
+    engine, note = choose("auto", device, model, SettleRecorder(model), NUMERICS, None)
     assert engine == "xla"
     assert note is not None
     assert "cholesky" in note
     assert "test_kernel_engine.py" in note
     with pytest.raises(EngineError, match=r"engine\.name is kernel, but .*cholesky"):
-        choose("kernel", device, model, Settle(model), NUMERICS, None)
-    assert choose("auto", device, Toy(), Settle(Toy()), NUMERICS, None) == ("kernel", None)
+        choose("kernel", device, model, SettleRecorder(model), NUMERICS, None)
+    assert choose("auto", device, Toy(), SettleRecorder(Toy()), NUMERICS, None) == ("kernel", None)
 
 
 @pytest.mark.parametrize(("line", "found"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])

@@ -23,7 +23,7 @@ from gaitsweep.engine.flow_spectrum import flow_eigenvalues, slowest_limit
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
 from gaitsweep.engine.propose import METHODS
 from gaitsweep.engine.propose.tsit5 import DIFFERENCE, STAGES
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.steps import row_steps
 from gaitsweep.models.multilegged.model import Multilegged
@@ -56,15 +56,19 @@ def test_a_model_that_says_nothing_is_integrated_to_its_tolerance(engine: str) -
     v_0, current = random.uniform(-0.9, 1.5, 24), random.uniform(0.05, 30.0, 24)
     exact = np.array([firing_times(v, i, 2.0, -1.0, 10) for v, i in zip(v_0, current, strict=True)])
     result = run_rows(
-        Neuron(), Crossings(Neuron(), crossings=10), {"v_0": v_0}, params={"current": current}, engine=engine
+        Neuron(),
+        CrossingRecorder(Neuron(), crossings=10),
+        {"v_0": v_0},
+        params={"current": current},
+        engine=engine,
     )
     assert np.all(result.status == Status.complete)
     t = result.samples.reshape(24, 11, -1)[:, 1:, 1]
     assert np.max(np.abs(t - exact) / exact) < 2e-8
     launches = {"launch_1": np.array([0.3, 5.0])}
-    t = run_rows(Toy(), Crossings(Toy(), crossings=12), launches, engine=engine).samples.reshape(2, 13, -1)[
-        :, 1:, 1
-    ]
+    t = run_rows(Toy(), CrossingRecorder(Toy(), crossings=12), launches, engine=engine).samples.reshape(
+        2, 13, -1
+    )[:, 1:, 1]
     for row, launch in enumerate((0.3, 5.0)):
         np.testing.assert_allclose(t[row], bounce_times(launch, 2.0, 0.5, 0.5, 0.5, 12), atol=1e-7)
 
@@ -78,7 +82,7 @@ def test_errors_follow_the_tolerance() -> None:
         numerics = Numerics(rtol=rtol, atol=rtol)
         options: dict[str, Any] = {"params": {"current": 30.0}}
         result = run_rows(
-            Neuron(), Crossings(Neuron(), crossings=10), {"v_0": v_0}, **options, numerics=numerics
+            Neuron(), CrossingRecorder(Neuron(), crossings=10), {"v_0": v_0}, **options, numerics=numerics
         )
         errors.append(np.max(np.abs(result.samples.reshape(16, 11, -1)[:, 1:, 1] - exact)))
         attempts.append(int(result.attempts.sum()))
@@ -228,7 +232,9 @@ def _growth(name: str, z: complex) -> complex:
 def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
     """In float32 an adaptive step cannot meet 1e-8: rows still come to their end."""
     numerics = Numerics(precision="float32", rtol=1e-5, atol=1e-6)
-    result = run_rows(Toy(), Crossings(Toy(), crossings=5), {"launch_1": np.ones(2)}, numerics=numerics)
+    result = run_rows(
+        Toy(), CrossingRecorder(Toy(), crossings=5), {"launch_1": np.ones(2)}, numerics=numerics
+    )
     assert np.all(result.status == Status.complete)
     assert jax.config.jax_enable_x64
 

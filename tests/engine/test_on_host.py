@@ -12,8 +12,8 @@ from sweeping import run_rows
 from toy_model import Params, Toy
 
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 
 LAUNCH = np.linspace(0.1, 4.0, 7)
@@ -50,7 +50,7 @@ def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
             **how,
         )
 
-    for recorder in (Settle, Crossings):
+    for recorder in (SettleRecorder, CrossingRecorder):
         one, other = found(Toy(), recorder), found(Prepared(), recorder, block=block, devices=devices)
         np.testing.assert_allclose(one.last, other.last, rtol=1e-12)
         np.testing.assert_allclose(one.samples, other.samples, rtol=1e-12)
@@ -60,8 +60,8 @@ def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
 
 def test_such_a_model_is_left_to_xla() -> None:
     model, device = Prepared(), jax.local_devices()[0]
-    engine, note = choose("auto", device, model, Settle(model), Numerics(), None)
+    engine, note = choose("auto", device, model, SettleRecorder(model), Numerics(), None)
     assert engine == "xla"
-    assert note == "engine: xla, because toy works out numbers on the host, of kick, preload."
+    assert note == "engine: xla, because toy computes on the host with kick, preload."
     with pytest.raises(EngineError, match="on the host"):
-        choose("kernel", device, model, Settle(model), Numerics(), None)
+        choose("kernel", device, model, SettleRecorder(model), Numerics(), None)

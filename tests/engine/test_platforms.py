@@ -12,7 +12,7 @@ from toy_model import Toy, launches
 
 from gaitsweep.engine.kernel import lanes
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 
 
 class Hidden:
@@ -38,7 +38,7 @@ def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch
     assert lanes._opening_device() is hidden.real[0]
     found = run_rows(
         Toy(),
-        Crossings(Toy(), crossings=4),
+        CrossingRecorder(Toy(), crossings=4),
         {"launch_1": 1.3},
         numerics=Numerics(),
         engine="kernel",

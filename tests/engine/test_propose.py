@@ -18,11 +18,11 @@ from toy_model import Toy, flight_time
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import next_crossing
+from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 
 REFERENCE = Path(__file__).parents[1] / "reference" / "multilegged_crossings.csv"
@@ -71,7 +71,9 @@ def test_polynomials_are_the_best_of_their_degree(kept: tuple[float, ...], order
 def test_flows_that_are_said_to_be_linear(model: HybridModel) -> None:
     """The flow at twice the way is twice the change of the flow, in the modes of the start."""
     params = scalars(model)
-    start = {q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.starts}
+    start = {
+        q.name: jnp.asarray(0.7 if q.default is None else float(q.default)) for q in model.initial_conditions
+    }
     state = model.init(params, start)
     rates = model.flow(params, state)
     random = np.random.default_rng(0)
@@ -115,7 +117,7 @@ def test_crossings_of_the_chain(name: str, chosen: str, params: dict[str, float]
     starts = {f"psi_{i + 1}": true[:, 0, i] for i in range(3)}
     result = run_rows(
         Multilegged(),
-        Crossings(Multilegged(), crossings=10),
+        CrossingRecorder(Multilegged(), crossings=10),
         starts,
         params=params,
         numerics=Numerics(dt=LONG[name], method=name),
@@ -138,7 +140,7 @@ def test_labels_do_not_depend_on_the_method() -> None:
     for name, dt in LONG.items():
         result = run_rows(
             Multilegged(),
-            Settle(Multilegged()),
+            SettleRecorder(Multilegged()),
             starts,
             numerics=Numerics(dt=dt, method=name),
             lanes=100,
@@ -154,7 +156,7 @@ def test_derivatives_go_through_every_method(name: str) -> None:
     """Of a landing time over the launch speed u: 2 d/(w^2 d^2 + u^2), the toy's closed form."""
     model, u, w, d = Toy(), 1.0, 2.0, 0.5
     params = scalars(model)
-    run = next_crossing(model, Numerics(dt=1e-3, method=name))
+    run = crossing_of(model, Numerics(dt=1e-3, method=name), "xla")
 
     def landing(launch: jax.Array) -> jax.Array:
         return run(params, model.init(params, {"launch_1": launch}))[0]

@@ -9,10 +9,10 @@ from toy_model import Toy, bounce_times, launches
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTime
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.trace import TraceRecorder
 
 W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
 
@@ -21,7 +21,10 @@ def test_trace_samples_stand_at_their_times() -> None:
     """Heights at given times, through bounces, against the closed form."""
     launch = 1.3
     result = run_rows(
-        Toy(), Trace(Toy(), duration=3.0, every=0.05), {"launch_1": launch}, numerics=Numerics(dt=1e-3)
+        Toy(),
+        TraceRecorder(Toy(), duration=3.0, every=0.05),
+        {"launch_1": launch},
+        numerics=Numerics(dt=1e-3),
     )
     t, height = result.samples[:, 0], result.samples[:, 1]
     np.testing.assert_allclose(t, 0.05 * np.arange(61), rtol=0, atol=1e-12)
@@ -34,7 +37,7 @@ def test_trace_samples_stand_at_their_times() -> None:
 
 
 def test_trace_counts_from_the_crossing_that_it_waits_for() -> None:
-    result = run_rows(Toy(), Trace(Toy(), duration=0.2, every=0.1, after_cycles=4), {"launch_1": 1.3})
+    result = run_rows(Toy(), TraceRecorder(Toy(), duration=0.2, every=0.1, after_cycles=4), {"launch_1": 1.3})
     np.testing.assert_allclose(result.samples[:, 0], [0.0, 0.1, 0.2], atol=1e-12)
     speed = launches(1.3, 0.5, 0.5, 4)[4]
     np.testing.assert_allclose(result.samples[0, 1:], [0.0, speed], atol=1e-9)
@@ -57,7 +60,11 @@ def test_full_buffers_lose_no_crossing() -> None:
     """More crossings come between two visits of the host than a buffer holds: the row waits, none is lost."""
     count = 700
     result = run_rows(
-        Toy(), Crossings(Toy(), crossings=count), {"launch_1": [1.0, 0.7]}, numerics=Numerics(dt=0.5), lanes=2
+        Toy(),
+        CrossingRecorder(Toy(), crossings=count),
+        {"launch_1": [1.0, 0.7]},
+        numerics=Numerics(dt=0.5),
+        lanes=2,
     )
     assert np.all(result.status == Status.complete)
     for row in (0, 1):
@@ -66,7 +73,7 @@ def test_full_buffers_lose_no_crossing() -> None:
 
 
 def test_crossings_after_some_cycles() -> None:
-    result = run_rows(Toy(), Crossings(Toy(), crossings=3, after_cycles=5), {"launch_1": 1.3})
+    result = run_rows(Toy(), CrossingRecorder(Toy(), crossings=3, after_cycles=5), {"launch_1": 1.3})
     np.testing.assert_array_equal(result.samples[:, 0], [5, 6, 7, 8])
     np.testing.assert_allclose(result.samples[:, 2], launches(1.3, 0.5, 0.5, 8)[5:], atol=1e-9)
 
@@ -90,7 +97,7 @@ def test_a_slow_ramp_follows_the_fixed_point() -> None:
 
     result = run_rows(
         model,
-        Crossings(model, duration=path.duration),
+        CrossingRecorder(model, duration=path.duration),
         {"launch_1": [0.3, 2.0]},
         numerics=Numerics(dt=5e-3),
         drive=drive,

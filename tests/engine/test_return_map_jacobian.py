@@ -16,7 +16,7 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.poincare_return import Flight, Way
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus
 from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
 from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.models.multilegged.model import Multilegged
@@ -38,11 +38,11 @@ def differences(mapping: ReturnMap, points: Points, values: dict, step: float) -
     for k in range(len(points)):
         many = points[np.full(size, k)]
         ends = [
-            mapping.images(Points(many.at + sign * step * np.eye(size), many.like), values)
+            mapping.images(Points(many.at + sign * step * np.eye(size), many.modes), values)
             for sign in (1.0, -1.0)
         ]
         assert all(end.sound.all() for end in ends)
-        found[k] = (mapping.apart(ends[0].points.at, ends[1].points.at) / (2.0 * step)).T
+        found[k] = (mapping.difference(ends[0].points.at, ends[1].points.at) / (2.0 * step)).T
     return found
 
 
@@ -59,7 +59,7 @@ def chain() -> ReturnMap:
 @pytest.fixture(scope="module")
 def settled(chain: ReturnMap) -> Points:
     points, way = chain.settled(GAITS, {}, 60)
-    assert np.all(way == Way.crossed)
+    assert np.all(way == ReturnStatus.crossed)
     return points
 
 
@@ -77,7 +77,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     assert names == [f"{part}_{i}" for part in ("height", "speed", "launch") for i in (1, 2)]
     starts, way = mapping.settled({"launch_1": 0.8, "launch_2": 2.0}, {}, 0)
     found = mapping.linearised(starts, {}, "stiffness")
-    assert found.way.tolist() == way.tolist() == [Way.crossed]
+    assert found.status.tolist() == way.tolist() == [ReturnStatus.crossed]
     T = float(flight_time(np.array(0.8), w, d))
     dT = 2.0 * d / (w**2 * d**2 + 0.8**2)
     height_2 = d * (np.cos(w * T) - 1.0) + 2.0 / w * np.sin(w * T)
@@ -90,7 +90,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     over_speed_2 = [0.0, np.sin(w * T) / w, 0.0, np.cos(w * T), 0.0, 0.0]
     np.testing.assert_allclose(found.jacobian[0][:, 3], over_speed_2, atol=1e-9)
     # the landing speed is the launch speed whatever w; the kick is w/4
-    np.testing.assert_allclose(found.slope[0, 2], 0.25 * 0.5 / w, atol=1e-9)
+    np.testing.assert_allclose(found.d_parameter[0, 2], 0.25 * 0.5 / w, atol=1e-9)
 
 
 def test_fixed_point_of_a_bouncing_mass() -> None:
@@ -117,7 +117,7 @@ def test_stages_of_a_step_are_those_of_an_attempt() -> None:
         carry
     )
     t, after, way = jax.jit(crossing_of(model, numerics, "xla"))(params, state)
-    assert int(way) == Way.crossed
+    assert int(way) == ReturnStatus.crossed
     # the same arithmetic; compilers may round sums of products differently
     assert abs(float(t - whole.t)) < 1e-12
     np.testing.assert_allclose(np.asarray(after.phi), np.asarray(whole.state.phi), atol=1e-12)
@@ -145,7 +145,7 @@ def test_engines_agree() -> None:
         (t, after, way), (dt_, d_after, _) = jax.jit(
             lambda s, d, c=crossing: jax.jvp(lambda s: c(params, s), (s,), (d,))
         )(state, along)
-        assert int(way) == Way.crossed
+        assert int(way) == ReturnStatus.crossed
         ends.append([float(t), float(dt_), *after.phi, *after.v, *d_after.phi, *d_after.y, *d_after.x])
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-11)
 
@@ -158,14 +158,14 @@ def test_jacobian_of_the_chain(chain: ReturnMap, settled: Points) -> None:
         assert off(jacobian, expected) < 1e-6
     step = 1e-6
     ends = [chain.images(settled, {"m_B": 0.9 + sign * step}).points.at for sign in (1.0, -1.0)]
-    np.testing.assert_allclose(found.slope, chain.apart(*ends) / (2.0 * step), rtol=0, atol=2e-6)
+    np.testing.assert_allclose(found.d_parameter, chain.difference(*ends) / (2.0 * step), rtol=0, atol=2e-6)
 
 
 def test_images_without_derivatives_are_the_same(chain: ReturnMap, settled: Points) -> None:
     """Through a kernel of their own, in any number; how they were filled up does not matter."""
     found, images = chain.linearised(settled, {}), chain.images(settled, {})
     np.testing.assert_allclose(images.points.at, found.points.at, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(images.kept_jacobian, found.kept_jacobian)
+    np.testing.assert_array_equal(images.conserved_jacobian, found.conserved_jacobian)
     assert np.isnan(images.jacobian).all()
     one = chain.images(settled[np.array([1])], {})
     np.testing.assert_array_equal(one.points.at[0], images.points.at[1])
@@ -174,7 +174,7 @@ def test_images_without_derivatives_are_the_same(chain: ReturnMap, settled: Poin
 def test_place_and_read_are_each_others_inverse(chain: ReturnMap, settled: Points) -> None:
     chart, params = chain.chart, scalars(Multilegged())
     for k in range(len(settled)):
-        like = jax.tree.map(jnp.asarray, settled[k].like)
+        like = jax.tree.map(jnp.asarray, settled[k].modes)
         state = chart.place(params, jnp.asarray(settled.at[k]), like)
         assert bool(chart.holds(params, state))
         np.testing.assert_allclose(np.asarray(chart.read(params, state)), settled.at[k], atol=1e-14)
@@ -243,7 +243,7 @@ def test_multipliers_of_the_chain_tend_to_the_theorys(chain: ReturnMap) -> None:
         points, _ = chain.settled({k: v[:2] for k, v in GAITS.items()}, {"omega": omega}, 60)
         found = newton(chain, points, {"omega": omega}, fix=["E"])
         assert found.converged.all()
-        slow = multipliers(found.images.jacobian, found.images.kept_jacobian)
+        slow = multipliers(found.images.jacobian, found.images.conserved_jacobian)
         assert np.all(np.abs(slow[:, 2:]) < 0.01)
         polynomials = np.array([characteristic_polynomial(row[:2]) for row in slow])
         apart.append(np.abs(polynomials - np.poly([2 / 3, 2 / 3])).max())
@@ -253,7 +253,7 @@ def test_multipliers_of_the_chain_tend_to_the_theorys(chain: ReturnMap) -> None:
 
 def test_no_derivative_in_steps_of_fixed_length() -> None:
     model = WaistQuadruped()
-    flight = Flight(model, Numerics(dt=2e-4, method="semi_implicit"))
+    flight = PoincareReturn(model, Numerics(dt=2e-4, method="semi_implicit"))
     assert not flight.differentiable
     crossing = crossing_of(model, Numerics(dt=2e-4, method="semi_implicit"))
     params = scalars(model)
@@ -262,7 +262,7 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
     )
     numbers = [leaf for leaf in jax.tree.leaves(state) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     assert numbers
-    with pytest.raises(ValueError, match="staircase"):
+    with pytest.raises(ValueError, match="step function"):
         jax.jvp(lambda q: crossing(params, dataclasses.replace(state, q=q))[0], (state.q,), (state.q,))
 
 
@@ -281,7 +281,7 @@ def test_jacobian_of_the_quadruped() -> None:
     """
     mapping = return_map(WaistQuadruped(), numerics=Numerics(dt=3e-4))
     points, way = mapping.settled({"delta_13": np.array([2.81, 2.38])}, {}, 60)
-    assert np.all(way == Way.crossed)
+    assert np.all(way == ReturnStatus.crossed)
     found = newton(mapping, points, {})
     assert found.converged.all()
     # the model's page: trot 2.81, walk 2.38
@@ -292,6 +292,6 @@ def test_jacobian_of_the_quadruped() -> None:
     # the slow multiplier is that of the settling: delta_13 comes closer by it each cycle
     trot = multipliers(found.images.jacobian)[0, 0]
     approach, _ = mapping.settled({"delta_13": 2.81}, {}, 100), None
-    before = mapping.apart(approach[0].at, found.points.at[:1])[0, 0]
-    after = mapping.apart(mapping.images(approach[0], {}).points.at, found.points.at[:1])[0, 0]
+    before = mapping.difference(approach[0].at, found.points.at[:1])[0, 0]
+    after = mapping.difference(mapping.images(approach[0], {}).points.at, found.points.at[:1])[0, 0]
     assert abs(after / before - trot.real) < 1e-3

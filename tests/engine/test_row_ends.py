@@ -16,11 +16,11 @@ from toy_model import Toy, bounce_times, launches
 
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTime
 from gaitsweep.engine.recorders.recorder import BUFFER
-from gaitsweep.engine.recorders.settle import Settle
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 
 ENGINES = ("xla", "kernel")
@@ -72,7 +72,7 @@ def test_an_angle_that_jumps_to_and_fro_over_the_wrap_settles(engine: str) -> No
     """Settles by |.9^n (.9^-10 - 1)| < 10 tolerances, as an angle away from the wrap does."""
     found = run_rows(
         Turned(),
-        Settle(Turned()),
+        SettleRecorder(Turned()),
         {"x_0": [0.4, -0.4, 0.4], "y_0": [0.0, 1.0, 1.0]},
         numerics=ONE,
         engine=engine,
@@ -93,7 +93,7 @@ def test_an_angle_that_goes_on_by_a_turn_each_cycle_settles(engine: str) -> None
 
     found = run_rows(
         Going(),
-        Settle(Going()),
+        SettleRecorder(Going()),
         {"x_0": [1.0, 0.0, 6.2], "y_0": [0.0, 0.0, 1.0]},
         numerics=ONE,
         engine=engine,
@@ -107,7 +107,7 @@ def test_an_angle_that_turns_by_less_does_not_settle() -> None:
         def step(self, params: Params, state: State, dt: jax.Array) -> State:
             return State(state.x + 0.3 * TURN + 0.01, state.y)
 
-    found = run_rows(Part(), Settle(Part(), 60), {"x_0": [1.0], "y_0": [1.0]}, numerics=ONE)
+    found = run_rows(Part(), SettleRecorder(Part(), 60), {"x_0": [1.0], "y_0": [1.0]}, numerics=ONE)
     assert names(found) == ["cycle_limit"]
 
 
@@ -118,7 +118,7 @@ def test_the_time_of_settling_has_its_limit(engine: str) -> None:
     params = {"restitution": [0.9, 0.2]}
     for limit in (3.7, 11.0):
         found = run_rows(
-            model, Settle(model, 150, 1e-6, max_time=limit), starts, params=params,
+            model, SettleRecorder(model, 150, 1e-6, max_time=limit), starts, params=params,
             numerics=Numerics(dt=1e-2), engine=engine,
         )  # fmt: skip
         bounces = bounce_times(1.0, 2.0, 0.5, 0.9, 0.5, 60)
@@ -129,7 +129,12 @@ def test_the_time_of_settling_has_its_limit(engine: str) -> None:
     assert names(found)[1] == "settled"
     assert found.t_end[1] < 11.0
     free = run_rows(
-        model, Settle(model, 400, 1e-6), starts, params=params, numerics=Numerics(dt=1e-2), engine=engine
+        model,
+        SettleRecorder(model, 400, 1e-6),
+        starts,
+        params=params,
+        numerics=Numerics(dt=1e-2),
+        engine=engine,
     )
     assert names(free) == ["settled", "settled"]
     assert free.t_end[0] > 11.0
@@ -139,7 +144,7 @@ def test_the_time_of_settling_has_its_limit(engine: str) -> None:
 def test_the_number_of_cycles_has_its_limit(engine: str) -> None:
     found = run_rows(
         Logistic(),
-        Settle(Logistic(), 37),
+        SettleRecorder(Logistic(), 37),
         {"x_0": [0.3, 0.3]},
         params={"r": [3.9, 2.8]},
         numerics=ONE,
@@ -162,9 +167,9 @@ class Escaping(Logistic):
 
 
 RECORDERS = {
-    "crossings": lambda model: Crossings(model, crossings=400),
+    "crossings": lambda model: CrossingRecorder(model, crossings=400),
     "hold": lambda model: FixedTime(model, 400.0),
-    "trace": lambda model: Trace(model, duration=400.0, every=1.0),
+    "trace": lambda model: TraceRecorder(model, duration=400.0, every=1.0),
 }
 
 
@@ -200,7 +205,7 @@ def test_a_row_that_falls_keeps_what_it_had_before(engine: str) -> None:
     model = Toy()
     params: dict[str, Any] = {"restitution": 0.5, "kick": [3.0, 0.5], "ceiling": [0.62, 1e3]}
     found = run_rows(
-        model, Crossings(model, duration=20.0), {"launch_1": [1.0, 1.0]}, params=params,
+        model, CrossingRecorder(model, duration=20.0), {"launch_1": [1.0, 1.0]}, params=params,
         numerics=Numerics(dt=1e-2), engine=engine,
     )  # fmt: skip
     assert names(found) == ["fell", "complete"]
@@ -218,8 +223,8 @@ def test_every_crossing_is_kept_once(count: int, after: int, engine: str) -> Non
     """Around the size of the buffer: `count` crossings after the first `after`, which is kept too."""
     model = Logistic()
     found = run_rows(
-        model, Crossings(model, crossings=count, after_cycles=after), {"x_0": [0.3, 0.2]}, params={"r": 3.9},
-        numerics=ONE, engine=engine, lanes=2,
+        model, CrossingRecorder(model, crossings=count, after_cycles=after), {"x_0": [0.3, 0.2]},
+        params={"r": 3.9}, numerics=ONE, engine=engine, lanes=2,
     )  # fmt: skip
     assert names(found) == ["complete"] * 2
     for row, x in enumerate((0.3, 0.2)):
@@ -244,16 +249,16 @@ def test_crossings_that_do_not_come_end_at_their_limit(engine: str) -> None:
 
     model = Still()
     for recorder, limit in (
-        (Crossings(model, crossings=5, after_cycles=2), 4.0 * 17),
-        (Settle(model, 5), 4.0 * 15),
-        (Trace(model, duration=3.0, every=1.0, after_cycles=2), 4.0 * 12),
+        (CrossingRecorder(model, crossings=5, after_cycles=2), 4.0 * 17),
+        (SettleRecorder(model, 5), 4.0 * 15),
+        (TraceRecorder(model, duration=3.0, every=1.0, after_cycles=2), 4.0 * 12),
     ):
         found = run_rows(model, recorder, {"x_0": [0.3]}, numerics=ONE, engine=engine)
         assert (names(found), found.t_end[0]) == (["time_limit"], limit)
         assert found.cycles[0] == 0
     held = run_rows(model, FixedTime(model, 7.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
     assert (names(held), held.t_end[0], held.cycles[0]) == (["complete"], 7.0, 0)
-    ramp = run_rows(model, Crossings(model, duration=9.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
+    ramp = run_rows(model, CrossingRecorder(model, duration=9.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
     assert (names(ramp), ramp.t_end[0]) == (["complete"], 9.0)
 
 
@@ -263,7 +268,7 @@ def test_a_trace_has_all_of_its_samples(every: float, after: int, engine: str) -
     """From its begin to its end, both included, more than the buffer holds, at the heights in closed form."""
     model, duration = Toy(), 9.0
     found = run_rows(
-        model, Trace(model, duration, every, after_cycles=after), {"launch_1": [1.3]},
+        model, TraceRecorder(model, duration, every, after_cycles=after), {"launch_1": [1.3]},
         numerics=Numerics(dt=5e-3), engine=engine,
     )  # fmt: skip
     count = int(duration / every + 1e-9) + 1
@@ -293,9 +298,9 @@ def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
     """Not of the moment at which the row's time is over, in flight."""
     model, end = Watched(), 3.7
     recorder = {
-        "settle": Settle(model, 150, 1e-9, max_time=end),
+        "settle": SettleRecorder(model, 150, 1e-9, max_time=end),
         "hold": FixedTime(model, end),
-        "crossings": Crossings(model, duration=end),
+        "crossings": CrossingRecorder(model, duration=end),
     }[kind]
     found = run_rows(model, recorder, {"launch_1": [1.3]}, numerics=Numerics(dt=1e-2), engine="kernel")
     speeds = launches(1.3, 0.5, 0.5, 20)

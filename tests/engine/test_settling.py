@@ -17,7 +17,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.job import JobError
 
@@ -30,7 +30,7 @@ def logistic(r: Any, *, start: Any = 0.3, cycles: int = 150, engine: str = "kern
     starts = {"x_0": np.broadcast_to(start, r.shape)}
     model = Logistic()
     return run_rows(
-        model, Settle(model, cycles), starts, params={"r": r}, numerics=ONE, lanes=256, engine=engine
+        model, SettleRecorder(model, cycles), starts, params={"r": r}, numerics=ONE, lanes=256, engine=engine
     )
 
 
@@ -88,7 +88,7 @@ def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
     model = Spiral()
     found = run_rows(
         model,
-        Settle(model, cycles),
+        SettleRecorder(model, cycles),
         {"x_0": random.uniform(0.0, 2.0, n)},
         params={"ratio": ratio, "angle": angle},
         numerics=ONE,
@@ -104,7 +104,7 @@ def test_observables_settle_by_their_own_size() -> None:
     for size in (1e-3, 1.0, 500.0):
         model = Spiral(size)
         given = {"ratio": 0.9, "angle": 0.3}
-        ends.append(run_rows(model, Settle(model), starts, params=given, numerics=ONE))
+        ends.append(run_rows(model, SettleRecorder(model), starts, params=given, numerics=ONE))
     for end in ends:
         assert end.status.tolist() == [Status.settled] * 3
         np.testing.assert_array_equal(end.cycles, ends[1].cycles)
@@ -138,18 +138,18 @@ class Scaleless(Declining):
 
 def test_a_scale_of_the_models_own_counts_for_what_tends_to_0() -> None:
     starts, given = {"x_0": 2.0, "y_0": 1.0}, {"ratio": 0.9, "angle": 0.0}
-    found = run_rows(Declining(), Settle(Declining()), starts, params=given, numerics=ONE)
+    found = run_rows(Declining(), SettleRecorder(Declining()), starts, params=given, numerics=ONE)
     # .9^n (.9^-10 - 1) < 10 * 1e-3 * 2
     assert found.cycles.tolist() == [int(np.ceil(np.log(0.02 / (0.9**-10 - 1.0)) / np.log(0.9)))]
     # with none it has to fall below 1e-9 of its unit: the row says so by its name
-    found = run_rows(Scaleless(), Settle(Scaleless(), 150), starts, params=given, numerics=ONE)
+    found = run_rows(Scaleless(), SettleRecorder(Scaleless(), 150), starts, params=given, numerics=ONE)
     assert (Status(found.status[0]).name, found.slowest[0]) == ("cycle_limit", 0)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_slowest_observable_is_named(engine: str) -> None:
     model = Logistic()
-    recorder = Settle(model, 60, (10.0, 1e-3))
+    recorder = SettleRecorder(model, 60, (10.0, 1e-3))
     found = run_rows(
         model, recorder, {"x_0": [0.3, 0.3]}, params={"r": [3.9, 2.8]}, numerics=ONE, engine=engine
     )
@@ -229,7 +229,11 @@ def test_a_row_of_period_1_ends_where_it_did(tmp_path: Path) -> None:
     n, model = 64, Angles()
     ratio, angle, x = random.uniform(0.5, 0.93, n), random.uniform(-3, 3, n), random.uniform(0.3, 1.7, n)
     found = run_rows(
-        model, Settle(model), {"x_0": x, "y_0": 1.0}, params={"ratio": ratio, "angle": angle}, numerics=ONE
+        model,
+        SettleRecorder(model),
+        {"x_0": x, "y_0": 1.0},
+        params={"ratio": ratio, "angle": angle},
+        numerics=ONE,
     )
     assert np.all(found.period == 1)
     step = np.arange(151)
@@ -252,7 +256,11 @@ def test_periods_are_looked_for_in_float32_too() -> None:
     model = Single()
     numerics = Numerics(dt=1.0, precision="float32")
     found = run_rows(
-        model, Settle(model), {"x_0": np.full(3, 0.3)}, params={"r": [3.2, 3.5, 3.9]}, numerics=numerics
+        model,
+        SettleRecorder(model),
+        {"x_0": np.full(3, 0.3)},
+        params={"r": [3.2, 3.5, 3.9]},
+        numerics=numerics,
     )
     assert found.period.tolist() == [2, 4, 0]
 
@@ -264,7 +272,7 @@ def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
     Each slope starts from where the one before settled: the basin of the gait is small.
     """
     model, numerics = SimplestWalker(), Numerics(method="rk4", dt=5e-3)
-    names = [quantity.name for quantity in model.starts]
+    names = [quantity.name for quantity in model.initial_conditions]
     kept = 1.0 - np.cos(2.0 * ANGLE)
     at = np.array([ANGLE, RATE, 2.0 * ANGLE, kept * RATE])
     found = {}
@@ -286,7 +294,7 @@ def test_a_walker_on_a_slope_takes_two_steps_then_four_to_repeat() -> None:
         starts = {name: [value] for name, value in zip(names, at, strict=True)}
         end = run_rows(
             model,
-            Settle(model, 600),
+            SettleRecorder(model, 600),
             starts,
             params={"gamma": [slope]},
             numerics=numerics,

@@ -11,10 +11,10 @@ from sweeping import run_rows
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.propose import refusal
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.waist_quadruped import WaistQuadruped
-from gaitsweep.models.waist_quadruped.mechanics import Mechanics
+from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 
 TABLE = np.linspace(0.1, 0.9, 9).reshape(3, 3)  # float64, as a tree's constants are
 
@@ -55,7 +55,7 @@ def test_a_loop_is_refused() -> None:
     def looped(x: jax.Array) -> jax.Array:
         return jax.lax.while_loop(lambda y: y < 3.0, lambda y: y + 1.0, x)
 
-    with pytest.raises(ValueError, match="while cannot be worked out in float32"):
+    with pytest.raises(ValueError, match="while cannot be evaluated in float32"):
         worked_in("float32", looped)(jnp.asarray(1.0))
 
 
@@ -74,8 +74,8 @@ def test_a_foot_is_placed_to_single_precision() -> None:
     m = model.params(values).mechanics
     q = jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, 16))
     v = jnp.asarray(np.random.default_rng(1).uniform(-1.0, 1.0, 15))
-    exact, _ = Mechanics.feet(m, q, v)
-    found, _ = worked_in("float32", Mechanics.feet)(m, q, v)
+    exact, _ = WaistMechanics.feet(m, q, v)
+    found, _ = worked_in("float32", WaistMechanics.feet)(m, q, v)
     assert 0.0 < np.abs(found - exact).max() < 1e-7
 
 
@@ -88,7 +88,7 @@ def test_the_gaits_stay_in_mixed_precision() -> None:
     for precision in ("float64", "mixed"):
         numerics = Numerics(dt=2e-4, method="semi_implicit", precision=precision)
         rows = run_rows(
-            model, Crossings(model, crossings=200), {"delta_13": starts}, params={"f": 2.6},
+            model, CrossingRecorder(model, crossings=200), {"delta_13": starts}, params={"f": 2.6},
             numerics=numerics, lanes=16, engine="kernel",
         )  # fmt: skip
         samples = rows.samples.reshape(16, -1, rows.samples.shape[1])

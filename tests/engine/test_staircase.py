@@ -187,7 +187,7 @@ class Turning(SteppedModel):
     source: ClassVar[str] = "this file"
     gaits: ClassVar[tuple[str, ...]] = ("turning",)
     parameters = (Quantity("rate", "1/s", "turns a second", 1.0),)  # pyright: ignore
-    starts = (Quantity("angle", "1", "angle in turns", 0.0),)  # pyright: ignore
+    initial_conditions = (Quantity("angle", "1", "angle in turns", 0.0),)  # pyright: ignore
     observables = (Quantity("turned", "1", "turned up to the crossing"),)  # pyright: ignore
     signals = ()  # pyright: ignore
 

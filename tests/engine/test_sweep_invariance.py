@@ -11,8 +11,8 @@ from sweeping import run_rows, same
 from toy_model import Toy
 
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 
 LAUNCH = np.linspace(0.1, 4.0, 23)
@@ -21,7 +21,7 @@ NUMERICS = Numerics(dt=1e-2)
 
 @pytest.fixture(scope="module")
 def whole():
-    return run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
+    return run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
 
 
 @settings(max_examples=8)
@@ -31,7 +31,7 @@ def test_blocks_refilling_and_devices(whole, block: int, devices: int) -> None:
     assert len(jax.local_devices()) == 2, "tests/conftest.py gives two CPU devices"
     other = run_rows(
         Toy(),
-        Settle(Toy()),
+        SettleRecorder(Toy()),
         {"launch_1": LAUNCH},
         numerics=NUMERICS,
         lanes=4,
@@ -43,7 +43,7 @@ def test_blocks_refilling_and_devices(whole, block: int, devices: int) -> None:
 
 def test_order_of_rows(whole) -> None:
     order = np.random.default_rng(0).permutation(LAUNCH.size)
-    other = run_rows(Toy(), Settle(Toy()), {"launch_1": LAUNCH[order]}, numerics=NUMERICS, lanes=4)
+    other = run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH[order]}, numerics=NUMERICS, lanes=4)
     np.testing.assert_array_equal(whole.t_end[order], other.t_end)
     np.testing.assert_array_equal(whole.last[order], other.last)
 
@@ -52,6 +52,6 @@ def test_multilegged_rows_over_blocks_and_devices() -> None:
     random = np.random.default_rng(5)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 11) for i in (1, 2, 3)}
     model = Multilegged()
-    one = run_rows(model, Crossings(model, crossings=2), starts, lanes=4)
-    two = run_rows(model, Crossings(model, crossings=2), starts, lanes=4, block=3, devices=2)
+    one = run_rows(model, CrossingRecorder(model, crossings=2), starts, lanes=4)
+    two = run_rows(model, CrossingRecorder(model, crossings=2), starts, lanes=4, block=3, devices=2)
     same(one, two)

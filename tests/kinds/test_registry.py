@@ -15,7 +15,7 @@ from pydantic import Field
 import gaitsweep as gs
 from gaitsweep import kinds, plot
 from gaitsweep.contract import Model
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError, schema
 from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed
 from gaitsweep.kinds.numbers import Count, Text
@@ -31,7 +31,7 @@ class Doublings(kinds.RunKind):
     crossings: Count = Field(default=3, description="section crossings to record")
 
     def recorder(self, model: Model) -> Crossings:
-        return Crossings(model, self.crossings)
+        return CrossingRecorder(model, self.crossings)
 
     def columns(self, model: Model) -> list[Column]:
         twice = Column("twice", lambda records: 2.0 * records["t"], repeats=False)

@@ -13,7 +13,17 @@ from sweeping import scalars
 from toy_model import Toy
 
 from gaitsweep import models
-from gaitsweep.contract import HybridModel, Model, Status, SteppedModel, Steps, Verdict
+from gaitsweep.contract import (
+    RENAMED,
+    RENAMED_OF_CHARTS,
+    Chart,
+    FixedStepDynamics,
+    HybridModel,
+    Model,
+    Status,
+    SteppedModel,
+    Verdict,
+)
 from gaitsweep.engine.recorders.recorder import LABELLED
 from gaitsweep.kinds.columns import STATUSES
 
@@ -29,7 +39,7 @@ def begun(model: Model):
     params = scalars(model)
     random = np.random.default_rng(1)
     start = {}
-    for quantity in model.starts:
+    for quantity in model.initial_conditions:
         value = quantity.default if quantity.default is not None else random.uniform(0.1, 6.0)
         start[quantity.name] = jnp.asarray(float(value))
     return params, model.init(params, start)
@@ -54,16 +64,29 @@ def test_each_status_has_one_verdict() -> None:
 
 
 def test_a_stepped_model_is_its_own_steps() -> None:
-    assert Steps.__abstractmethods__ == {"step", "events", "jump", "section"}
+    assert FixedStepDynamics.__abstractmethods__ == {"step", "events", "jump", "section"}
     own = Model.__abstractmethods__ - {"recommended"}  # its step is its own
-    assert SteppedModel.__abstractmethods__ == own | Steps.__abstractmethods__
+    assert SteppedModel.__abstractmethods__ == own | FixedStepDynamics.__abstractmethods__
+
+
+@pytest.mark.parametrize(
+    ("base", "old", "new"),
+    [
+        *((HybridModel, *names) for names in RENAMED.items()),
+        *((Chart, *names) for names in RENAMED_OF_CHARTS.items()),
+    ],
+)
+def test_a_member_by_its_old_name_is_refused(base: type, old: str, new: str) -> None:
+    with pytest.raises(TypeError, match=f"Mine defines {old}, which is now called {new}: rename it"):
+        type("Mine", (base,), {old: property(lambda self: ())})
 
 
 def test_names_are_distinct_and_described(model: Model) -> None:
     assert isinstance(model, HybridModel) != isinstance(model, SteppedModel)
-    settable = [q.name for q in (*model.parameters, *model.starts)]
+    settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
     assert len(set(settable)) == len(settable)
-    for quantity in (*model.parameters, *model.starts, *model.observables, *model.signals, *model.traits):
+    settable_or_read = (*model.parameters, *model.initial_conditions, *model.observables, *model.signals)
+    for quantity in (*settable_or_read, *model.label_fields):
         assert quantity.name.isidentifier(), quantity
         assert quantity.unit, quantity
         assert quantity.meaning, quantity
@@ -89,7 +112,7 @@ def test_functions_give_what_they_promise(model: Model) -> None:
         assert value.shape == ()
         assert value.dtype == jnp.float64
     labels = model.label(params, observed)
-    assert set(labels) == {"gait", *(q.name for q in model.traits)}
+    assert set(labels) == {"gait", *(q.name for q in model.label_fields)}
     assert 0 <= int(labels["gait"]) < len(model.gaits)
     assert not bool(model.failed(params, state))
     assert float(model.period(params)) > 0.0

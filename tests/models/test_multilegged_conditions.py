@@ -14,13 +14,13 @@ from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import next_crossing
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, touchdown_phase
 from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
 from gaitsweep.models.multilegged.theory.gaits import distances
-from gaitsweep.models.multilegged.theory.solution_sets import Steps, all_steps, branches, solution
+from gaitsweep.models.multilegged.theory.solution_sets import LagRule, branches, lag_rules, solution
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi
@@ -73,7 +73,7 @@ def chains(n: int, N: int) -> Chain:
 def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Of one chain: what a cycle changes at a point of each wave, rad; what should stay; landing's margin."""
     model = MultileggedReduced(N)
-    run = next_crossing(model, STEPS, sensitivities=False)
+    run = crossing_of(model, STEPS, "xla")
     fixed = {
         "sigma": 20.0,
         "m_B": chain.m_1,
@@ -86,14 +86,14 @@ def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, j
     }
     params = model.params({name: jnp.asarray(each) for name, each in (fixed | chain._asdict()).items()})
 
-    def change(rule: Steps) -> jax.Array:
+    def change(rule: LagRule) -> jax.Array:
         psi = solution(rule, rule.low + 0.37 * (rule.high - rule.low), touchdown_phase(chain), 1)
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}
         after = run(params, model.init(params, {**start, "phi_1": jnp.asarray(jnp.nan)}))[1].psi
         return jnp.max(jnp.abs(jnp.mod(after - psi + jnp.pi, TURN) - jnp.pi))
 
     kept = np.array([row for row, branch in enumerate(branches(N)) if branch.kind != "A"])
-    rules = jax.tree.map(lambda field: field[kept], all_steps(N, chain))
+    rules = jax.tree.map(lambda field: field[kept], lag_rules(N, chain))
     direct, retrograde = wave_conditions(N, chain)
     # direct, B of k = N .. 3, and B of k = 2, which is the retrograde wave
     sources = [source_conditions(N, chain, k).hold for k in range(N, 2, -1)]
@@ -121,7 +121,7 @@ def settled() -> tuple[list[slice], np.ndarray, np.ndarray]:
     mass, kappa, a = (np.repeat(each, n) for each in ((HEAVY, HEAVY, 0.9, 0.9), *GROUPS))
     params = dict.fromkeys(("m_1", "m_end"), mass) | dict.fromkeys(("a", "a_1", "a_end"), a)
     params |= dict.fromkeys(("kappa", "kappa_1", "kappa_end"), kappa)
-    recorder = Settle(model, max_cycles=3000, tolerance=1e-6)
+    recorder = SettleRecorder(model, max_cycles=3000, tolerance=1e-6)
     starts = {f"psi_{i + 1}": psi[:, i] for i in range(3)}
     run = run_rows(model, recorder, starts, params=params, numerics=STEPS, engine="kernel", lanes=64)
     assert np.all(run.status == Status.settled)

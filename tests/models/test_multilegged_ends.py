@@ -14,8 +14,8 @@ from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, springs
@@ -25,8 +25,8 @@ from gaitsweep.models.multilegged.theory.gaits import GAITS
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    all_steps,
     branches,
+    lag_rules,
     solution_set,
     solution_sets,
 )
@@ -98,7 +98,7 @@ def test_E_drifts_by_what_the_ends_reset() -> None:
     """Eqs. (31), (32) with an own spring and amplitude of each end, while their neighbours stand."""
     model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE, MATCHED), 24
     params = {name: np.repeat(values, n) for name, values in params_of(*chains).items()}
-    recorder = Crossings(model, crossings=60)
+    recorder = CrossingRecorder(model, crossings=60)
     run = run_rows(model, recorder, columns(4 * n), params=params, numerics=STEPS, engine="kernel", lanes=96)
     psi = run.samples.reshape(4, n, 61, -1)[:, :, 30:, 2:-1]
     change = wrapped(np.diff(np.asarray(total(psi)), axis=2))
@@ -125,7 +125,7 @@ def test_ends_that_touch_alike_keep_the_lines_of_solutions(chain: Chain, N: int)
 
 def test_the_linear_map_knows_the_ends() -> None:
     """Product of touchdowns against differences of the searched map, which is linear between jumps."""
-    step, rules = 1e-4, all_steps(3, MATCHED)
+    step, rules = 1e-4, lag_rules(3, MATCHED)
     for row, branch in enumerate(branches(3)):
         psi = np.asarray(solution_set(3, branch, MATCHED, 101, 1))[32]
         s = float(rules.low[row] + 0.32 * (rules.high[row] - rules.low[row]))
@@ -141,7 +141,7 @@ def test_the_linear_map_knows_the_ends() -> None:
 def test_unlike_ends_leave_one_gait() -> None:
     """The gait of the end that resets by more; none of the three where `wave_conditions` do not hold."""
     model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE, TOO_SOFT), 24
-    recorder = Settle(model, max_cycles=2500, tolerance=1e-6)
+    recorder = SettleRecorder(model, max_cycles=2500, tolerance=1e-6)
     params = {name: np.repeat(values, n) for name, values in params_of(*chains).items()}
     run = run_rows(model, recorder, columns(4 * n), params=params, numerics=STEPS, engine="kernel", lanes=96)
     assert np.all(run.status == Status.settled)

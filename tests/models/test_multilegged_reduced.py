@@ -16,9 +16,9 @@ from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import next_crossing
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import GAITS, Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
@@ -27,8 +27,8 @@ from gaitsweep.models.multilegged.theory.gaits import gait_of, locked_state
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    all_steps,
     branches,
+    lag_rules,
     solution_set,
     solution_sets,
 )
@@ -52,11 +52,11 @@ def columns(psi: np.ndarray) -> dict[str, np.ndarray]:
     return {f"psi_{i + 1}": psi[:, i] for i in range(psi.shape[1])}
 
 
-def cycle(N: int, numerics: Numerics, sensitivities: bool = False, **params: float) -> Callable:
+def cycle(N: int, numerics: Numerics, **params: float) -> Callable:
     """psi on section 1 -> psi a cycle later, for one trajectory."""
     model = MultileggedReduced(N)
     values = scalars(model, **params)
-    run = next_crossing(model, numerics, sensitivities=sensitivities)
+    run = crossing_of(model, numerics, "xla")
 
     def once(psi: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}
@@ -117,7 +117,7 @@ def test_located_events_have_the_same_fixed_points() -> None:
 
 def test_the_locked_state_stays() -> None:
     psi = np.asarray(locked_state(Chain()))[None]
-    state = run_rows(MultileggedReduced(), Settle(MultileggedReduced()), columns(psi), numerics=STEPS)
+    state = run_rows(MultileggedReduced(), SettleRecorder(MultileggedReduced()), columns(psi), numerics=STEPS)
     assert GAITS[state.labels["gait"][0]] == "locked"
 
 
@@ -125,7 +125,7 @@ def test_the_locked_state_stays() -> None:
 def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> None:
     """The map is linear between jumps, so central differences are right to rounding over the step, 1e-11."""
     step, chain, places = 1e-4, Chain(), [13, 32, 77, 93]
-    rules = all_steps(N, chain)
+    rules = lag_rules(N, chain)
     low, high = (np.asarray(end)[:, None] for end in (rules.low, rules.high))
     free = low + (high - low) * 0.01 * np.array(places)
     sets = np.asarray(solution_sets(N, chain, 101, 1))[:, places]
@@ -144,8 +144,8 @@ def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> N
 
 
 def test_derivatives_through_located_events_are_those_of_the_theory() -> None:
-    jacobian = jax.jit(jax.jacfwd(cycle(3, LOCATED, sensitivities=True)))
-    rules = all_steps(3, Chain())
+    jacobian = jax.jit(jax.jacfwd(cycle(3, LOCATED)))
+    rules = lag_rules(3, Chain())
     for row, branch in enumerate(branches(3)):
         psi = np.asarray(solution_set(3, branch, samples=101, section=1))[32]
         s = float(rules.low[row] + 0.32 * (rules.high[row] - rules.low[row]))
@@ -156,7 +156,7 @@ def test_derivatives_through_located_events_are_those_of_the_theory() -> None:
 def test_engines_and_methods_give_the_same_ends() -> None:
     model, psi = MultileggedReduced(), starts(32)
     ends = [
-        run_rows(model, Settle(model), columns(psi), numerics=numerics, engine=engine, lanes=16)
+        run_rows(model, SettleRecorder(model), columns(psi), numerics=numerics, engine=engine, lanes=16)
         for numerics, engine in (
             (STEPS, "kernel"),
             (STEPS, "xla"),
@@ -181,7 +181,7 @@ def test_the_conserved_quantity_and_its_drift() -> None:
     for chain in (Chain(), tail):
         masses = {"m_1": chain.m_1, "m_end": chain.m_end}
         run = run_rows(
-            model, Crossings(model, crossings=60), columns(starts(24)), params=masses, numerics=STEPS
+            model, CrossingRecorder(model, crossings=60), columns(starts(24)), params=masses, numerics=STEPS
         )
         psi = run.samples.reshape(24, 61, -1)[:, :, 2:-1]
         change = wrapped(np.diff(np.asarray(total(psi)), axis=1))
@@ -197,7 +197,7 @@ def test_the_conserved_quantity_and_its_drift() -> None:
 def test_broken_symmetry_leaves_one_gait(chain: Chain) -> None:
     model = MultileggedReduced()
     masses = {"m_1": chain.m_1, "m_end": chain.m_end}
-    recorder = Settle(model, max_cycles=500, tolerance=1e-6)
+    recorder = SettleRecorder(model, max_cycles=500, tolerance=1e-6)
     run = run_rows(
         model, recorder, columns(starts(64)), params=masses, numerics=STEPS, engine="kernel", lanes=64
     )
@@ -213,7 +213,7 @@ def test_ten_legs_keep_their_gaits() -> None:
     model = MultileggedReduced(9)
     sets = np.asarray(solution_sets(9, samples=5, section=1))[:, 2]
     noise = np.random.default_rng(3).normal(0.0, 0.02, sets.shape)
-    run = run_rows(model, Settle(model), columns(sets + noise), numerics=STEPS, lanes=32)
+    run = run_rows(model, SettleRecorder(model), columns(sets + noise), numerics=STEPS, lanes=32)
     expected = [GAITS[gait_of(branch)] for branch in branches(9)]
     assert [GAITS[g] for g in run.labels["gait"]] == expected
 
@@ -245,7 +245,7 @@ def test_the_sections_coordinates_put_a_state_back() -> None:
 
 def test_no_touchdown_outside_the_conditions() -> None:
     model = MultileggedReduced()
-    run = run_rows(model, Settle(model), columns(starts(4)), params={"a": 0.05}, numerics=STEPS)
+    run = run_rows(model, SettleRecorder(model), columns(starts(4)), params={"a": 0.05}, numerics=STEPS)
     assert np.all(run.status == Status.not_a_number)
 
 
@@ -259,7 +259,13 @@ def test_labels_are_the_full_models() -> None:
         (Multilegged(), Numerics(method="propagator6", dt=32e-3)),
     ):
         run = run_rows(
-            model, Settle(model), columns(psi), numerics=numerics, engine="kernel", lanes=256, devices=2
+            model,
+            SettleRecorder(model),
+            columns(psi),
+            numerics=numerics,
+            engine="kernel",
+            lanes=256,
+            devices=2,
         )
         assert np.all(run.status == Status.settled)
         found.append(run.labels["gait"])
@@ -275,10 +281,10 @@ def test_legs_in_phase_are_where_the_models_differ() -> None:
     """From most starts with legs nearly in phase the reduced chain never lifts one; the full model does."""
     psi = np.mod(np.random.default_rng(6).uniform(-0.03, 0.03, (12, 3)), TURN)
     reduced, full = MultileggedReduced(), Multilegged()
-    run = run_rows(reduced, Settle(reduced), columns(psi), numerics=STEPS, engine="kernel", lanes=16)
+    run = run_rows(reduced, SettleRecorder(reduced), columns(psi), numerics=STEPS, engine="kernel", lanes=16)
     stays = np.array([GAITS[gait] == "none" for gait in run.labels["gait"]])
     assert stays.sum() >= 6
     assert np.all(run.last[stays, 3] == 0.0)  # leg 1 has not touched down: its phase passed 2 pi
     numerics = Numerics(method="propagator6", dt=32e-3)
-    run = run_rows(full, Settle(full), columns(psi), numerics=numerics, engine="kernel", lanes=16)
+    run = run_rows(full, SettleRecorder(full), columns(psi), numerics=numerics, engine="kernel", lanes=16)
     assert {GAITS[g] for g in run.labels["gait"]} <= {"direct", "source", "retrograde"}

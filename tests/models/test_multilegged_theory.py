@@ -20,8 +20,8 @@ from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdo
 from gaitsweep.models.multilegged.theory.section import touches_early, transport
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    all_steps,
     branches,
+    lag_rules,
     rule_of,
     solution_set,
     solution_sets,
@@ -112,7 +112,7 @@ def test_sets_on_their_own_section_are_the_printed_equations(N: int) -> None:
 
     psi_A = 2 * (1 - beta) * np.pi - (3 * m_B - OTHER.m) * b
     psi_B = 2 * (1 - beta) * np.pi - m_B * b
-    rules = all_steps(N, OTHER)
+    rules = lag_rules(N, OTHER)
     for branch, low, high in zip(branches(N), rules.low, rules.high, strict=True):
         if branch.kind == "direct":
             ends = [2 * (1 - beta) * np.pi, 2 * beta * np.pi + m_B * b]
@@ -157,7 +157,7 @@ def test_numbers_of_the_models_page() -> None:
 def test_pieces_are_the_whole_of_the_sets_and_join_but_for_resets(N: int) -> None:
     lines = segments(N)
     half, middle, direction = (np.asarray(part) for part in (lines.half, lines.middle, lines.direction))
-    rules = all_steps(N, TABLE_1)
+    rules = lag_rules(N, TABLE_1)
     whole = np.asarray(rules.high - rules.low) * np.linalg.norm(rules.slope, axis=1)
     assert np.allclose(2 * half.sum(axis=1), whole, atol=1e-12)
     reach = direction * half[..., None]

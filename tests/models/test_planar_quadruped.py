@@ -21,8 +21,8 @@ from sweeping import complete, run_rows
 from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_in, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.models.planar_quadruped import PlanarQuadruped
 from gaitsweep.models.planar_quadruped.bodies import edited, page_values
@@ -58,7 +58,7 @@ def in_mujoco(kind: type[InMujoco], sigma: float, start: Any) -> InMujoco:
 def traces() -> list[pd.DataFrame]:
     """All steps of three seconds of two rows, by the kernel."""
     model = PlanarQuadruped()
-    recorder = Trace(model, duration=3.0, every=DT)
+    recorder = TraceRecorder(model, duration=3.0, every=DT)
     block = run_rows(
         model, recorder, STARTS, params={"sigma": SIGMA}, numerics=Numerics(dt=DT), engine="kernel"
     )
@@ -70,7 +70,7 @@ def traces() -> list[pd.DataFrame]:
 def crossings() -> pd.DataFrame:
     """All crossings in the same three seconds."""
     model = PlanarQuadruped()
-    recorder = Crossings(model, duration=3.0)
+    recorder = CrossingRecorder(model, duration=3.0)
     block = run_rows(
         model, recorder, STARTS, params={"sigma": SIGMA}, numerics=Numerics(dt=DT), engine="kernel"
     )
@@ -224,7 +224,7 @@ def test_what_counts_as_fallen() -> None:
     # without the hip's feedback it falls, and the row says so
     block = run_rows(
         model,
-        Crossings(model, duration=3.0),
+        CrossingRecorder(model, duration=3.0),
         {"seed": np.arange(2.0)},
         params={"k1": -3.0},
         numerics=Numerics(dt=DT),

@@ -19,7 +19,7 @@ from sweeping import complete, run_rows
 from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.models.planar_quadruped import PlanarQuadruped
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
@@ -35,7 +35,7 @@ def gaits(sigma: Any, seeds: Any, **params: float) -> pd.DataFrame:
     grid, seed = (each.ravel() for each in np.meshgrid(sigma, seeds, indexing="ij"))
     block = run_rows(
         model,
-        Crossings(model, duration=DURATION),
+        CrossingRecorder(model, duration=DURATION),
         {"seed": seed.astype(float), "pair": (seed % 2).astype(float)},
         params={"sigma": grid, **params},
         numerics=Numerics(dt=1e-3),

@@ -16,8 +16,8 @@ from gaitsweep.contract import Status
 from gaitsweep.dynamics.anchored_foot import anchored_force
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.recorders.crossings import Crossings
-from gaitsweep.engine.recorders.settle import Settle
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
 from gaitsweep.models.waist_quadruped.mechanics import WAIST
@@ -30,7 +30,7 @@ LOCATED = Numerics(dt=3e-4, method="rk4")
 
 def crossings(starts, count=100, *, params=None, numerics=STEPS, engine="kernel"):
     """The observables at `count` landings of limb 3, (rows, count + 1, observables)."""
-    recorder = Crossings(MODEL, crossings=count)
+    recorder = CrossingRecorder(MODEL, crossings=count)
     result = run_rows(
         MODEL, recorder, {"delta_13": starts}, params=params or {}, numerics=numerics, lanes=16, engine=engine
     )
@@ -71,7 +71,7 @@ def test_it_walks_as_fast_as_the_paper_says(gaits) -> None:
 
 
 def test_gaits_are_labelled_and_rows_settle() -> None:
-    recorder = Settle(MODEL, max_cycles=200, tolerance=1e-3)
+    recorder = SettleRecorder(MODEL, max_cycles=200, tolerance=1e-3)
     starts = {"delta_13": np.array([2.2, 3.0])}
     result = run_rows(MODEL, recorder, starts, numerics=STEPS, lanes=16, engine="kernel")
     assert [MODEL.gaits[g] for g in result.labels["gait"]] == ["walk", "trot"]
@@ -80,7 +80,7 @@ def test_gaits_are_labelled_and_rows_settle() -> None:
 
 def test_no_row_settles_while_its_start_holds_it() -> None:
     """At beta = .6 a start at 2.0 stands still until it is let go of, and then leaves for a pace."""
-    recorder = Settle(MODEL, max_cycles=200, tolerance=1e-3)
+    recorder = SettleRecorder(MODEL, max_cycles=200, tolerance=1e-3)
     result = run_rows(
         MODEL, recorder, {"delta_13": np.array([2.0])}, params={"beta": 0.6}, numerics=STEPS, engine="kernel"
     )

@@ -18,7 +18,7 @@ from sweeping import complete, run_rows
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics, advance
 from gaitsweep.engine.propose import refusal
-from gaitsweep.engine.recorders.crossings import Crossings
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
@@ -102,7 +102,7 @@ def test_masses_that_vary_from_row_to_row() -> None:
         model = WaistQuadruped(body)
         return run_rows(
             model,
-            Crossings(model, crossings=3),
+            CrossingRecorder(model, crossings=3),
             {"delta_13": np.full(5, DELTA_13)},
             params={**START, **values},
             numerics=Numerics(dt=DT, method="semi_implicit"),
@@ -144,11 +144,11 @@ def test_mjx_has_steps_alone() -> None:
 
 def test_mjx_is_left_to_xla() -> None:
     model, device = WaistQuadruped("mjx"), jax.local_devices()[0]
-    how = model, Crossings(model, 3), Numerics(dt=DT, method="semi_implicit"), None
+    how = model, CrossingRecorder(model, 3), Numerics(dt=DT, method="semi_implicit"), None
     engine, note = choose("auto", device, *how)
     assert engine == "xla"
     assert note is not None
-    assert "works out numbers on the host, of body_mass, " in note
+    assert "computes on the host with body_mass, " in note
     with pytest.raises(EngineError, match="Allowed here: auto, xla"):
         choose("kernel", device, *how)
 

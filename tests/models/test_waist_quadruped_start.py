@@ -12,10 +12,10 @@ import pytest
 from sweeping import run_rows, scalars
 
 from gaitsweep.engine.advance import Numerics, advance, start
-from gaitsweep.engine.recorders.trace import Trace
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.rhythm import phase_rates
-from gaitsweep.models.waist_quadruped.steps import SemiImplicit, TreeBody
+from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistTreeBody
 
 # How far delta_13 is from what is wanted (rad), the pull (rad/s), when it ends, and when to look (s).
 AWAY, K_13, T_HOLD, END = 0.6, 20.0, np.array([0.02137, 0.0249, 0.0301]), 0.04
@@ -30,7 +30,7 @@ class Hung(WaistQuadruped):
         return {**still, "phi": phase_rates(params, state, held), "clock": jnp.ones_like(state.clock)}
 
 
-class HungBody(TreeBody):
+class HungBody(WaistTreeBody):
     """The same for steps of fixed length."""
 
     def moved(self, m: Any, s: Any, tau: Any, forces: Any, dt: Any) -> Any:
@@ -97,7 +97,7 @@ def test_the_whole_quadruped_is_let_go_of_at_an_instant() -> None:
     for dt in (2e-4, 1e-4):
         rows = run_rows(
             model,
-            Trace(model, 0.225, 0.225),
+            TraceRecorder(model, 0.225, 0.225),
             {"delta_13": np.array([2.2])},
             params={"T_grow": 0.12345, "T_hold": 0.21337},
             numerics=Numerics(dt=dt),

@@ -11,7 +11,7 @@ from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleto
 
 from gaitsweep import models
 from gaitsweep.job import Job
-from gaitsweep.models.waist_quadruped.mechanics import Mechanics
+from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.plot.movie.animation import Clip
 from gaitsweep.plot.movie.side_view import heading, turned
 from gaitsweep.runs.motion import read_motion
@@ -21,7 +21,7 @@ from gaitsweep.skeleton import Skeleton
 @pytest.mark.parametrize("name", models.names())
 def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None:
     model = models.find(name)()
-    start = {q.name: 1.0 for q in model.starts if q.default is None}
+    start = {q.name: 1.0 for q in model.initial_conditions if q.default is None}
     parameters, _ = Job(name="one", model=name, start=start, run={"kind": "settle"}).plan.values(0, 1)
     moments = 3
     signals = {q.name: np.linspace(0.9, 1.0, moments) for q in model.signals}
@@ -40,8 +40,8 @@ def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None
 def test_feet_are_drawn_where_the_dynamics_has_them() -> None:
     """Two kinematics of one body: MuJoCo's of the scaled MJCF and the tree's, alike but for rounding."""
     lengths = {"body_length": 0.12, "body_width": 0.08, "link_length": 0.09}
-    ones = {name: jnp.asarray(1.0) for name in Mechanics.__dataclass_fields__}
-    body = Mechanics(**ones | {name: jnp.asarray(value) for name, value in lengths.items()})
+    ones = {name: jnp.asarray(1.0) for name in WaistMechanics.__dataclass_fields__}
+    body = WaistMechanics(**ones | {name: jnp.asarray(value) for name, value in lengths.items()})
     signals = quadruped_signals(0.01 * np.arange(81))
     drawn = quadruped_skeleton(**lengths)
     for k in (0, 33, 80):

@@ -46,6 +46,21 @@ def test_a_new_directory_is_filled_and_loaded(tmp_path: Path) -> None:
     assert Snapshot.of(path).counts == directory.counts()
 
 
+def test_columns_carry_their_unit_and_meaning_in_the_parquet_field(tmp_path: Path) -> None:
+    path = tmp_path / "toy"
+    quantities = {"a": {"unit": "m/s", "meaning": "speed", "symbol": "a", "circular": False}}
+    with open_toy(path) as directory:
+        directory.write_part(0, block_frame(0, 4))  # as an older version wrote it, without metadata
+        directory.update_manifest(quantities=quantities)
+        fill(directory)
+    old, new = (pq.read_schema(path / "table" / f"part-0000{number}.parquet") for number in (0, 1))
+    assert new.field("a").metadata == {b"unit": b"m/s", b"meaning": b"speed"}
+    assert new.field("cycles").metadata is None
+    assert old.field("a").metadata is None
+    assert old.equals(new)
+    pd.testing.assert_series_equal(load(path)["a"], block_frame(0, 10)["a"])
+
+
 def test_a_partial_table_loads_and_says_so(tmp_path: Path) -> None:
     with open_toy(tmp_path / "toy") as directory:
         directory.write_part(2, block_frame(8, 10))

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
-from gaitsweep.engine.poincare.maps import Images, Map, Points
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 
 # Most corrections of one step; a step that needs more is tried again with half its length.
 MOST_CORRECTIONS = 12
@@ -41,7 +41,7 @@ class BranchPoints:
     drift: np.ndarray
     parameter: np.ndarray
     tangent: np.ndarray
-    images: Images
+    images: MapEvaluation
     corrections: np.ndarray
 
     def __getitem__(self, which: np.ndarray) -> BranchPoints:
@@ -99,11 +99,11 @@ class ContinuationProblem:
         values = {name: each[which] for name, each in self.values.items()}
         return dataclasses.replace(self, values=values, held=self.held[which], weights=self.weights[which])
 
-    def evaluated(self, points: Points, parameter: np.ndarray) -> Images:
+    def evaluated(self, points: Points, parameter: np.ndarray) -> MapEvaluation:
         """The images with their derivatives at these values (n,) of the parameter."""
         return self.mapping.linearised(points, {**self.values, self.parameter: parameter}, self.parameter)
 
-    def tangents(self, images: Images, before: np.ndarray) -> np.ndarray:
+    def tangents(self, images: MapEvaluation, before: np.ndarray) -> np.ndarray:
         """The unit tangents (n, m) of the branches, oriented along the tangents `before` (n, m)."""
         full = self._bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
@@ -161,7 +161,7 @@ class ContinuationProblem:
         """The corrected points, their changes (n, m), and the number of corrections (n,), 0 if lost."""
         n, size = branch_points.points.at.shape
         change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
-        points = Points(branch_points.points.at + change[:, :size], branch_points.points.like)
+        points = Points(branch_points.points.at + change[:, :size], branch_points.points.modes)
         norm, step = np.full(n, np.inf), np.zeros_like(guess)
         matrix = self._bordered(branch_points.images, normal)
         for taken in range(1, MOST_CORRECTIONS + 1):
@@ -186,19 +186,19 @@ class ContinuationProblem:
                     matrix[mine] += _broyden_update(problem[rest].weights, step[mine], miss)
                 step[mine] = _solved(matrix[mine], -miss)
                 change[mine] += step[mine]
-                back = self.mapping.apart(some.at[rest], images.points.at[rest])
+                back = self.mapping.difference(some.at[rest], images.points.at[rest])
                 moved = images.points.at[rest] + back + step[mine, :size]
-                points = points.merged(mine, Points(moved, images.points[rest].like))
+                points = points.merged(mine, Points(moved, images.points[rest].modes))
         return points, change, count
 
-    def _bordered(self, images: Images, row: np.ndarray) -> np.ndarray:
+    def _bordered(self, images: MapEvaluation, row: np.ndarray) -> np.ndarray:
         """The Jacobians (n, m, m) of Newton's equations, bordered by a last `row` (n, m)."""
         inner = matrices(images, self.held)
         n, m, _ = inner.shape
         full = np.zeros((n, m + 1, m + 1))
         full[:, :m, :m] = inner
-        full[:, : images.slope.shape[1], m] = images.slope
-        full[:, images.slope.shape[1] : m, m] = images.kept_slope[:, self.held.which]
+        full[:, : images.d_parameter.shape[1], m] = images.d_parameter
+        full[:, images.d_parameter.shape[1] : m, m] = images.conserved_d_parameter[:, self.held.which]
         full[:, m] = row
         return full
 

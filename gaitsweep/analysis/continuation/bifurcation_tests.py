@@ -26,7 +26,7 @@ Test = Callable[[ContinuationProblem, BranchPoints], np.ndarray]
 def multipliers_of(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
     """The Floquet multipliers (n, size - k), without those of the constrained conserved quantities."""
     return multipliers(
-        branch_points.images.jacobian, branch_points.images.kept_jacobian[:, problem.held.which]
+        branch_points.images.jacobian, branch_points.images.conserved_jacobian[:, problem.held.which]
     )
 
 

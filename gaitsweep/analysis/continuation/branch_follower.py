@@ -261,7 +261,7 @@ def _beyond(
     change = length * here.tangent
     parameter = here.parameter + change[:, -1]
     size = here.points.at.shape[1]
-    starts = Points(here.points.at + change[:, :size], here.points.like)
+    starts = Points(here.points.at + change[:, :size], here.points.modes)
     fix = {
         problem.mapping.conserved[k].name: problem.held.values[:, i] for i, k in enumerate(problem.held.which)
     }
@@ -279,6 +279,6 @@ def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) ->
     """The weighted distance between branch points, (n,)."""
     apart = np.zeros_like(problem.weights)
     size = a.points.at.shape[1]
-    apart[:, :size] = problem.mapping.apart(a.points.at, b.points.at)
+    apart[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
     apart[:, -1] = a.parameter - b.parameter
     return np.sqrt(np.sum(problem.weights * apart**2, axis=1))

@@ -110,7 +110,7 @@ def _followed(
     held_values = mapping.complete({**values, parameter: at}, n)
     others = {name: each for name, each in held_values.items() if name != parameter}
     found = newton(mapping, starts, held_values, fix=fix)
-    held = ConservedConstraints.of(mapping, fix, found.images.kept)
+    held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
     ready = np.flatnonzero(found.converged)
     problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
     beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}

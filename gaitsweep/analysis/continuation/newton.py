@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from gaitsweep import near_miss
-from gaitsweep.engine.poincare.maps import Images, Map, Points, Values, shorter
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, wrap_difference
 from gaitsweep.errors import ArgumentError
 
 # Most halvings of a step that leaves the domain of the map or raises the residual.
@@ -79,7 +79,7 @@ class ConservedConstraints:
 
     def residuals(self, kept: np.ndarray) -> np.ndarray:
         """The residuals of the constraints, (n, k)."""
-        return shorter(kept[:, self.which] - self.values, self.circular)
+        return wrap_difference(kept[:, self.which] - self.values, self.circular)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +96,7 @@ class FixedPoints:
     residual: np.ndarray
     iterations: np.ndarray
     outcome: np.ndarray
-    images: Images
+    images: MapEvaluation
 
     @property
     def converged(self) -> np.ndarray:
@@ -110,19 +110,19 @@ def sizes(at: np.ndarray) -> np.ndarray:
 
 
 def residuals(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: ConservedConstraints
+    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: ConservedConstraints
 ) -> np.ndarray:
     """The residuals of Newton's equations, (n, size + k): zero at a fixed point."""
-    moved = mapping.apart(images.points.at, points.at)
-    spread = along(images.kept_jacobian[:, held.which])
+    moved = mapping.difference(images.points.at, points.at)
+    spread = along(images.conserved_jacobian[:, held.which])
     return np.concatenate(
-        [moved - np.einsum("nsk,nk->ns", spread, drift), held.residuals(images.kept)], axis=1
+        [moved - np.einsum("nsk,nk->ns", spread, drift), held.residuals(images.conserved_values)], axis=1
     )
 
 
-def matrices(images: Images, held: ConservedConstraints) -> np.ndarray:
+def matrices(images: MapEvaluation, held: ConservedConstraints) -> np.ndarray:
     """The Jacobians (n, size + k, size + k) of `residuals` over the coordinates and the drifts."""
-    gradients = images.kept_jacobian[:, held.which]
+    gradients = images.conserved_jacobian[:, held.which]
     n, size, _ = images.jacobian.shape
     k = gradients.shape[1]
     matrix = np.zeros((n, size + k, size + k))
@@ -186,7 +186,7 @@ class _Search:
     ) -> None:
         self.mapping, self.values, self.tolerance = mapping, values, tolerance
         self.points, self.images = starts, mapping.linearised(starts, values)
-        self.held = ConservedConstraints.of(mapping, fix, self.images.kept)
+        self.held = ConservedConstraints.of(mapping, fix, self.images.conserved_values)
         n = len(starts)
         self.drift, self.iterations = np.zeros((n, len(self.held.which))), np.zeros(n, int)
         self.residual = norms(residuals(mapping, starts, self.drift, self.images, self.held), starts.at)
@@ -250,7 +250,7 @@ class _Search:
 
 
 def _steps(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, held: ConservedConstraints
+    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: ConservedConstraints
 ) -> tuple[np.ndarray, np.ndarray]:
     """The next step (n, size + k) of each search, and whether its equations are regular.
 
@@ -264,18 +264,18 @@ def _steps(
     finite = np.all(np.isfinite(scaled), axis=(1, 2))
     solved = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0)) < SINGULAR
     step = np.zeros_like(miss)
-    step[:, :size] = mapping.apart(images.points.at, points.at)
+    step[:, :size] = mapping.difference(images.points.at, points.at)
     step[solved] = np.linalg.solve(matrix[solved], -miss[solved, :, None])[:, :, 0]
     return step, solved
 
 
 def _moved(
-    mapping: Map, points: Points, drift: np.ndarray, images: Images, step: np.ndarray
+    mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, step: np.ndarray
 ) -> tuple[Points, np.ndarray]:
     """Points and drifts after a step; computed from the image, so that they have its discrete modes."""
     size = points.at.shape[1]
-    back = mapping.apart(points.at, images.points.at)
-    return Points(images.points.at + back + step[:, :size], images.points.like), drift + step[:, size:]
+    back = mapping.difference(points.at, images.points.at)
+    return Points(images.points.at + back + step[:, :size], images.points.modes), drift + step[:, size:]
 
 
 def norms(miss: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.poincare.maps import Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,13 +45,13 @@ class PlainMap(Map):
         """Points at these coordinates (n, size)."""
         return Points(np.asarray(at, np.float64), None)
 
-    def follow(self, values: Values, at: jax.Array, like: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+    def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
         image = self.function(values, at)
         sound = jnp.all(jnp.isfinite(image))
-        way = jnp.where(sound, Way.crossed, Way.lost).astype(jnp.int32)
-        return image, like, way, {name: image[k] for k, name in enumerate(self.names)}
+        status = jnp.where(sound, ReturnStatus.crossed, ReturnStatus.lost).astype(jnp.int32)
+        return image, modes, status, {name: image[k] for k, name in enumerate(self.names)}
 
-    def kept(self, values: Values, at: jax.Array) -> jax.Array:
+    def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
         return jnp.stack([jnp.zeros(()), *(function(values, at) for _, function in self.invariants)])[1:]
 
     def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import sizes
-from gaitsweep.engine.poincare.maps import Images, Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.errors import ArgumentError
 
@@ -24,7 +24,7 @@ FEWEST = 8
 
 # (images of n trajectories, the pair of each (n,), cycles since the start) -> the labels (n,) of their
 # attractors, 0 or more, or UNDECIDED.
-AttractorMapper = Callable[[Images, np.ndarray, int], np.ndarray]
+AttractorMapper = Callable[[MapEvaluation, np.ndarray, int], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,9 +56,9 @@ class ProximityMapper:
         if len(set(self._labels.tolist())) < 2:
             raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
 
-    def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
+    def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
         which = _of_each(pair, len(self._places), "attractors")
-        away = self.mapping.apart(images.points.at[:, None], self._places[which]) / self._scale[which]
+        away = self.mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
         nearest = np.argmin(distance, axis=1)
         close = np.min(distance, axis=1) <= self.reach * self._room[which]
@@ -80,7 +80,7 @@ class ProximityMapper:
 
     @cached_property
     def _room(self) -> np.ndarray:
-        away = self.mapping.apart(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
+        away = self.mapping.difference(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
         different = self._labels[:, None] != self._labels
         return np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
 
@@ -113,7 +113,7 @@ class LabelMapper:
                 raise ArgumentError(f"{name} is not a gait of {self.mapping.model.name}"
                                  f"{near_miss.suggestion(name, gaits)}")  # fmt: skip
 
-    def __call__(self, images: Images, pair: np.ndarray, cycle: int) -> np.ndarray:
+    def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
         if cycle < self.after:
             return np.full(len(pair), UNDECIDED)
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
@@ -146,7 +146,7 @@ def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
     return pair if given > 1 else np.zeros_like(pair)
 
 
-def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> Images:
+def advanced(mapping: Map, points: Points, values: dict[str, np.ndarray]) -> MapEvaluation:
     """The images of points (n,), n > 0, in a batch of at least `FEWEST`."""
     n = len(points)
     order = np.minimum(np.arange(max(n, FEWEST)), n - 1)
@@ -173,7 +173,7 @@ def fates(
         most: the largest number of cycles; trajectories without an attractor then are `UNDECIDED`.
 
     Returns:
-        Labels of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `Way` w.
+        Labels of attractors, or `UNDECIDED`, or -1 - w of trajectories that ended by the `ReturnStatus` w.
 
     Raises:
         ValueError: `mapper` does not give one label for each trajectory.
@@ -191,12 +191,12 @@ def fates(
                 f"mapper gave an array of shape {found.shape}, but must give one label for each of "
                 f"{going.size} trajectories."
             )
-        labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.way)
+        labels[going] = np.where(images.sound, np.maximum(found, UNDECIDED), -1 - images.status)
         goes_on = images.sound & (found < 0)
         points, going = images.points[goes_on], going[goes_on]
     return labels, cycles
 
 
-def ended(label: Any) -> Way:
+def ended(label: Any) -> ReturnStatus:
     """The `Way` in which a trajectory with this negative label ended."""
-    return Way(-1 - int(label))
+    return ReturnStatus(-1 - int(label))

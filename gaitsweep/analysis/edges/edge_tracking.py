@@ -20,7 +20,7 @@ from gaitsweep.analysis.edges.attractor_mappers import (
     fates,
 )
 from gaitsweep.engine.poincare.maps import Map, Points
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
 
 # Attractors at a smaller relative distance from each other are the same.
@@ -165,7 +165,7 @@ class Tracking:
             images = advanced(self.mapping, points, self._of(rows[going]))
             np.add.at(self.evaluations, rows[going], 1)
             for place in np.flatnonzero(~images.sound):
-                self._end(int(rows[going][place]), -1 - images.way[place])
+                self._end(int(rows[going][place]), -1 - images.status[place])
             points, going = images.points[images.sound], going[images.sound]
             ends[going] = points.at
         ends = ends.reshape(2, n, -1).swapaxes(0, 1)
@@ -240,7 +240,7 @@ class Tracking:
             self.one, self.other = self.one.merged(on, one), self.other.merged(on, other)
             middle = middle.merged(on, between)
             for place in np.flatnonzero(~images.sound):
-                self._end(int(lanes[place]), -1 - images.way[place])
+                self._end(int(lanes[place]), -1 - images.status[place])
             calmer = course.add(on, middle)
             calm_width[calmer] = self._distance(self.other.at, self.one.at)[calmer]
             calm_from[calmer] = taken[calmer]
@@ -287,16 +287,16 @@ class Tracking:
         """Points on the lines between the two, half-way or at `share`, with the modes of the nearer point."""
         share = np.full(rows.size, 0.5) if share is None else share
         one, other = self.one[rows], self.other[rows]
-        at = one.at + share[:, None] * self.mapping.apart(other.at, one.at)
+        at = one.at + share[:, None] * self.mapping.difference(other.at, one.at)
         nearer = share > 0.5
         like = jax.tree.map(
-            lambda a, b: np.where(nearer.reshape(-1, *[1] * (np.ndim(a) - 1)), b, a), one.like, other.like
+            lambda a, b: np.where(nearer.reshape(-1, *[1] * (np.ndim(a) - 1)), b, a), one.modes, other.modes
         )
         return Points(at, like)
 
     def _distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         with np.errstate(invalid="ignore"):
-            away = np.abs(self.mapping.apart(a, b)) / sizes(b)
+            away = np.abs(self.mapping.difference(a, b)) / sizes(b)
         return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
 
     def _of(self, rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -312,7 +312,7 @@ class Tracking:
         elif label == UNDECIDED:
             outcome = EdgeOutcome.undecided
         else:
-            outcome = EdgeOutcome.fell if ended(label) == Way.fell else EdgeOutcome.lost
+            outcome = EdgeOutcome.fell if ended(label) == ReturnStatus.fell else EdgeOutcome.lost
         self._stop(np.array([row]), outcome)
 
     def _stop(self, rows: np.ndarray, outcome: EdgeOutcome) -> None:

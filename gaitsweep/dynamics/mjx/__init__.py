@@ -1,1 +1,1 @@
-"""Bodies on MuJoCo's MJX."""
+"""Rigid bodies simulated by MuJoCo's MJX."""

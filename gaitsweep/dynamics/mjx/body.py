@@ -1,7 +1,7 @@
-"""Any MJCF as a body that MJX steps: MuJoCo's own algorithms, in JAX.
+"""A body from any MJCF, stepped by MJX: MuJoCo's algorithms in JAX.
 
-Forces from outside act on the degrees of freedom and on points (sites) of bodies; MuJoCo's own contacts are
-off unless they are asked for. What MJX would leave out of the motion without a word is refused.
+External forces act on the degrees of freedom and on points (sites) of bodies; MuJoCo's contacts are off by
+default. Features that MJX would silently ignore are refused.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -27,7 +27,7 @@ from gaitsweep.dynamics.mjx.refusals import refusals
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
-with contextlib.redirect_stdout(io.StringIO()):  # it prints that Warp is not installed
+with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not installed
     from mujoco import mjx
 
 Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
@@ -36,10 +36,11 @@ Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("op
 @partial(jax.tree_util.register_dataclass, data_fields=["q", "v", "act", "warm"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
 class BodyState:
-    """What a body carries from step to step.
+    """The state of a body between steps.
 
-    `q` (nq,) and `v` (nv,) as MuJoCo's qpos and qvel; `act` (na,) of its actuators; `warm` (nv,) the last
-    acceleration, from which the solver of constraints starts, (0,) where nothing can constrain the body.
+    `q` (nq,) and `v` (nv,) are MuJoCo's qpos and qvel; `act` (na,) the activations of its actuators; `warm`
+    (nv,) the last acceleration, the initial guess of the constraint solver, (0,) for a body without
+    constraints.
     """
 
     q: jax.Array
@@ -51,16 +52,16 @@ class BodyState:
 class MjxBody:
     """A compiled MJCF, with its functions of one trajectory.
 
-    In all of them `numbers` has the fields of the model that are not the MJCF's own: those of a row
-    (`mjx_variants.Variants`), or the option's gravity.
+    The argument `numbers` of these functions has the fields of the model that differ from the MJCF: those of
+    a row (`variants.Variants`), or the option gravity.
 
     Args:
         source: a compiled model, a path, or the XML itself.
         points: names of the sites where forces act.
-        contact: let geoms touch as MuJoCo has them touch.
+        contact: whether MuJoCo's contacts are on.
 
     Raises:
-        ValueError: the model has what MJX cannot do or would ignore, or has no site of that name.
+        ValueError: the model has a feature that MJX does not support or ignores, or lacks a site of `points`.
         FileNotFoundError: there is no file at the path.
     """
 
@@ -74,13 +75,13 @@ class MjxBody:
             model = copy.copy(model)
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.mj_model = model
-        # a body may be made while a program is traced
+        # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
             try:
                 placed = mjx.put_model(model)
             except NotImplementedError as error:
                 raise ValueError(f"MJX cannot do what this model has: {error}.") from error
-            # off their device, since a program may run on any
+            # on the host, since a program may run on any device
             self._model = jax.tree.map(np.asarray, placed)
             self._data = jax.tree.map(np.asarray, mjx.make_data(placed))
         names = [model.site(i).name for i in range(model.nsite)]
@@ -101,7 +102,7 @@ class MjxBody:
             model, data = self._begun(numbers, self.start(q, v))
             data = mjx.com_vel(model, mjx.com_pos(model, mjx.kinematics(model, data)))
             at, body = data.site_xpos[self._sites], self.mj_model.site_bodyid[self._sites]
-            # a body's velocity is that of its matter at the centre of mass of its tree
+            # MuJoCo's cvel is at the centre of mass of the kinematic tree
             turning, moving = data.cvel[body, :3], data.cvel[body, 3:]
             lever = at - data.subtree_com[self.mj_model.body_rootid[body]]
             return at, moving + jnp.cross(turning, lever)
@@ -119,31 +120,32 @@ class MjxBody:
         """The state `dt` (s) later, by the integrator that the MJCF names.
 
         Args:
-            numbers: what differs from the MJCF.
+            numbers: fields of the model that differ from the MJCF.
             state: the state before.
             dt: the step.
-            tau: forces on the degrees of freedom (nv,), N m and N.
+            tau: generalised forces (nv,), N m and N.
             forces: forces on the points (k, 3), N, in the world's axes.
-            ctrl: what the actuators are told (nu,).
+            ctrl: actuator controls (nu,).
         """
         return self.after(self.stepped(numbers, state, dt, tau=tau, forces=forces, ctrl=ctrl), state)
 
     def after(self, data: Any, before: BodyState) -> BodyState:
-        """The state in MJX's data after a step from the state `before`, in its precision."""
+        """The state in MJX's data after a step from the state `before`, in the precision of that state."""
         warm = data.qacc_warmstart if before.warm.size else before.warm
         found = BodyState(data.qpos, data.qvel, data.act, warm)
         return jax.tree.map(lambda new, old: new.astype(old.dtype), found, before)
 
     def pressures(self, data: Any) -> jax.Array:
-        """The normal force (k,) N of each contact that there can be, at the beginning of the step to `data`.
+        """The normal force (k,) N of each possible contact, at the beginning of the step to `data`.
 
         Raises:
-            ValueError: contacts without friction or with elliptic cones, whose forces are written otherwise.
+            ValueError: the model has frictionless contacts or elliptic cones, whose forces have another
+                layout.
         """
         contact = self._data._impl.contact
         if self.mj_model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL or (contact.dim != 3).any():
             raise ValueError("Pressures are read of contacts with pyramidal cones and condim 3.")
-        # the force is a sum along the four edges of a pyramid, which lean by the friction and have 1 upwards
+        # the force is a sum over the four edges of the friction pyramid, whose normal component is 1
         edges = contact.efc_address[:, None] + np.arange(4)
         return jnp.sum(data._impl.efc_force[edges], axis=1)
 
@@ -157,7 +159,7 @@ class MjxBody:
         forces: jax.Array | None = None,
         ctrl: jax.Array | None = None,
     ) -> Any:
-        """MJX's data after a `step`: all that it worked out at the step's beginning, q and v at its end."""
+        """MJX's data after a `step`: derived quantities at its beginning, q and v at its end."""
         with _as_mjx_wants(state.q):
             model, data = self._begun(numbers, state)
             model = model.tree_replace({"opt.timestep": jnp.asarray(dt, state.q.dtype)})
@@ -170,7 +172,7 @@ class MjxBody:
             return mjx.step(model, data)
 
     def _begun(self, numbers: Numbers, state: BodyState) -> tuple[Any, Any]:
-        """MJX's model and data of a state, in its precision."""
+        """MJX's model and data of a state, in the precision of that state."""
 
         def placed(leaf: np.ndarray) -> jax.Array:
             return jnp.asarray(leaf, state.q.dtype if leaf.dtype.kind == "f" else None)
@@ -181,7 +183,7 @@ class MjxBody:
         return model, data.replace(qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm)
 
     def _pushes(self, model: Any, data: Any, forces: jax.Array) -> jax.Array:
-        """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, of forces (k, 3) on the points."""
+        """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, from forces (k, 3) on the points."""
         placed = mjx.com_pos(model, mjx.kinematics(model, data))
         body = self.mj_model.site_bodyid[self._sites]
         couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
@@ -190,6 +192,6 @@ class MjxBody:
 
 @contextlib.contextmanager
 def _as_mjx_wants(q: jax.Array) -> Iterator[None]:
-    """MJX makes arrays in the default precision, and broadcasts arrays of lower rank."""
+    """Set JAX's default precision, and allow rank promotion, both of which MJX relies on."""
     with jax.enable_x64(q.dtype == jnp.float64), jax.numpy_rank_promotion("allow"):
         yield

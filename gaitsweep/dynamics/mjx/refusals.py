@@ -1,7 +1,7 @@
-"""What MJX leaves out of a model's motion without saying so, found by running it beside MuJoCo.
+"""Features of a model that MJX silently ignores, found by comparison with MuJoCo.
 
-MJX raises an error where it meets most of what it does not have. The rest it passes over, and simulates
-another body than the MJCF describes.
+MJX raises an error for most features that it does not support. It ignores the others, and then simulates a
+body that differs from the MJCF.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-# Fields of MjModel that act where they are not zero: the field, whose it is, and what the MJCF calls it.
-# Versions of MuJoCo know more or fewer of them.
+# Fields of MjModel with an effect where they are not zero: the field, the kind of its owner, the name in
+# MJCF. Some versions of MuJoCo do not have all of them.
 _ACTING = (
     ("geom_adhesion", "geom", "adhesion"),
     ("pair_adhesion", "pair", "adhesion"),
@@ -38,7 +38,7 @@ _OFF = mujoco.mjtDisableBit
 
 
 def refusals(model: mujoco.MjModel) -> list[str]:
-    """A sentence for each thing in a compiled model that MJX would ignore, none where it is whole."""
+    """A sentence for each feature of a compiled model that MJX would ignore."""
     return [*_of_parts(model), *_of_options(model)]
 
 

@@ -1,8 +1,8 @@
-"""Bodies for MJX whose masses and lengths vary from row to row: compiled on the host for each distinct set.
+"""Bodies for MJX whose masses and lengths vary between rows, compiled on the host for each distinct set.
 
-MuJoCo works out constants from a body's masses and lengths when it compiles it (weights of subtrees, inverse
-inertias at points, ...). They would be stale if a mass were changed inside an mjx.Model, so each set of
-values is compiled, and what of the model then differs is given row by row.
+MuJoCo's compiler computes constants from a body's masses and lengths (subtree masses, inverse inertias at
+points, ...). They would be wrong if a mass were changed in an mjx.Model, so each set of values is compiled,
+and the fields that differ are passed for each row.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -22,13 +22,13 @@ import numpy as np
 from gaitsweep.dynamics.mjx.body import mjx
 from gaitsweep.errors import ArgumentError
 
-# Sets of values that are kept compiled, for the blocks of rows to come.
+# Number of compiled sets of values that are cached, for later blocks of rows.
 _KEPT = 1024
-# What is only looked at, and what MJX reads nowhere.
+# Fields for rendering, and fields that MJX does not read.
 _LOOKS = ("cam_", "light_", "tex_", "mat_")
 _UNREAD = ("body_sameframe", "geom_sameframe", "site_sameframe", "body_simple", "dof_simplenum", "geom_aabb")
 
-# Before the names of what `on_host` adds: fields of the model, and the values that they were made of.
+# Prefixes of the names that `on_host` adds: fields of the model, and the values that they follow from.
 _FIELD, _MADE_OF = "mjx.", "mjx of "
 
 Edit: TypeAlias = Callable[[Any, Mapping[str, float]], None]
@@ -36,14 +36,14 @@ Fields: TypeAlias = dict[str, np.ndarray]
 
 
 class Variants:
-    """The fields of an mjx.Model that follow from a few values, such as masses and lengths.
+    """The fields of an mjx.Model that depend on a few values, such as masses and lengths.
 
-    Which fields those are is found by changing each value in turn, so that every row has the same ones.
+    The fields are found by changing one value at a time, so that every row has the same fields.
 
     Args:
         xml: the MJCF.
-        edit: sets a fresh mujoco.MjSpec of it to some values, by name.
-        usual: sound values, by name.
+        edit: a function that sets a new mujoco.MjSpec of it to some values, by name.
+        usual: valid values, by name.
     """
 
     def __init__(self, xml: str, edit: Edit, usual: Mapping[str, float]) -> None:
@@ -70,14 +70,14 @@ class Variants:
         return {field: np.stack([one[field] for one in sets])[which.ravel()] for field in self.fields}
 
     def on_host(self, columns: Mapping[str, np.ndarray]) -> Fields:
-        """Rows' values (n,) with their fields (n, ...) besides, as `Model.on_host` gives them."""
+        """The values (n,) of rows and their fields (n, ...) by name, as returned by `Model.on_host`."""
         fields = {_FIELD + name: field for name, field in self.numbers(columns).items()}
         return {**columns, **fields, **{_MADE_OF + name: columns[name] for name in self._names}}
 
     def of_row(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """The fields among a row's values; NaN where they are of other masses or lengths (a ramp moved them).
+        """The fields among a row's values; NaN if masses or lengths have changed since (by a ramp).
 
-        None of them where the values have not been through `on_host`: enough where the body is not moved.
+        Empty if the values have not passed through `on_host`; this is enough if the body is not simulated.
         """
         if _MADE_OF + self._names[0] not in values:
             return {}
@@ -106,15 +106,16 @@ class Variants:
 
 
 def rescale(spec: Any, mass: Mapping[str, float], size: Mapping[str, float | np.ndarray]) -> None:
-    """Make some bodies of a mujoco.MjSpec heavier or larger; the counterpart of `articulated_tree.rescaled`.
+    """Scale masses and lengths of some bodies of a mujoco.MjSpec, as `articulated_tree.rescaled` does.
 
     Args:
-        spec: bodies with explicit inertials along their own axes; geoms stay, so they must touch nothing.
+        spec: bodies with explicit inertials along their own axes; geoms are not scaled, so contacts must be
+            off.
         mass: by body, the factor of its mass and inertia.
-        size: by body, the factor of its lengths, one or one for each axis (3,) of its frame.
+        size: by body, the factor of its lengths, a scalar or one for each axis (3,) of its frame.
 
     Raises:
-        ValueError: a body whose inertia is its geoms', or turned.
+        ArgumentError: a body's inertia comes from its geoms, or is rotated.
     """
     for name in {**mass, **size}:
         body = spec.body(name)
@@ -131,7 +132,7 @@ def rescale(spec: Any, mass: Mapping[str, float], size: Mapping[str, float | np.
 
 
 def _fields() -> tuple[str, ...]:
-    """The arrays of an mjx.Model that can matter to a motion."""
+    """The arrays of an mjx.Model that can affect the motion."""
     plain = mujoco.MjModel.from_xml_string("<mujoco/>")
     names = [field.name for field in mjx.Model.fields()]
     arrays = [name for name in names if isinstance(getattr(plain, name, None), np.ndarray)]
@@ -139,7 +140,7 @@ def _fields() -> tuple[str, ...]:
 
 
 _FIELDS = _fields()
-# Those that a program can take as an input.
+# Fields that a compiled program can take as inputs.
 _DYNAMIC = {field.name for field in mjx.Model.fields() if field.type is jax.Array}
 
 

@@ -1,10 +1,10 @@
-"""A tree of rigid bodies joined by hinges and slides: what it is made of, and how its links are written.
+"""A tree of rigid bodies with free, hinge and slide joints: its structure, geometry and link axes.
 
-A link is one joint and what it moves: a body with several joints is a chain of links, massless but for the
-last one. `Tree` is the structure, fixed and hashable; `Geometry` holds the numbers, which may be JAX scalars
-that vary from row to row. Positions q and velocities v are MuJoCo's qpos and qvel, in its order: a free joint
-has the world position, the quaternion (w, x, y, z), the velocity in the world and the angular velocity in the
-body; so states can be exchanged.
+A link is one joint and the body that it moves: a body with several joints is a chain of links, of which only
+the last has mass. `Tree` is the structure, fixed and hashable; `Geometry` holds the numbers, which may be JAX
+scalars that vary between rows. Positions q and velocities v are MuJoCo's qpos and qvel, in its order: a free
+joint has the world position and the quaternion (w, x, y, z), the velocity in the world and the angular
+velocity in the body.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from gaitsweep.near_miss import suggestion
 Kind: TypeAlias = Literal["free", "hinge", "slide", "fixed"]
 Row: TypeAlias = tuple[float, float, float]
 
-WORLD = -1  # the parent of a link that hangs on the world
+WORLD = -1  # the parent of a link that is attached to the world
 _NQ: dict[Kind, int] = {"free": 7, "hinge": 1, "slide": 1, "fixed": 0}
 _NV: dict[Kind, int] = {"free": 6, "hinge": 1, "slide": 1, "fixed": 0}
 
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """One joint and the body, or the massless step towards a body, that it moves.
+    """One joint, and the body or massless intermediate link that it moves.
 
-    `parent` an earlier link or WORLD; `kind` of the joint; `axis` its unit axis in the link's body frame, of
-    a hinge or slide; `orientation` the rows of the rotation from the link's frame to its parent's where the
-    joint is at its reference.
+    `parent` is an earlier link or WORLD; `kind` the kind of joint; `axis` the unit axis of a hinge or slide
+    in the link's body frame; `orientation` the rows of the rotation from the link's frame to its parent's at
+    the joint's reference position.
     """
 
     name: str
@@ -59,9 +59,9 @@ class Geometry:
 
     `mass` (n,) kg; `com` (n, 3) m, centre of mass in the body's frame; `inertia` (n, 3, 3) kg m2, about the
     centre of mass in the body's axes; `position` (n, 3) m of the body's frame in its parent's; `anchor`
-    (n, 3) m, a point of the joint's axis in the body's frame; `reference` (n,) rad or m, the joint's q where
-    `position` and the link's orientation hold; `armature` (nv,) kg m2 or kg; `damping` (nv,) N m s/rad or
-    N s/m; `stiffness` (n,) N m/rad or N/m of a spring in the joint; `rest` (n,) rad or m, where it is slack.
+    (n, 3) m, a point of the joint's axis in the body's frame; `reference` (n,) rad or m, the joint's q at
+    `position` and the link's orientation; `armature` (nv,) kg m2 or kg; `damping` (nv,) N m s/rad or N s/m;
+    `stiffness` (n,) N m/rad or N/m of the joint's spring; `rest` (n,) rad or m, its neutral position.
     """
 
     mass: Array
@@ -78,15 +78,15 @@ class Geometry:
 
 @dataclasses.dataclass(frozen=True)
 class Writing:
-    """In which axes a link's vectors are written, chosen so that constants keep their zeros.
+    """The axes in which a link's vectors are expressed, chosen so that constants keep their zeros.
 
-    A limb whose hinges are all parallel turns in one plane of what carries it: all its links are written in
-    the axes of its first link, before that one has turned. Any other link is written in its own axes.
+    The links of a limb whose hinges are all parallel are expressed in the axes of its first link before that
+    one rotates. Every other link is expressed in its own axes.
 
-    `across` is the constant part of the rotation from the link's axes of writing to its parent's, None where
-    they are the same. `own`: the link is written in its own axes, its joint's turn being part of the rotation
-    across. Else the body's orientation in its axes of writing is that by `sign` times q, added up from the
-    limb's first link on, about `normal` (3,), of the constant orientation `still` (3, 3).
+    `across` is the constant part of the rotation from the link's axes to its parent's, None where they are
+    equal. `own`: the link is expressed in its own axes, and the rotation of its joint is part of the rotation
+    across. Else the body's orientation in these axes is the constant orientation `still` (3, 3), rotated
+    about `normal` (3,) by the sum of `sign` times q over the limb's links up to this one.
     """
 
     across: np.ndarray | None
@@ -98,7 +98,7 @@ class Writing:
 
 @dataclasses.dataclass(frozen=True)
 class Tree:
-    """The structure: links, each after its parent."""
+    """The structure of a tree: its links, each after its parent."""
 
     links: tuple[Link, ...]
 
@@ -121,16 +121,20 @@ class Tree:
 
     @cached_property
     def q_of(self) -> tuple[slice, ...]:
-        """Where in q each link's joint is."""
+        """The slice of q of each link's joint."""
         return _slices([_NQ[link.kind] for link in self.links])
 
     @cached_property
     def v_of(self) -> tuple[slice, ...]:
-        """Where in v each link's joint is."""
+        """The slice of v of each link's joint."""
         return _slices([_NV[link.kind] for link in self.links])
 
     def index(self, name: str) -> int:
-        """The number of the link of this name; raises ValueError with the names that there are."""
+        """The number of the link of this name.
+
+        Raises:
+            ValueError: there is no such link; the message lists the names.
+        """
         names = [link.name for link in self.links]
         if name not in names:
             raise ValueError(f"The tree has no link '{name}'{suggestion(name, names)}")
@@ -138,7 +142,7 @@ class Tree:
 
     @cached_property
     def writings(self) -> tuple[Writing, ...]:
-        """How each link is written."""
+        """The axes of each link."""
         planes = self._planes()
         written: list[Writing] = []
         for link, plane in zip(self.links, planes, strict=True):
@@ -156,9 +160,9 @@ class Tree:
         return tuple(written)
 
     def _planes(self) -> list[np.ndarray | None]:
-        """For each link the common axis of all hinges from it on, in its frame; None where there is none.
+        """The common axis of the hinges of each link and its descendants, in its frame; None without one.
 
-        Zero where there is no hinge at all.
+        Zero if there is no hinge.
         """
         planes: list[np.ndarray | None] = [
             None if link.kind == "free" else np.array(link.axis) * (link.kind == "hinge")
@@ -186,12 +190,12 @@ def rescaled(
     mass: Mapping[str, Scalar] | None = None,
     size: Mapping[str, Scalar | Array] | None = None,
 ) -> Geometry:
-    """The geometry with some links heavier or longer, their shape and the spread of their mass kept alike.
+    """The geometry with the masses and lengths of some links scaled; mass distributions keep their shape.
 
     Args:
         mass: by link, the factor of its mass and inertia.
-        size: by link, the factor of its lengths, one or one for each axis (3,) of its frame: its centre of
-            mass, its inertia, and where the links that hang on it are joined.
+        size: by link, the factor of its lengths, a scalar or one for each axis (3,) of its frame: centre of
+            mass, inertia, and joint positions of its child links.
 
     Raises:
         ValueError: the tree has no link of that name.

@@ -1,4 +1,4 @@
-"""Equations of motion of an articulated tree, forward and inverse (Featherstone 2008, ch. 5 and 7)."""
+"""Forward and inverse dynamics of an articulated tree (Featherstone 2008, ch. 5 and 7)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
-    Force,
+    ForceVector,
     Inertia,
-    Motion,
+    MotionVector,
     Scalar,
     cross,
     skew,
@@ -27,18 +27,18 @@ from gaitsweep.dynamics.tree.spatial import (
 
 @dataclasses.dataclass(frozen=True)
 class _Body:
-    """A link before anything is known of accelerations, about its point and in its axes.
+    """The velocity-dependent quantities of a link, about its point and in its axes.
 
-    `inertia` of its body; `bias` the force that it needs where its (classical) acceleration is zero, less the
-    forces from outside; `S` what its joint allows, of a hinge or slide; `c` the acceleration of its point
-    beyond that of its parent's motion and of its joint's own, in the parent's axes.
+    `inertia` is that of its body; `bias` the bias force at zero (classical) acceleration, less the external
+    forces; `S` the motion subspace of a hinge or slide; `c` the velocity-product acceleration of its point,
+    in the parent's axes.
     """
 
     place: Place
     inertia: Inertia
-    bias: Force
-    S: Motion
-    c: Motion
+    bias: ForceVector
+    S: MotionVector
+    c: MotionVector
 
 
 def forward_dynamics(
@@ -56,16 +56,16 @@ def forward_dynamics(
     Args:
         tree, geometry: the links.
         q, v: positions (nq,) and velocities (nv,), as MuJoCo's qpos and qvel.
-        tau: forces on the degrees of freedom (nv,), N m and N, as MuJoCo's qfrc_applied; the damping and the
-            springs of the joints come on top.
-        external: forces on bodies.
-        gravity: its acceleration in the world (3,), m/s2.
+        tau: generalised forces (nv,), N m and N, as MuJoCo's qfrc_applied; the joints' dampers and springs
+            are added.
+        external: external forces on bodies.
+        gravity: the acceleration of gravity in the world (3,), m/s2.
     """
     bodies = _bodies(tree, geometry, q, v, external, gravity)
     tau = tau + passive_forces(tree, geometry, q, v)
     IA = [body.inertia for body in bodies]
     pA = [body.bias for body in bodies]
-    U: dict[int, Force] = {}
+    U: dict[int, ForceVector] = {}
     u: dict[int, Scalar] = {}
     per_D: dict[int, Scalar] = {}
     for i in range(len(bodies) - 1, -1, -1):
@@ -77,7 +77,7 @@ def forward_dynamics(
             per_D[i] = 1.0 / (S.dot(U[i]) + armature)
             u[i] = tau[tree.v_of[i]][0] - S.dot(pA[i])
             Ia, pa = IA[i].without(U[i], per_D[i]), pA[i] + U[i] * (u[i] * per_D[i])
-            if _nought(armature) and _coordinate(place.axis):
+            if _is_zero(armature) and _coordinate(place.axis):
                 Ia = Ia.freed_along(S)
         if link.parent != WORLD:
             Ia = Ia.rotated(place.across)
@@ -85,7 +85,7 @@ def forward_dynamics(
             IA[link.parent] = IA[link.parent] + Ia.moved_from(place.offset)
             pA[link.parent] = pA[link.parent] + pa.moved_from(place.offset)
 
-    accelerations: list[Motion] = []
+    accelerations: list[MotionVector] = []
     pieces: list[Array] = []
     for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
         at = tree.v_of[i]
@@ -112,17 +112,17 @@ def inverse_dynamics(
     *,
     gravity: Array,
 ) -> Array:
-    """Forces tau (nv,), N m and N, that bring about an `acceleration` (nv,), by Newton and Euler (table 5.1).
+    """Generalised forces tau (nv,), N m and N, of an `acceleration` (nv,), by Newton-Euler (table 5.1).
 
-    Args: as those of `forward_dynamics`, of which it is the inverse.
+    The inverse of `forward_dynamics`, with its arguments.
     """
     bodies = _bodies(tree, geometry, q, v, external, gravity)
-    accelerations: list[Motion] = []
-    forces: list[Force] = []
+    accelerations: list[MotionVector] = []
+    forces: list[ForceVector] = []
     for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
         rate = acceleration[tree.v_of[i]]
         if link.kind == "free":
-            a = Motion(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
+            a = MotionVector(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
         else:
             a = _carried(tree, i, bodies, accelerations, gravity)
             a = a if link.kind == "fixed" else a + body.S * rate[0]
@@ -144,7 +144,7 @@ def inverse_dynamics(
 
 
 def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
-    """Forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
+    """Generalised forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
     springs = []
     for i, link in enumerate(tree.links):
         stretch = q[tree.q_of[i]] - geometry.rest[i]
@@ -153,9 +153,9 @@ def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
 
 
 def rigid_body(geometry: Geometry, i: int, place: Place) -> tuple[Inertia, Array]:
-    """A link's inertia about its point and its mass times the centre of mass from there (3,), in its axes."""
+    """A link's inertia about its point, and mass times centre of mass from there (3,), in its axes."""
     mass, c = geometry.mass[i], geometry.com[i] - geometry.anchor[i]
-    # worked out in the body's frame, where it is constant, and turned whole
+    # computed in the body's frame, where it is constant, and then rotated
     inertia = geometry.inertia[i] + mass * ((c @ c) * EYE - c[:, None] * c[None, :])
     h = place.turn @ (mass * c)
     return Inertia(turned(place.turn, inertia), skew(h), mass * EYE), h
@@ -175,7 +175,7 @@ def _bodies(
     for i, (link, place) in enumerate(zip(tree.links, placed, strict=True)):
         inertia, h = rigid_body(geometry, i, place)
         w = moving[i].angular
-        bias = Force(cross(w, inertia.I @ w), cross(w, cross(w, h)))
+        bias = ForceVector(cross(w, inertia.I @ w), cross(w, cross(w, h)))
         for force in external:
             if force.link != i:
                 continue
@@ -183,53 +183,55 @@ def _bodies(
             if isinstance(force, YieldingForce):
                 yields = force.inertia(place)
                 inertia, bias = inertia + yields, bias + yields @ force.at_rest(place, w, gravity)
-        S = Motion(ZERO, place.axis) if link.kind == "slide" else Motion(place.axis, ZERO)
+        S = MotionVector(ZERO, place.axis) if link.kind == "slide" else MotionVector(place.axis, ZERO)
         c = (
-            Motion(ZERO, ZERO)
+            MotionVector(ZERO, ZERO)
             if link.parent == WORLD
-            else _beyond(link.kind, place, moving[link.parent], v[tree.v_of[i]])
+            else _velocity_product(link.kind, place, moving[link.parent], v[tree.v_of[i]])
         )
         bodies.append(_Body(place, inertia, bias, S, c))
     return bodies
 
 
-def _beyond(kind: str, place: Place, parent: Movement, rate: Array) -> Motion:
-    """The `c` of a body whose parent turns: centripetal, and Coriolis of its joint's own motion."""
+def _velocity_product(kind: str, place: Place, parent: Movement, rate: Array) -> MotionVector:
+    """The velocity-product acceleration `c`: centripetal, and Coriolis of the joint's motion."""
     w = parent.angular
     linear = cross(w, cross(w, place.offset))
     if kind == "fixed":
-        return Motion(ZERO, linear)
+        return MotionVector(ZERO, linear)
     coriolis = cross(w, place.axis_across * rate[0])
-    return Motion(coriolis, linear) if kind == "hinge" else Motion(ZERO, linear + 2.0 * coriolis)
+    return MotionVector(coriolis, linear) if kind == "hinge" else MotionVector(ZERO, linear + 2.0 * coriolis)
 
 
-def _carried(tree: Tree, i: int, bodies: list[_Body], accelerations: list[Motion], gravity: Array) -> Motion:
-    """The acceleration of link i where its joint does not accelerate; the world's is that against gravity."""
+def _carried(
+    tree: Tree, i: int, bodies: list[_Body], accelerations: list[MotionVector], gravity: Array
+) -> MotionVector:
+    """The acceleration of link i at zero joint acceleration; that of the world is minus gravity."""
     parent = tree.links[i].parent
-    below = Motion(ZERO, -gravity) if parent == WORLD else accelerations[parent]
+    below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place
     return (below.shifted(place.offset) + bodies[i].c).rotated(place.outward)
 
 
 def _of_free(
-    place: Place, IA: Inertia, pA: Force, tau: Array, armature: Array, gravity: Array
-) -> tuple[Motion, Array]:
-    """The acceleration of a free link, in its axes and less gravity, and of its joint, as MuJoCo has it."""
+    place: Place, IA: Inertia, pA: ForceVector, tau: Array, armature: Array, gravity: Array
+) -> tuple[MotionVector, Array]:
+    """The acceleration of a free link, in its axes and less gravity, and MuJoCo's qacc of its joint (6,)."""
     to_link = place.frame.T
     linear = turned(to_link, EYE * armature[:3, None])
-    # armature on the linear velocities resists their change alone, without gravity
-    force = Force(tau[3:], to_link @ tau[:3] - linear @ (to_link @ gravity)) - pA
+    # armature on linear velocities resists their change, but has no weight
+    force = ForceVector(tau[3:], to_link @ tau[:3] - linear @ (to_link @ gravity)) - pA
     upper = jnp.concatenate([IA.I + EYE * armature[3:, None], IA.H], axis=1)
     lower = jnp.concatenate([IA.H.T, IA.M + linear], axis=1)
     a = solve_positive(jnp.concatenate([upper, lower]), jnp.concatenate([force.couple, force.linear]))
-    return Motion(a[:3], a[3:]), jnp.concatenate([place.frame @ a[3:] + gravity, a[:3]])
+    return MotionVector(a[:3], a[3:]), jnp.concatenate([place.frame @ a[3:] + gravity, a[:3]])
 
 
-def _nought(value: Scalar) -> bool:
-    """Whether a number is known to be zero, which no JAX array is."""
+def _is_zero(value: Scalar) -> bool:
+    """Whether a number is a constant zero; a JAX array never is."""
     return isinstance(value, float | np.generic) and float(value) == 0.0
 
 
 def _coordinate(axis: Array) -> bool:
-    """Whether an axis is a constant one of the coordinates'."""
+    """Whether an axis is a constant coordinate axis."""
     return isinstance(axis, np.ndarray) and bool(np.sum(axis != 0.0) == 1)

@@ -1,4 +1,4 @@
-"""Mass matrix, energy and momentum of an articulated tree: what tests and bookkeeping ask for."""
+"""Mass matrix, energy and momentum of an articulated tree."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
 from gaitsweep.dynamics.tree.dynamics import rigid_body
 from gaitsweep.dynamics.tree.kinematics import Place, movements, places, velocity
-from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, Motion, Scalar, cross, turned
+from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, MotionVector, Scalar, cross, turned
 
 
 def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
-    """The mass matrix (nv, nv), kg m2, kg m and kg, armature included, by composite bodies (table 6.2).
+    """The mass matrix (nv, nv), kg m2, kg m and kg, with armature, by composite bodies (table 6.2).
 
     Args:
         tree, geometry: the links.
@@ -41,20 +41,20 @@ def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
     return jnp.array(rows)
 
 
-def _subspace(tree: Tree, i: int, place: Place) -> list[tuple[int, Motion]]:
-    """The degrees of freedom of a link's joint and the motion that each allows, in the link's axes."""
+def _subspace(tree: Tree, i: int, place: Place) -> list[tuple[int, MotionVector]]:
+    """The degrees of freedom of a link's joint, and the motion subspace of each in the link's axes."""
     first = tree.v_of[i].start
     kind = tree.links[i].kind
     if kind == "free":
-        linear = [(first + k, Motion(ZERO, place.frame.T @ EYE[k])) for k in range(3)]
-        return linear + [(first + 3 + k, Motion(EYE[k], ZERO)) for k in range(3)]
+        linear = [(first + k, MotionVector(ZERO, place.frame.T @ EYE[k])) for k in range(3)]
+        return linear + [(first + 3 + k, MotionVector(EYE[k], ZERO)) for k in range(3)]
     if kind == "fixed":
         return []
-    return [(first, Motion(place.axis, ZERO) if kind == "hinge" else Motion(ZERO, place.axis))]
+    return [(first, MotionVector(place.axis, ZERO) if kind == "hinge" else MotionVector(ZERO, place.axis))]
 
 
 def kinetic_energy(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Scalar:
-    """Kinetic energy, J, that of the armature included (eq. 2.67), at q (nq,) and v (nv,)."""
+    """The kinetic energy, J, with that of the armature (eq. 2.67), at q (nq,) and v (nv,)."""
     placed = places(tree, geometry, q)
     total = 0.5 * (geometry.armature @ (v * v))
     for i, (place, moving) in enumerate(zip(placed, movements(tree, placed, v), strict=True)):
@@ -65,7 +65,7 @@ def kinetic_energy(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Scalar
 
 
 def potential_energy(tree: Tree, geometry: Geometry, q: Array, *, gravity: Array) -> Scalar:
-    """Potential energy, J, at q (nq,): of the masses in `gravity` (3,), m/s2, and of the joints' springs."""
+    """The potential energy, J, of masses in `gravity` (3,), m/s2, and of joint springs, at q (nq,)."""
     total: Scalar = 0.0
     for i, place in enumerate(places(tree, geometry, q)):
         total = total - geometry.mass[i] * (gravity @ place.position(geometry.com[i]))
@@ -87,7 +87,7 @@ def centre_of_mass(tree: Tree, geometry: Geometry, q: Array) -> Array:
 def momentum(tree: Tree, geometry: Geometry, q: Array, v: Array) -> tuple[Array, Array]:
     """Linear momentum (3,), kg m/s, and angular about the centre of mass (3,), kg m2/s, in the world.
 
-    The armature's, which is none of the bodies', is left out.
+    The armature is not included, since it does not belong to the bodies.
     """
     placed = places(tree, geometry, q)
     centre = centre_of_mass(tree, geometry, q)

@@ -1,7 +1,7 @@
-"""An articulated tree from an MJCF: MuJoCo compiles it, the tree is read off the compiled model.
+"""An articulated tree from an MJCF, read from MuJoCo's compiled model.
 
-Geoms count by their masses alone, contacts and actuators not at all: the forces of both are the caller's, who
-puts them in `external` and `tau`. Whatever else would act in MuJoCo and not here is refused.
+Only the masses of geoms count; contacts and actuators are ignored: the caller adds their forces as `external`
+and `tau`. Everything else that would act in MuJoCo but not here is refused.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -23,20 +23,20 @@ _KINDS: dict[int, Kind] = {
     mujoco.mjtJoint.mjJNT_SLIDE: "slide",
 }
 _OFF = mujoco.mjtDisableBit
-_DUST = 1e-15  # a quaternion that turns by a right angle leaves this where a zero or a one should be
+_DUST = 1e-15  # rounding error of the zeros and ones in the rotation matrix of a right angle
 
 
 def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
-    """The tree of an MJCF, its q and v in the order of MuJoCo's qpos and qvel.
+    """The tree of an MJCF, with q and v in the order of MuJoCo's qpos and qvel.
 
-    A body's link has its name; where the body has several joints that is the link of the last one, and those
-    of the joints before it have no mass and are named `body/joint`. The option's gravity is not kept.
+    The link of a body has its name. If the body has several joints, this is the link of the last one; the
+    links of its earlier joints have no mass and are named `body/joint`. The option gravity is ignored.
 
     Args:
         source: a compiled model, a path, or the XML itself.
 
     Raises:
-        ValueError: the model has what the tree cannot do; the sentence names it.
+        ValueError: the model has a feature that the tree does not support; the message names it.
         FileNotFoundError: there is no file at the path.
     """
     m = compiled(source)
@@ -60,7 +60,7 @@ def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
 
 
 def _link(m: mujoco.MjModel, body: int, j: int | None, parent: int, begins: bool, ends: bool) -> Link:
-    """The link of joint `j` of a body, None where it has none."""
+    """The link of joint `j` of a body; `j` is None for a body without joints."""
     kind = "fixed" if j is None else _KINDS[int(m.jnt_type[j])]
     axis = _row(m.jnt_axis[j]) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0)
     turn = _rotation(m.body_quat[body]) if begins and kind != "free" else np.eye(3)
@@ -71,7 +71,7 @@ def _link(m: mujoco.MjModel, body: int, j: int | None, parent: int, begins: bool
 
 
 def _numbers(m: mujoco.MjModel, body: int, j: int | None, begins: bool, ends: bool) -> dict[str, object]:
-    """A link's row of each field of the geometry that has one for each link."""
+    """The values of a link, by name, for the fields of the geometry with one entry a link."""
     free = j is not None and m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE
     jointed = j is not None and not free
     at = m.jnt_qposadr[j] if jointed else 0
@@ -97,7 +97,7 @@ def _damping(m: mujoco.MjModel) -> np.ndarray:
 
 
 def _complaints(m: mujoco.MjModel) -> Iterator[str]:
-    """A sentence for each thing in a model that the tree leaves out of the equations of motion."""
+    """A sentence for each feature of a model that the tree does not support."""
     if not m.nv:
         yield "The model has no joint, so there is nothing that could move."
     for number, name in ((m.neq, "an equality constraint"), (m.ntendon, "a tendon"), (m.nflex, "a flex")):
@@ -138,7 +138,11 @@ def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
 
 
 def compiled(source: mujoco.MjModel | str | Path) -> mujoco.MjModel:
-    """MuJoCo's model of a path or of the XML itself; raises FileNotFoundError where there is no such file."""
+    """MuJoCo's compiled model of a path or of the XML itself.
+
+    Raises:
+        FileNotFoundError: there is no file at the path.
+    """
     if isinstance(source, mujoco.MjModel):
         return source
     if isinstance(source, str) and source.lstrip().startswith("<"):

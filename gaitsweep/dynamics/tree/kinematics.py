@@ -1,4 +1,4 @@
-"""Where the links of an articulated tree are, how they move, and how positions follow from velocities."""
+"""Kinematics of an articulated tree: places and velocities of links, and integration of positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gaitsweep.dynamics.tree.spatial import (
     EYE,
     ZERO,
     Array,
-    Motion,
+    MotionVector,
     Scalar,
     cross,
     quaternion_exponential,
@@ -25,15 +25,15 @@ from gaitsweep.dynamics.tree.spatial import (
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Where a link is; its point is its joint's anchor, its axes those in which it is written.
+    """The place of a link; its point is its joint's anchor, its axes are those of `Tree.writings`.
 
-    `across` (3, 3) turns from the link's axes to its parent's, None where they are the same; `offset` (3,) m
-    is the point's from the parent's point, in the parent's axes; `axis` (3,) of a hinge or slide in the
-    link's axes, `axis_across` in the parent's; `turn` (3, 3) the body's orientation in the link's axes;
-    `anchor` (3,) m the point in the body's frame.
+    `across` (3, 3) rotates from the link's axes to its parent's, None where they are equal; `offset` (3,) m
+    is the point relative to the parent's point, in the parent's axes; `axis` (3,) is the axis of a hinge or
+    slide in the link's axes, `axis_across` in the parent's; `turn` (3, 3) the body's orientation in the
+    link's axes; `anchor` (3,) m the point in the body's frame.
 
-    Links that share their axes share a base: `frame` (3, 3) is its orientation and `base` (3,) m its position
-    in the world; `reach` (3,) m is the link's point from there, in the link's axes.
+    Links with the same axes share a base: `frame` (3, 3) is its orientation and `base` (3,) m its position in
+    the world; `reach` (3,) m is the link's point relative to the base, in the link's axes.
     """
 
     across: Array | None
@@ -48,7 +48,7 @@ class Place:
 
     @property
     def outward(self) -> Array | None:
-        """The rotation from the parent's axes to the link's, None where they are the same."""
+        """The rotation from the parent's axes to the link's, None where they are equal."""
         return None if self.across is None else self.across.T
 
     @property
@@ -70,14 +70,14 @@ _GROUND = Place(None, ZERO, ZERO, ZERO, EYE, ZERO, EYE, ZERO, ZERO)
 
 
 def places(tree: Tree, geometry: Geometry, q: Array) -> list[Place]:
-    """Where each link is.
+    """The place of each link.
 
     Args:
         tree, geometry: the n links.
         q: positions (nq,): rad, m, and free joints' positions and quaternions, of any norm.
     """
     found: list[Place] = []
-    angles: list[Scalar | None] = []  # of each limb's hinges up to a link, added up
+    angles: list[Scalar | None] = []  # sums of the hinge angles of each limb up to a link
     for i, (link, writing) in enumerate(zip(tree.links, tree.writings, strict=True)):
         if link.kind == "free":
             angles.append(None)
@@ -109,9 +109,9 @@ def _jointed(
     moved: Scalar,
     angle: Scalar | None,
 ) -> Place:
-    """A link's place where its hinge or slide has `moved`, and its limb's hinges together by `angle`."""
+    """The place of a link whose joint has `moved` (rad, m); `angle` is the sum of its limb's hinges."""
     turn = writing.still if angle is None else rotation_about(writing.normal, angle) @ writing.still
-    # a hinge's own turn leaves its axis where it is
+    # the rotation of a hinge does not change its axis
     axis = writing.still @ np.array(link.axis) if link.kind == "hinge" else turn @ np.array(link.axis)
     across = writing.across
     axis_across = axis if across is None else across @ axis
@@ -128,10 +128,10 @@ def _jointed(
 
 @dataclasses.dataclass(frozen=True)
 class Movement:
-    """How a link moves.
+    """The velocity of a link.
 
-    `angular` (3,) rad/s in its axes; `base` (3,) m/s the velocity of its base in the world; `linear` (3,) m/s
-    that of its point beyond the base's, in its axes.
+    `angular` (3,) rad/s is in its axes; `base` (3,) m/s is the velocity of its base in the world; `linear`
+    (3,) m/s is the velocity of its point relative to the base, in its axes.
     """
 
     angular: Array
@@ -140,11 +140,11 @@ class Movement:
 
 
 def movements(tree: Tree, placed: Sequence[Place], v: Array) -> list[Movement]:
-    """How each link moves (table 5.1, pass 1, velocities).
+    """The velocity of each link (table 5.1, pass 1).
 
     Args:
-        tree: its n links.
-        placed: where they are.
+        tree: the n links.
+        placed: their places.
         v: velocities (nv,), rad/s and m/s; of a free joint linear in the world, angular in the body.
     """
     found: list[Movement] = []
@@ -155,9 +155,9 @@ def movements(tree: Tree, placed: Sequence[Place], v: Array) -> list[Movement]:
             continue
         at_rest = Movement(ZERO, ZERO, ZERO)
         parent = at_rest if link.parent == WORLD else found[link.parent]
-        motion = Motion(parent.angular, parent.linear).shifted(place.offset)
+        motion = MotionVector(parent.angular, parent.linear).shifted(place.offset)
         if link.kind == "slide":
-            motion = Motion(motion.angular, motion.linear + place.axis_across * rate[0])
+            motion = MotionVector(motion.angular, motion.linear + place.axis_across * rate[0])
         angular, linear, base = motion.angular, motion.linear, parent.base
         if place.across is not None:
             frame = EYE if link.parent == WORLD else placed[link.parent].frame
@@ -175,16 +175,16 @@ def velocity(place: Place, movement: Movement, point: Array) -> Array:
 
 
 def velocity_at(place: Place, movement: Movement, at: Array) -> Array:
-    """The velocity in the world (3,), m/s, of what of a link's body is `at` (3,), m in the world."""
+    """The velocity in the world (3,), m/s, of a point of a link's body, given `at` (3,), m in the world."""
     lever = place.frame.T @ (at - place.base) - place.reach
     return movement.base + place.frame @ (movement.linear + cross(movement.angular, lever))
 
 
 def rates(tree: Tree, q: Array, v: Array) -> Array:
-    """dq/dt (nq,), smooth, for integrators of Runge and Kutta's kind (eq. 4.13 for quaternions).
+    """dq/dt (nq,), smooth, for Runge-Kutta methods (eq. 4.13 for quaternions).
 
-    The exact flow keeps a quaternion's norm; what an integrator's error does to it changes nothing, since it
-    is divided out wherever q is used.
+    The exact flow conserves the norm of a quaternion; its numerical drift has no effect, since every use of q
+    normalises it.
     """
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
@@ -197,7 +197,7 @@ def rates(tree: Tree, q: Array, v: Array) -> Array:
 
 
 def integrate(tree: Tree, q: Array, v: Array, dt: Scalar) -> Array:
-    """q (nq,) after `dt` (s) at constant v (nv,), as MuJoCo's mj_integratePos; quaternions of norm 1."""
+    """q (nq,) after `dt` (s) at constant v (nv,), as by MuJoCo's mj_integratePos; quaternions have norm 1."""
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
         if link.kind == "free":

@@ -1,12 +1,12 @@
-"""Spatial vectors and inertias of rigid-body dynamics, at a point that each of them leaves unsaid.
+"""Spatial vectors and inertias of rigid-body dynamics; the caller knows their reference points.
 
-A motion and a force have six coordinates each, angular ones first, as in Featherstone's "Rigid Body Dynamics
-Algorithms" (2008, ch. 2), kept here as two 3-vectors; a 6 x 6 inertia is kept as its 3 x 3 blocks. A Pluecker
-transform is a rotation `E` of the axes and a shift `r` of the point, done one after the other.
+A motion or force vector has six coordinates, the angular ones first, as in Featherstone's "Rigid Body
+Dynamics Algorithms" (2008, ch. 2). It is stored as two 3-vectors, and a 6 x 6 inertia as its 3 x 3 blocks. A
+Pluecker transform is a rotation `E` of the axes and a shift `r` of the point, applied one after the other.
 
-Accelerations are the classical ones, those of the body's point at the origin (sec. 2.11): so the linear
-velocities drop out of the equations of motion, and the free joint's acceleration is MuJoCo's.
-Zeros that are NumPy constants cost nothing in the scalar kernel: it folds them.
+Accelerations are the classical ones, of the body's point at the origin (sec. 2.11): so linear velocities drop
+out of the equations of motion, and the free joint's acceleration equals MuJoCo's.
+Zeros that are NumPy constants cost nothing, since the scalar kernel folds them.
 """
 
 from __future__ import annotations
@@ -44,62 +44,62 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def symmetric(A: Array) -> Array:
-    """A matrix (3, 3) known to be symmetric, its lower triangle read from the upper one.
+    """A symmetric matrix (3, 3) with its lower triangle copied from the upper one.
 
-    So the scalar kernel computes the upper triangle alone.
+    So the scalar kernel computes the upper triangle only.
     """
     return np.where(_UPPER, A, A.T) if isinstance(A, np.ndarray) else jnp.where(_UPPER, A, A.T)
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class MotionVector:
     """A spatial velocity or (classical) acceleration: `angular` (rad/s, rad/s2), `linear` of the point."""
 
     angular: Array
     linear: Array
 
-    def __add__(self, other: Motion) -> Motion:
-        return Motion(self.angular + other.angular, self.linear + other.linear)
+    def __add__(self, other: MotionVector) -> MotionVector:
+        return MotionVector(self.angular + other.angular, self.linear + other.linear)
 
-    def __mul__(self, rate: Scalar) -> Motion:
-        return Motion(self.angular * rate, self.linear * rate)
+    def __mul__(self, rate: Scalar) -> MotionVector:
+        return MotionVector(self.angular * rate, self.linear * rate)
 
-    def dot(self, force: Force) -> Scalar:
+    def dot(self, force: ForceVector) -> Scalar:
         """The power of a force on this motion."""
         return self.angular @ force.couple + self.linear @ force.linear
 
-    def shifted(self, r: Array) -> Motion:
-        """The same at the point that lies at `r` (3,) from here, both at rest in the body (table 2.2)."""
-        return Motion(self.angular, self.linear + cross(self.angular, r))
+    def shifted(self, r: Array) -> MotionVector:
+        """The motion of the body's point at `r` (3,) from this one (table 2.2)."""
+        return MotionVector(self.angular, self.linear + cross(self.angular, r))
 
-    def rotated(self, E: Array | None) -> Motion:
-        """The same in other coordinates: `E` (3, 3) turns coordinates here into those; None: no turn."""
-        return self if E is None else Motion(E @ self.angular, E @ self.linear)
+    def rotated(self, E: Array | None) -> MotionVector:
+        """The motion in other axes: `E` (3, 3) transforms coordinates into these; None: no rotation."""
+        return self if E is None else MotionVector(E @ self.angular, E @ self.linear)
 
 
 @dataclasses.dataclass(frozen=True)
-class Force:
+class ForceVector:
     """A spatial force: its `couple` about the point (N m), and `linear` (N), each (3,)."""
 
     couple: Array
     linear: Array
 
-    def __add__(self, other: Force) -> Force:
-        return Force(self.couple + other.couple, self.linear + other.linear)
+    def __add__(self, other: ForceVector) -> ForceVector:
+        return ForceVector(self.couple + other.couple, self.linear + other.linear)
 
-    def __sub__(self, other: Force) -> Force:
-        return Force(self.couple - other.couple, self.linear - other.linear)
+    def __sub__(self, other: ForceVector) -> ForceVector:
+        return ForceVector(self.couple - other.couple, self.linear - other.linear)
 
-    def __mul__(self, factor: Scalar) -> Force:
-        return Force(self.couple * factor, self.linear * factor)
+    def __mul__(self, factor: Scalar) -> ForceVector:
+        return ForceVector(self.couple * factor, self.linear * factor)
 
-    def moved_from(self, r: Array) -> Force:
-        """The same about another point, from which this one lies at `r` (3,) (table 2.2)."""
-        return Force(self.couple + cross(r, self.linear), self.linear)
+    def moved_from(self, r: Array) -> ForceVector:
+        """The force about the point from which this one is at `r` (3,) (table 2.2)."""
+        return ForceVector(self.couple + cross(r, self.linear), self.linear)
 
-    def rotated(self, E: Array | None) -> Force:
-        """The same in other coordinates, as for a motion."""
-        return self if E is None else Force(E @ self.couple, E @ self.linear)
+    def rotated(self, E: Array | None) -> ForceVector:
+        """The force in other axes, as for a motion."""
+        return self if E is None else ForceVector(E @ self.couple, E @ self.linear)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,12 +116,12 @@ class Inertia:
     def __add__(self, other: Inertia) -> Inertia:
         return Inertia(self.I + other.I, self.H + other.H, self.M + other.M)
 
-    def __matmul__(self, motion: Motion) -> Force:
+    def __matmul__(self, motion: MotionVector) -> ForceVector:
         w, v = motion.angular, motion.linear
-        return Force(self.I @ w + self.H @ v, self.H.T @ w + self.M @ v)
+        return ForceVector(self.I @ w + self.H @ v, self.H.T @ w + self.M @ v)
 
-    def without(self, U: Force, per_D: Scalar) -> Inertia:
-        """I - U D^-1 U^T, what is felt through a joint that gives way; `per_D` is D^-1 (sec. 7.3)."""
+    def without(self, U: ForceVector, per_D: Scalar) -> Inertia:
+        """The articulated inertia I - U D^-1 U^T across a joint; `per_D` is D^-1 (sec. 7.3)."""
         n, f = U.couple, U.linear
         n_D, f_D = n * per_D, f * per_D
         return Inertia(
@@ -130,19 +130,19 @@ class Inertia:
             symmetric(self.M - f_D[:, None] * f[None, :]),
         )
 
-    def freed_along(self, S: Motion) -> Inertia:
-        """The same with zeros where `S`, along a coordinate axis, makes them: I^a S = 0 but for rounding."""
+    def freed_along(self, S: MotionVector) -> Inertia:
+        """The inertia with exact zeros along `S`, a coordinate axis: I^a S = 0 up to rounding."""
         w, v = 1.0 - np.abs(S.angular), 1.0 - np.abs(S.linear)
         return Inertia(self.I * np.outer(w, w), self.H * np.outer(w, v), self.M * np.outer(v, v))
 
     def rotated(self, E: Array | None) -> Inertia:
-        """The same in other coordinates, as for a motion: E I E^T block by block."""
+        """The inertia in other axes, as for a motion: E I E^T block by block."""
         if E is None:
             return self
         return Inertia(turned(E, self.I), E @ self.H @ E.T, turned(E, self.M))
 
     def moved_from(self, r: Array) -> Inertia:
-        """The same about another point, from which this one lies at `r` (3,) (sec. 2.13)."""
+        """The inertia about the point from which this one is at `r` (3,) (sec. 2.13)."""
         rx = skew(r)
         H = self.H + rx @ self.M
         return Inertia(symmetric(self.I + rx @ self.H.T - H @ rx), H, self.M)
@@ -156,14 +156,14 @@ def turned(E: Array, A: Array) -> Array:
 def rotation_about(axis: np.ndarray, angle: Scalar) -> Array:
     """The rotation matrix (3, 3) by `angle` (rad) about a constant unit `axis` (3,).
 
-    Written so that a coordinate axis leaves its zeros and its one constant.
+    For a coordinate axis, zeros and ones of the matrix are constants.
     """
     along = np.outer(axis, axis)
     return along + jnp.cos(angle) * (EYE - along) + jnp.sin(angle) * skew(axis)
 
 
 def rotation_of(quaternion: Array) -> Array:
-    """The rotation matrix (3, 3) of a quaternion (w, x, y, z), whatever its norm (eq. 4.12)."""
+    """The rotation matrix (3, 3) of a quaternion (w, x, y, z) of any norm (eq. 4.12)."""
     w, x, y, z = (quaternion[k] for k in range(4))
     s = 2.0 / (w * w + x * x + y * y + z * z)
     xs, ys, zs = x * s, y * s, z * s
@@ -195,7 +195,7 @@ def quaternion_exponential(turn: Array) -> Array:
 def solve_positive(A: Array, b: Array) -> Array:
     """x of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
 
-    Written out over Python integers, reading the upper triangle alone: no routine of linear algebra.
+    The loops are unrolled and read the upper triangle only, without linear algebra routines.
     """
     upper: list[Array] = []
     scaled: list[Scalar] = []

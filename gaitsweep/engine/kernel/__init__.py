@@ -1,1 +1,1 @@
-"""The same functions as one scalar program: traced from JAX, folded, printed as Python, compiled by Numba."""
+"""The kernel engine: one scalar program traced from JAX, simplified, and compiled by Numba."""

@@ -1,4 +1,4 @@
-"""Arithmetic that takes more than one operation: extremes, order, quotients, rounding, kinds, powers."""
+"""Arithmetic of several operations: extremes, order, quotients, rounding, conversion, powers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Writer:
-    """Arithmetic on nodes in the kind of one of them."""
+    """Writes operations whose constants have the kind of a given node."""
 
     def __init__(self, program: Program, like: int) -> None:
         self.program = program
@@ -26,7 +26,7 @@ class Writer:
         return self.program.apply(op, *(self.number(a) if isinstance(a, float) else a for a in args))
 
     def polynomial(self, x: int, coefficients: list[float]) -> int:
-        """Horner's scheme, the highest power last in `coefficients`."""
+        """A polynomial by Horner's scheme; `coefficients` are in order of rising power."""
         total = self.number(coefficients[-1])
         for c in reversed(coefficients[:-1]):
             total = self("add", self("mul", total, x), c)
@@ -38,12 +38,12 @@ class Writer:
 
 
 def maximum(program: Program, a: int, b: int) -> int:
-    """The larger; NaN where either is."""
+    """The larger number; NaN if one is NaN."""
     return _extreme(program, a, b, "or", lambda x, y: program.apply("lt", y, x))
 
 
 def minimum(program: Program, a: int, b: int) -> int:
-    """The smaller; NaN where either is."""
+    """The smaller number; NaN if one is NaN."""
     return _extreme(program, a, b, "and", lambda x, y: program.apply("lt", x, y))
 
 
@@ -55,7 +55,7 @@ def _extreme(program: Program, a: int, b: int, truth: str, wins: Callable[[int, 
         a, b = b, a
     known = program.value(b)
     if known is not None:
-        # NaN is known to win; any other number is no NaN, so one comparison does
+        # NaN always wins; another constant is not NaN, so one comparison is enough
         return b if math.isnan(known) else program.apply("select", wins(b, a), b, a)
     first = wins(a, b)
     if kind != "int":
@@ -64,45 +64,45 @@ def _extreme(program: Program, a: int, b: int, truth: str, wins: Callable[[int, 
 
 
 def _nan(program: Program, x: int) -> int:
-    """Whether a number is NaN, which whole numbers and flags never are."""
+    """Whether a number is NaN; integers and flags never are."""
     if program.nodes[x].kind in ("int", "bool"):
         return program.constant(False, "bool")
     return program.apply("ne", x, x)
 
 
 def before(program: Program, a: int, b: int) -> int:
-    """a < b in the order of sorting, in which NaN comes last."""
+    """a < b in sorting order, in which NaN is last."""
     later = program.apply("and", program.apply("not", _nan(program, a)), _nan(program, b))
     return program.apply("or", program.apply("lt", a, b), later)
 
 
 def alike(program: Program, a: int, b: int) -> int:
-    """a = b in the order of sorting, in which all NaN are one."""
+    """a = b in sorting order, in which all NaN are equal."""
     both = program.apply("and", _nan(program, a), _nan(program, b))
     return program.apply("or", program.apply("eq", a, b), both)
 
 
 def not_after(program: Program, a: int, b: int) -> int:
-    """a <= b in the order of sorting."""
+    """a <= b in sorting order."""
     return program.apply("not", before(program, b, a))
 
 
 def outdone(program: Program, best: int, new: int, order: str) -> int:
-    """Whether the best number so far is less ("lt") or greater ("gt") than a new one; NaN outdoes all."""
+    """Whether the best number so far is less ("lt") or greater ("gt") than a new one; NaN beats all."""
     better = program.apply("lt", best, new) if order == "lt" else program.apply("lt", new, best)
     unmatched = program.apply("and", program.apply("not", _nan(program, best)), _nan(program, new))
     return program.apply("or", better, unmatched)
 
 
 def quotient(program: Program, a: int, b: int) -> int:
-    """a / b; whole numbers are cut towards zero."""
+    """a / b; the quotient of integers is rounded towards zero."""
     if program.nodes[a].kind == "int":
         return truncated(program, program.apply("div", a, b))
     return program.apply("div", a, b)
 
 
 def remainder(program: Program, a: int, b: int) -> int:
-    """What is left of a, with its sign, after whole multiples of b, to the rounding of a."""
+    """The remainder of a / b, with the sign of a, up to the rounding of a."""
     known = program.evaluated("div", (a, b))
     whole = truncated(program, program.write("div", a, b) if known is None else known)
     return program.apply("sub", a, program.apply("mul", b, whole))
@@ -122,9 +122,9 @@ def ceiling(program: Program, x: int) -> int:
 
 
 def rounded(program: Program, x: int, method: object) -> int:
-    """To the nearest whole number; halves away from zero, or to even ones (JAX's two methods)."""
+    """x rounded to the nearest integer; halves away from zero, or to even (JAX's two methods)."""
     w = Writer(program, x)
-    # the fraction is exact, where x + 0.5 is not: 0.5 less a bit would become 1, and large odd numbers even
+    # the fraction is exact, x + 0.5 is not: the float before 0.5 would become 1, and large odd numbers even
     if "EVEN" not in str(method) and str(method) != "1":
         size = w("abs", x)
         down = w("floor", size)
@@ -163,7 +163,7 @@ def exclusive_or(program: Program, a: int, b: int) -> int:
 
 
 def converted(program: Program, x: int, kind: Kind) -> int:
-    """`x` as another kind of number; fractions are cut towards zero, flags count as 0 and 1."""
+    """`x` as another kind of number; to integers by rounding towards zero, flags as 0 and 1."""
     now = program.nodes[x].kind
     if now == kind:
         return x
@@ -178,7 +178,7 @@ def converted(program: Program, x: int, kind: Kind) -> int:
 
 
 def whole_power(program: Program, x: int, power: int) -> int:
-    """x to a whole power, by squaring."""
+    """x to an integer power, by repeated squaring."""
     if power < 0:
         return program.apply("div", Writer(program, x).number(1.0), whole_power(program, x, -power))
     total, base = Writer(program, x).number(1.0), x

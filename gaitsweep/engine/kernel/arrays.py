@@ -1,4 +1,4 @@
-"""Primitives that move elements about: no arithmetic, only other places for the same nodes."""
+"""Rules of primitives that rearrange arrays, without arithmetic but for dot_general and sort."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _pad(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         size = max(rows.shape[0] + between * (rows.shape[0] - 1), 0)
         padded = np.full((max(low, 0) + size + max(high, 0), *rows.shape[1:]), value, np.int64)
         padded[max(low, 0) : max(low, 0) + size : between + 1] = rows
-        # negative padding cuts off
+        # negative padding removes elements
         padded = padded[max(-low, 0) : padded.shape[0] - max(-high, 0)]
         array = np.moveaxis(padded, 0, axis)
     return [array]
@@ -96,7 +96,7 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
     kind: Kind = kind_of(equation.outvars[0].aval.dtype)
     if count == 0:
         return [np.full(shape, program.constant(0.0, kind), np.int64)]
-    # single precision may be asked to add up in double
+    # a product of float32 arrays may accumulate in float64
     left, right = (tracer.each(lambda x: arithmetic.converted(program, x, kind), x) for x in (left, right))
     left = left.reshape(math.prod(batch), math.prod(rows), 1, count)
     right = right.reshape(math.prod(batch), 1, math.prod(columns), count)
@@ -108,7 +108,7 @@ def _dot_general(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes
 
 
 def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    """A network of exchanges between neighbours, stable; the first `num_keys` operands decide."""
+    """A stable sorting network of neighbour exchanges; the first `num_keys` operands are the keys."""
     axis, keys = equation.params["dimension"], equation.params["num_keys"]
     program = tracer.program
     columns = [np.moveaxis(a, axis, 0).copy() for a in args]

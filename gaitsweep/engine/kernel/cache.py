@@ -1,7 +1,7 @@
-"""Printed kernels on disk, so that a kernel is compiled once for a machine and not once for a run.
+"""The on-disk cache of kernels, so that a kernel is compiled once for a machine and not once for a run.
 
-A module is named by what it says and by the versions that compile it. Numba keeps the compiled code beside
-it. GAITSWEEP_CACHE names the folder; ~/.cache/gaitsweep (XDG_CACHE_HOME) is the default.
+A module is named by the digest of its source and of the versions that compile it. Numba stores the compiled
+code beside it. GAITSWEEP_CACHE names the folder; the default is ~/.cache/gaitsweep (XDG_CACHE_HOME).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from gaitsweep.engine.kernel import lower
 
 
 def module_of(source: str) -> ModuleType:
-    """The module with this source, imported from the folder of kernels."""
+    """The module with this source, imported from the cache of kernels."""
     versions = [f"{name} {_version(name)}" for name in ("numba", "llvmlite", "numba-cuda")]
-    # what turns the source into instructions decides them as the source does
+    # `lower` determines the instructions as well as the source does
     own = Path(lower.__file__).read_text()
     digest = hashlib.sha256("\n".join([source, own, *versions, sys.version]).encode()).hexdigest()
     name = f"gaitsweep_kernel_{digest[:24]}"
@@ -36,7 +36,7 @@ def module_of(source: str) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # Numba looks a function's module up by its name
+    sys.modules[name] = module  # Numba finds the module of a function by its name
     try:
         spec.loader.exec_module(module)
     except BaseException:
@@ -55,7 +55,7 @@ def _folder() -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
-        # a home that cannot be written to costs a compilation, not the run
+        # without a writable folder the kernel is compiled again, but the run goes on
         return Path(tempfile.mkdtemp(prefix="gaitsweep-kernels-"))
 
 

@@ -1,7 +1,7 @@
-"""A chunk of attempts as one scalar program: what an attempt changes, what a look at it changes and keeps.
+"""The scalar program of a chunk: the changes by an attempt, and the changes and the row of a poll.
 
-All that a trajectory is stands in numbered slots, first what is held (parameters), then the carry, then the
-record. Slots after those are the kernel's own: what is worked out once, and a row that waits to be kept.
+A trajectory is stored in numbered slots: first its constants (parameters), then the carry, then the record.
+Later slots belong to the kernel: values that are computed once, and a row that may be kept.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Leaf:
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """The program and its slots.
+    """A program and its slots.
 
-    `held`, `carry`, `record` the engine's trees, a `Leaf` for each array; `attempt` and `look` the nodes that
-    slots get, by slot; `keep` the node that says whether `row` (nodes) is kept; `steady` nodes worked out
-    once, by slot.
+    `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
+    the nodes that are written to slots, by slot; `keep` the node that decides whether the nodes `row` are
+    kept; `steady` the nodes that are computed once, by slot.
     """
 
     program: Program
@@ -44,7 +44,7 @@ class Chunk:
     carry: Any
     record: Any
     attempt: dict[int, int]
-    look: dict[int, int]
+    poll: dict[int, int]
     keep: int
     row: list[int]
     steady: dict[int, int]
@@ -63,21 +63,21 @@ class Chunk:
         return min(leaf.first for leaf in jax.tree.leaves(self.record))
 
     def slot_of(self, at: int) -> int:
-        """The slot that an input node stands for."""
+        """The slot of an input node."""
         value = self.program.nodes[at].value
         assert value is not None
         return int(value)
 
 
 def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
-    """The program of one trajectory's chunk.
+    """The scalar program of a chunk of one trajectory.
 
     Args:
         lane: the engine's functions of one trajectory.
-        values, starts: shapes and types of a row's parameters and starts.
+        values, starts: shapes and dtypes of a row's parameters and initial conditions.
 
     Raises:
-        UnsupportedError: the model computes with what a scalar kernel cannot express.
+        UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
     held, carry, record, _, _ = jax.eval_shape(lane.open, values, starts)
     program = Program()
@@ -107,18 +107,18 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
-    looked = jax.make_jaxpr(lane.look)(held, carry, record)
-    given = tracer.read(looked, [*held_nodes, *carry_nodes, *record_nodes])
-    look = changes((carry_leaves, record_leaves), given[:-2])
+    polled = jax.make_jaxpr(lane.poll)(held, carry, record)
+    given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
+    poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = steady_results(program, [*attempt.values(), *look.values(), *row, keep])
+    steady = steady_results(program, [*attempt.values(), *poll.values(), *row, keep])
     return Chunk(
         program=program,
         held=held_leaves,
         carry=carry_leaves,
         record=record_leaves,
         attempt=attempt,
-        look=look,
+        poll=poll,
         keep=keep,
         row=row,
         steady={count + i: at for i, at in enumerate(steady)},

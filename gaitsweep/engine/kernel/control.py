@@ -1,4 +1,4 @@
-"""Primitives that hold other programs: calls are written out, branches become choices, loops are unrolled."""
+"""Rules of primitives with sub-programs: calls are inlined, branches selected, loops unrolled."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, refuse
 
-# A loop that is longer than this when written out belongs into the time loop, not into a step.
+# Longest loop that is unrolled; a longer one would be too expensive for a model's step.
 MOST_TURNS = 256
 
 

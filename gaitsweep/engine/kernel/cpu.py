@@ -1,8 +1,8 @@
-"""A chunk's program for the CPU: lanes side by side in vector registers, compiled by Numba.
+"""The program of a chunk for the CPU: lanes side by side in vector registers, compiled by Numba.
 
-One flat array holds a tile of lanes, slot by slot, and each stage is a loop over the tile's lanes around
-straight-line code: LLVM turns that loop into vector instructions. Whatever happens rarely, such as a row to
-be kept, stands in a plain loop of its own. Cores run tiles of their own, in threads.
+One flat array holds a tile of lanes, slot by slot. Each stage is a loop over the lanes of a tile around
+straight-line code, which LLVM vectorises. Rare operations, such as keeping a row, have a loop of their own.
+Each core runs its own tiles, in a thread.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import loaded, statements, stored
-from gaitsweep.engine.recorders.recorder import CADENCE
+from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-# Lanes of a tile: two vectors of 8, so that one works while the other waits for its results.
+# Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
 TILE = 16
 
 _PREAMBLE = """# Written by gaitsweep: {title}
@@ -30,17 +30,18 @@ compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 
 
 def compiled(chunk: Chunk, title: str) -> Callable[[Any, Any, int], None]:
-    """The function `run` of `source`, compiled here or fetched from the folder of kernels."""
+    """The function `run` of `source`, compiled now or loaded from the cache of kernels."""
     _prefer_wide_vectors()
     return module_of(source(chunk, TILE, title)).run
 
 
 def _prefer_wide_vectors() -> None:
-    """Ask LLVM for the widest vectors that the processor has, unless the user has chosen features.
+    """Let LLVM use the widest vectors of the processor, unless the user has chosen its features.
 
-    LLVM avoids the widest ones by default, for fear of a lower clock; these kernels gain by them.
+    LLVM avoids the widest vectors by default, since they may lower the clock; these kernels run faster
+    with them.
     """
-    if "numba" in sys.modules:  # it has read its settings
+    if "numba" in sys.modules:  # Numba has read its settings already
         return
     import llvmlite.binding as llvm
 
@@ -52,19 +53,19 @@ def _prefer_wide_vectors() -> None:
 
 
 def source(chunk: Chunk, lanes: int, title: str) -> str:
-    """The module that runs a chunk on a CPU; its `run(S, kept, looks)` advances all tiles.
+    """The source of the module for a CPU; its `run(S, kept, polls)` advances all tiles by a chunk.
 
-    `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) gets the rows that are kept.
+    `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
     """
     steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
     row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
-    look = {**chunk.look, **row, chunk.n_slots: chunk.keep}
+    poll = {**chunk.poll, **row, chunk.n_slots: chunk.keep}
     status = chunk.record.status.first
     parts = [
         _PREAMBLE.format(title=title),
         _stage("prepare", chunk, chunk.steady, {}, lanes),
         _stage("attempt", chunk, chunk.attempt, steady, lanes),
-        _stage("look", chunk, look, steady, lanes),
+        _stage("poll", chunk, poll, steady, lanes),
         _KEEP.format(
             lanes=lanes,
             keep=chunk.n_slots * lanes,
@@ -76,7 +77,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
         else "",
         _RUN.format(
             lanes=lanes,
-            cadence=CADENCE,
+            interval=POLL_INTERVAL,
             status=status * lanes,
             halt=chunk.carry.halt.first * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
@@ -86,7 +87,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
 
 
 def slots(chunk: Chunk) -> int:
-    """Slots of a lane: those of the program, then the flag and the row that the keeping loop reads."""
+    """The number of slots of a lane: the program's, then a flag and a row for the loop that keeps rows."""
     return chunk.n_slots + 1 + chunk.width
 
 
@@ -131,23 +132,23 @@ def keep(s, kept, tile):
 """
 
 _RUN = """@compiled
-def run(S, kept, looks):
+def run(S, kept, polls):
     for tile in range(S.shape[0]):
         s = S[tile]
         prepare(s)
-        for _ in range(looks):
+        for _ in range(polls):
             running = 0
             for lane in range({lanes}):
                 running += s[{status} + lane] == 0.0
             if running == 0:
                 break
-            for _ in range({cadence}):
+            for _ in range({interval}):
                 going = 0
                 for lane in range({lanes}):
                     going += s[{halt} + lane] == 0.0
-                if going == 0:  # all wait for the look, and would stay as they are
+                if going == 0:  # all wait for the poll, and would stay as they are
                     break
                 attempt(s)
-            look(s)
+            poll(s)
             {keep}
 """

@@ -1,4 +1,4 @@
-"""Trajectories in flight on an NVIDIA GPU, a thread each; `threads` has the program."""
+"""The lanes of an NVIDIA GPU, one thread for each; `threads` has their program."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
-from gaitsweep.engine.sweep.lane import Given
+from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.xla import Device, Values
 
-# Threads of a block; 64, 128 and 256 ran equally fast.
+# Threads of a block; 64, 128 and 256 are equally fast.
 THREADS = 128
 
 
 def missing() -> str | None:
-    """What stands in the way of kernels on the GPU, in words, or None."""
+    """The reason why kernels on the GPU are not available, in words, or None."""
     if importlib.util.find_spec("numba_cuda") is None:
         return "the package numba-cuda is not installed"
     try:
@@ -37,7 +37,7 @@ def missing() -> str | None:
 
 
 def _load_numba_cuda() -> None:
-    """Import numba-cuda, whose releases up to 0.30 ask for a name that NumPy 2.5 has dropped."""
+    """Import numba-cuda, whose releases up to 0.30 use a name that NumPy 2.5 has removed."""
     lacking = not hasattr(np, "row_stack")
     if lacking:
         np.row_stack = np.vstack  # type: ignore[attr-defined]
@@ -49,7 +49,7 @@ def _load_numba_cuda() -> None:
 
 
 class CudaLanes(KernelLanes):
-    """Lanes on one GPU, a thread each."""
+    """Lanes on one GPU, one thread for each."""
 
     batch = 4096
 
@@ -70,7 +70,7 @@ class CudaLanes(KernelLanes):
             self._none_filled = cuda.to_device(np.zeros(self.size))
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
-        """Start new trajectories; those of all batches go to the device together."""
+        """Start new trajectories; all batches are copied to the device together."""
         self._staged: list[tuple[np.ndarray, ...]] = []
         super().fill(params, starts, fresh)
         lanes, opened, rows, kept = (np.concatenate(part) for part in zip(*self._staged, strict=True))
@@ -90,29 +90,29 @@ class CudaLanes(KernelLanes):
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         self._staged.append((lanes, opened, rows, kept))
 
-    def run_chunk(self, looks: int) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         with self._cuda.gpus[self._number]:
             flat = self._slots.reshape(-1), self._kept.reshape(-1), self.size
-            self._launch(self._running.run, *flat, looks, self._same, threads=self.size)
-            given = self.given(lambda slot: self._slots[slot].copy_to_host())
-            new = int(given.record.filled.max())
+            self._launch(self._running.run, *flat, polls, self._same, threads=self.size)
+            output = self.output(lambda slot: self._slots[slot].copy_to_host())
+            new = int(output.record.filled.max())
             if new:
                 kept = self._kept[:new].copy_to_host()
                 self._slots[self.chunk.record.filled.first].copy_to_device(self._none_filled)
-                given = given._replace(kept=kept.transpose(2, 0, 1))
-        return given
+                output = output._replace(kept=kept.transpose(2, 0, 1))
+        return output
 
     def _launch(self, kernel: Any, *args: Any, threads: int) -> None:
         blocks = -(-threads // THREADS)
         with warnings.catch_warnings():
-            # a few lanes on a large card leave it idle, as Numba warns, but they are what was asked for
+            # Numba warns of small grids, but the number of lanes is the user's choice
             warnings.simplefilter("ignore")
             kernel[blocks, THREADS](*args)
 
 
 class Steady:
-    """Which of the values that stay the same along a trajectory are the same in all rows, too."""
+    """Detects which constants of trajectories are equal in all rows."""
 
     def __init__(self, chunk: Chunk) -> None:
         self.chunk = chunk
@@ -120,9 +120,9 @@ class Steady:
         self._first: np.ndarray | None = None
 
     def differs(self, opened: np.ndarray) -> bool:
-        """Whether these rows' slots (rows, slots) make other values vary than the rows before them.
+        """Whether the slots `opened` (rows, slots) of new rows change the set of varying constants.
 
-        A row can come late that differs from all before it, so this is asked of all.
+        A late row can differ from all rows before it, so this is called for every row.
         """
         held = np.ascontiguousarray(opened[:, : self.chunk.first_of_carry]).view(np.int64)
         begun = self._first is not None
@@ -134,7 +134,7 @@ class Steady:
         return changed
 
     def values(self, read: Callable[[int], float]) -> tuple[Any, ...]:
-        """What is the same in all rows, in the order in which the kernel takes it and in the kinds of it."""
+        """The values that are equal in all rows, in the order and with the types of the kernel's argument."""
         same, nodes = threads.same(self.chunk, self.varying), self.chunk.program.nodes
         kinds: dict[str, Callable[[float], Any]] = {"bool": bool, "f32": np.float32}
         return tuple(kinds.get(nodes[at].kind, float)(read(slot)) for at, slot in same.items()) or (0.0,)

@@ -1,7 +1,7 @@
-"""Functions of one number, written in the program's own operations so that lanes can run side by side.
+"""Elementary functions from the program's operations, so that lanes can be vectorised.
 
-Sine, cosine and the exponential are polynomials after a reduction of their argument, right to about one
-unit in the last place; sine and cosine to |x| of some 1e6 rad, beyond which their error grows with |x|.
+Sine, cosine and the exponential are polynomials after argument reduction, with an error of about one unit in
+the last place; for sine and cosine up to |x| = 1e6 rad, above which the error grows with |x|.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from gaitsweep.engine.kernel.arithmetic import Writer
 if TYPE_CHECKING:
     from gaitsweep.engine.kernel.program import Program
 
-# Digits enough to split in parts whose products with small whole numbers are exact.
+# Enough digits for a split into parts whose products with small integers are exact.
 _PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
 _LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525412068000949339362196969472")
 
 
 def _parts(value: Fraction, bits: int, count: int) -> list[float]:
-    """`value` as a sum of floats, the first ones of `bits` significant bits."""
+    """`value` as a sum of floats, all but the last with `bits` significant bits."""
     parts = []
     for _ in range(count - 1):
         exponent = math.frexp(float(value))[1] - bits
@@ -40,16 +40,16 @@ def cube_root(program: Program, x: int) -> int:
     w = Writer(program, x)
     size = w("abs", x)
     near = w("pow", size, w.number(1.0 / 3.0))
-    # Newton's step, without the cube of `near`: of the least numbers it has but a few digits
+    # a Newton step without the cube of `near`, which has few digits for the smallest numbers
     excess = w("sub", near, w("div", size, w("mul", near, near)))
     better = w("sub", near, w("mul", excess, 1.0 / 3.0))
-    # nothing to better at 0 and infinity
+    # 0 and infinity are exact already
     root = w("select", w("and", w("lt", 0.0, size), w("lt", size, math.inf)), better, size)
     return w("select", w("lt", x, 0.0), w("neg", root), root)
 
 
 def _quadrant(program: Program, x: int) -> tuple[Writer, int, int, int]:
-    """The number of quarter turns (mod 4), and sine and cosine of what is left of the angle."""
+    """A writer, the number of quarter turns (mod 4), and sine and cosine of the rest of the angle."""
     w = Writer(program, x)
     turns = w("floor", w("add", w("mul", x, float(2 / _PI)), 0.5))
     rest = x
@@ -113,7 +113,7 @@ def power_of_two(program: Program, x: int) -> int:
 
 
 def _scaled(w: Writer, near: int, turns: int, most: float) -> int:
-    """`near` times 2 to a whole number, in two factors so that neither overflows before the result does."""
+    """`near` times 2 to an integer power, in two factors, so that neither overflows before the result."""
     bounded = w("select", w("lt", most, turns), most, w("select", w("lt", turns, -most), -most, turns))
     half = w("floor", w("mul", bounded, 0.5))
     left = w("abs", half)
@@ -139,7 +139,7 @@ def hyperbolic_tangent(program: Program, x: int) -> int:
     size = w("abs", x)
     t = exponential(program, w("mul", size, -2.0))
     far = w("div", w("sub", 1.0, t), w("add", 1.0, t))
-    # Lambert's continued fraction x / (1 + z/(3 + z/(5 + ...))), as one quotient
+    # Lambert's continued fraction x / (1 + z/(3 + z/(5 + ...))) as one quotient
     z = w("mul", x, x)
     top, bottom = w.number(1.0), w.number(17.0)
     for k in range(15, 0, -2):
@@ -150,7 +150,7 @@ def hyperbolic_tangent(program: Program, x: int) -> int:
 
 
 def _half_exponential(w: Writer, size: int) -> int:
-    """exp(size) / 2, also where exp(size) itself would be infinite."""
+    """exp(size) / 2, without overflow of exp(size)."""
     root = exponential(w.program, w("mul", size, 0.5))
     return w("mul", w("mul", root, 0.5), root)
 

@@ -1,4 +1,4 @@
-"""A scalar program printed as lines of Python, for one lane or one thread; `lower` turns them into LLVM."""
+"""Python source of a scalar program, for one lane or one thread; `lower` compiles it to LLVM."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from gaitsweep.engine.kernel.program import Kind, Program
 def statements(
     program: Program, wanted: Sequence[int], given: Mapping[int, str]
 ) -> tuple[list[str], list[str]]:
-    """The lines that compute the nodes `wanted`, and an expression for each of them.
+    """The lines that compute the nodes `wanted`, and an expression for each of these nodes.
 
     Args:
-        program: where the nodes are.
-        wanted: nodes to compute.
-        given: expressions of nodes that need no computing, such as inputs.
+        program: the program.
+        wanted: the nodes to compute.
+        given: expressions of nodes that are available already, such as inputs.
     """
     lines: list[str] = []
     names: dict[int, str] = {}
@@ -37,21 +37,21 @@ def statements(
 
 
 def loaded(kind: Kind, place: str) -> str:
-    """What is read where all kinds are stored as float64."""
+    """The expression that loads a value of a kind from memory, where all kinds are float64."""
     if kind == "bool":
         return f"{place} != 0.0"
     return f"float32({place})" if kind == "f32" else place
 
 
 def stored(kind: Kind, value: str) -> str:
-    """What is written there."""
+    """The expression that is stored in memory for a value of a kind."""
     return f"1.0 if {value} else 0.0" if kind == "bool" else value
 
 
 def steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
-    """The nodes that stay the same along a trajectory and that what changes along it reads.
+    """The nodes that are constant along a trajectory and are arguments of nodes that are not.
 
-    Inputs and constants are not among them: they cost nothing.
+    Inputs and constants are left out, since they need no computation.
     """
     needed = program.needed(wanted)
     readers = {a for at in needed if not program.steady[at] for a in program.nodes[at].args}
@@ -62,7 +62,7 @@ def steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
 
 
 def literal(program: Program, at: int) -> str:
-    """A constant as source, typed where its kind asks for it."""
+    """A constant as source, with its type if it is float32."""
     node = program.nodes[at]
     if node.kind == "bool":
         return str(bool(node.value))

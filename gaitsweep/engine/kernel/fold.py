@@ -1,8 +1,8 @@
-"""What need not be computed: constants, neutral elements, choices already made.
+"""Constant folding and algebraic simplification of scalar operations.
 
-A product with zero counts as zero, and a number plus zero as that number, whatever the number is (NaN and
-infinity included): this prunes the zeros of spatial algebra. Divisions by what stays the same along a
-trajectory become products with its reciprocal, which is computed once.
+A product with zero is zero, and a number plus zero is that number, for all numbers (NaN and infinity
+included): this removes the zeros of spatial algebra. A division by a number that is constant along a
+trajectory becomes a product with its reciprocal, which is computed once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Rule = Callable[["Program", tuple[int, ...]], int | None]
 
 
 def simplified(program: Program, op: str, args: tuple[int, ...]) -> int | None:
-    """A node that has the value of an operation and costs less, or None."""
+    """A cheaper node with the value of an operation, or None."""
     known = program.evaluated(op, args)
     if known is not None:
         return known
@@ -86,7 +86,7 @@ def _div(program: Program, args: tuple[int, ...]) -> int | None:
         return program.apply("neg", program.apply("div", program.nodes[a].args[0], b))
     known = program.value(b)
     if known is not None and abs(math.frexp(known)[0]) != 0.5:
-        # rounded as JAX rounds it: whoever wraps an angle by `floor(x / period)` relies on it
+        # rounded as by JAX: wrapping an angle by `floor(x / period)` depends on it
         return None
     if program.steady[b] and not program.steady[a]:
         one = program.constant(1.0, program.nodes[a].kind)
@@ -115,7 +115,7 @@ def _select(program: Program, args: tuple[int, ...]) -> int | None:
         return program.apply("select", node.args[0], no, yes)
     if program.nodes[yes].kind == "bool":
         return _select_truth(program, condition, yes, no)
-    # a choice that has been made is not made again
+    # nested selections by the same condition
     if program.nodes[yes].op == "select" and program.nodes[yes].args[0] == condition:
         return program.apply("select", condition, program.nodes[yes].args[1], no)
     if program.nodes[no].op == "select" and program.nodes[no].args[0] == condition:
@@ -135,7 +135,7 @@ def _select_truth(program: Program, condition: int, yes: int, no: int) -> int | 
 
 
 def _joined(neutral: bool) -> Rule:
-    """The rule of `and` (True is neutral) or of `or` (False is)."""
+    """The rule of `and` (neutral element True) or of `or` (neutral element False)."""
 
     def rule(program: Program, args: tuple[int, ...]) -> int | None:
         a, b = args
@@ -156,7 +156,7 @@ def _not(program: Program, args: tuple[int, ...]) -> int | None:
     node = program.nodes[args[0]]
     if node.op == "not":
         return node.args[0]
-    # the others are not each other's opposite where NaN is
+    # the negation of < is not >= for NaN
     if node.op in ("eq", "ne"):
         return program.apply("ne" if node.op == "eq" else "eq", *node.args)
     return None
@@ -167,7 +167,7 @@ def _same_kind(program: Program, args: tuple[int, ...], kind: str) -> int | None
 
 
 def _through_select(program: Program, op: str, args: tuple[int, ...]) -> int | None:
-    """`(k if c else l) == m`, all three known, is c, its opposite, or known: flags read as numbers."""
+    """`(k if c else l) == m` with constants k, l, m is c, not c, or a constant (flags as numbers)."""
     if len(args) != 2:
         return None
     for place in (0, 1):

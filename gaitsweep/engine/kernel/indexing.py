@@ -1,6 +1,6 @@
-"""Primitives that read and write at places of an array, known beforehand or only while running.
+"""Rules of primitives that index arrays, with indices that are constants or computed at run time.
 
-A place that is only known while running becomes a choice among all the places that there are.
+An index that is computed at run time becomes a selection among all possible indices.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from jax.lax import GatherScatterMode
 from gaitsweep.engine.kernel import arithmetic
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
 
-# A choice among more places than this costs more than a model's step should.
-MOST_PLACES = 64
+# A selection among more indices than this would be too expensive for a model's step.
+MAX_INDICES = 64
 
-# What JAX reads outside of an array, by NumPy's letter for the type's kind.
+# The value that JAX reads outside of an array, by NumPy's letter for the kind of dtype.
 _FILLING: dict[str, Callable[[np.dtype], float]] = {
     "f": lambda dtype: np.nan,
     "i": lambda dtype: np.iinfo(dtype).min,
@@ -43,7 +43,7 @@ def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
             numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True
         ):
             starts[axis] = tracer.program.constant(where[along], "int")
-        cut = _chosen(tracer, operand, sizes, starts, lambda place: operand[place])
+        cut = _selected(tracer, operand, sizes, starts, lambda index: operand[index])
         if p["mode"] == GatherScatterMode.FILL_OR_DROP:
             cut = _filled(tracer, equation, operand, starts, cut)
         found.append(cut.reshape(window))
@@ -52,7 +52,7 @@ def _gather(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 
 def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cut: Nodes) -> Nodes:
-    """What was read, or JAX's filling value where the place is outside of the array."""
+    """The window that was read, or JAX's fill value where it is outside of the array."""
     program = tracer.program
     dtype = np.dtype(equation.outvars[0].aval.dtype)
     value = equation.params["fill_value"]
@@ -68,46 +68,46 @@ def _filled(tracer: Tracer, equation: Any, operand: Nodes, starts: list[int], cu
 def _dynamic_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     operand, *starts = args
     at = [int(start) for start in starts]
-    return [_chosen(tracer, operand, equation.params["slice_sizes"], at, lambda place: operand[place])]
+    return [_selected(tracer, operand, equation.params["slice_sizes"], at, lambda index: operand[index])]
 
 
 def _dynamic_update_slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     operand, update, *starts = args
 
-    def put(place: tuple[slice, ...]) -> Nodes:
+    def put(index: tuple[slice, ...]) -> Nodes:
         moved = operand.copy()
-        moved[place] = update
+        moved[index] = update
         return moved
 
-    return [_chosen(tracer, operand, update.shape, [int(start) for start in starts], put)]
+    return [_selected(tracer, operand, update.shape, [int(start) for start in starts], put)]
 
 
 def _starts(tracer: Tracer, operand: Nodes, axes: Sequence[int], given: Nodes) -> list[int]:
-    """For each axis of an array the node of its start: those given, and zero along the other axes."""
+    """The node of the start index along each axis: `given` along `axes`, zero along the others."""
     starts = [tracer.program.constant(0, "int")] * operand.ndim
     for axis, at in zip(axes, given.tolist(), strict=True):
         starts[axis] = at
     return starts
 
 
-def _chosen(
+def _selected(
     tracer: Tracer,
     operand: Nodes,
     sizes: Sequence[int],
     starts: list[int],
     read: Callable[[tuple[slice, ...]], Nodes],
 ) -> Nodes:
-    """`read` at the window that begins at `starts`, which are moved to where the window is inside."""
+    """`read` of the window that begins at `starts`, clamped so that the window is inside."""
     program = tracer.program
     last = [many - size for many, size in zip(operand.shape, sizes, strict=True)]
-    _few(tracer, starts, last)
+    _refuse_many(tracer, starts, last)
 
-    def along(axis: int, place: tuple[slice, ...]) -> Nodes:
+    def along(axis: int, index: tuple[slice, ...]) -> Nodes:
         if axis == operand.ndim:
-            return read(place)
+            return read(index)
 
         def here(i: int) -> Nodes:
-            return along(axis + 1, (*place, slice(i, i + sizes[axis])))
+            return along(axis + 1, (*index, slice(i, i + sizes[axis])))
 
         at = starts[axis]
         known = program.value(at)
@@ -124,18 +124,18 @@ def _chosen(
     return along(0, ())
 
 
-def _few(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
-    """Refuse a choice among too many places."""
+def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
+    """Refuse a selection among too many indices."""
     moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
-    if int(np.prod(moving)) > MOST_PLACES:
+    if int(np.prod(moving)) > MAX_INDICES:
         raise refuse(
-            f"the scalar kernel chooses among {MOST_PLACES} places at most where they are only known while "
-            f"running, and here are {int(np.prod(moving))}"
+            f"the scalar kernel selects among at most {MAX_INDICES} indices computed at run time, not "
+            f"{int(np.prod(moving))}"
         )
 
 
 def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Nodes]]:
-    """Updates one after the other, each combined with what is at its place by then."""
+    """Updates in sequence, each combined with the current element at its index."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         operand, indices, updates = args
@@ -143,7 +143,7 @@ def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Node
         numbers = equation.params["dimension_numbers"]
         alone = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
         wide = [axis for axis in range(operand.ndim) if axis not in alone]
-        # windows last, in the order of the operand's axes
+        # window axes last, in the order of the operand's axes
         ordered = [axis for axis in range(updates.ndim) if axis not in numbers.update_window_dims]
         moved = np.transpose(updates, [*ordered, *numbers.update_window_dims])
         sizes = [1] * operand.ndim
@@ -158,15 +158,15 @@ def _scatter(combine: Combine) -> Callable[[Tracer, Any, list[Nodes]], list[Node
                 starts[axis] = program.constant(where[along], "int")
             if equation.params["mode"] == GatherScatterMode.CLIP:
                 starts = [_clipped(tracer, at, most) for at, most in zip(starts, last, strict=True)]
-            _few(tracer, starts, last)
+            _refuse_many(tracer, starts, last)
             new = moved[where].reshape(sizes)
-            for place in itertools.product(
-                *(_places(tracer, s, m) for s, m in zip(starts, last, strict=True))
+            for index in itertools.product(
+                *(_possible_indices(tracer, s, m) for s, m in zip(starts, last, strict=True))
             ):
                 here = program.constant(True, "bool")
-                for at, i in zip(starts, place, strict=True):
+                for at, i in zip(starts, index, strict=True):
                     here = program.apply("and", here, program.apply("eq", at, program.constant(i, "int")))
-                cut = tuple(slice(i, i + size) for i, size in zip(place, sizes, strict=True))
+                cut = tuple(slice(i, i + size) for i, size in zip(index, sizes, strict=True))
                 total[cut] = tracer.each(
                     lambda old, node, c=here: program.apply("select", c, combine(tracer, old, node), old),
                     total[cut],
@@ -182,8 +182,8 @@ def _clipped(tracer: Tracer, at: int, last: int) -> int:
     return arithmetic.minimum(tracer.program, arithmetic.maximum(tracer.program, at, least), most)
 
 
-def _places(tracer: Tracer, at: int, last: int) -> Sequence[int]:
-    """Where a start may be; nowhere if it is known to be outside, for then its update is dropped."""
+def _possible_indices(tracer: Tracer, at: int, last: int) -> Sequence[int]:
+    """The possible values of a start index; none if it is a constant outside, since JAX drops that update."""
     known = tracer.program.value(at)
     if known is None:
         return range(last + 1)

@@ -1,6 +1,6 @@
-"""Arctangent, arcsine and arccosine in the program's own operations, as `elementary` has sine and cosine.
+"""Arctangent, arcsine and arccosine from the program's operations.
 
-Right to two units in the last place everywhere, subnormal and infinite arguments included.
+The error is at most two units in the last place, for subnormal and infinite arguments too.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from gaitsweep.engine.kernel.arithmetic import Writer
 if TYPE_CHECKING:
     from gaitsweep.engine.kernel.program import Program
 
-# Beyond this ratio an angle is counted from pi/4. The tangent of what is left has a numerator without
-# rounding error, as the ratio is above 1/2, and is at most 7/25.
+# Above this ratio an angle is measured from pi/4. The tangent of the rest has a numerator without rounding
+# error, since the ratio is above 1/2, and is at most 7/25.
 _FLAT = 9 / 16
-# Beyond this number an angle is counted from pi/2. Twice the arcsine of what is left is below 1, where
-# numbers lie twice as close as above.
+# Above this number an angle is measured from pi/2. Twice the arcsine of the rest is below 1, where floats are
+# twice as dense as above.
 _INNER = 35 / 64
 
 # P in arctan(t) = t + t z P(z), z = t^2 up to _FLAT^2, and in arcsin(t) likewise, up to _INNER^2. By Remez's
-# exchange in 60-digit decimals, which makes the largest error relative to the function least; coefficients
-# are rounded one by one and those after them fitted again. Errors: 3.9e-18, 1.8e-17; float32 1.2e-9 both.
+# exchange in 60-digit decimals, which minimises the largest relative error; coefficients are rounded one by
+# one, and the later ones are fitted again. Errors: 3.9e-18, 1.8e-17; float32 1.2e-9 both.
 _ARCTANGENT = [
     -0.3333333333333302, 0.1999999999992086, -0.1428571427869901, 0.11111110797113893, -0.0909090077325586,
     0.07692165459915125, -0.06665013076329998, 0.058688693557069974, -0.051847244410340554,
@@ -59,26 +59,26 @@ def arctangent(program: Program, x: int) -> int:
 
 
 def _minus(program: Program, x: int) -> int:
-    """Whether x has a minus sign: that of zero shows in its reciprocal only, for which float32 does."""
+    """Whether x has a minus sign: the sign of zero appears in its reciprocal only; float32 suffices."""
     x = program.apply("to_f32", x)
     w = Writer(program, x)
     return w("lt", w("add", x, w("div", 1.0, x)), 0.0)
 
 
 def angle_of_point(program: Program, y: int, x: int) -> int:
-    """The angle from the x axis to the point (x, y), in [-pi, pi]; -0.0 counts as a small negative number."""
+    """The angle (rad) of the point (x, y) from the x axis, in [-pi, pi]; -0.0 is a small negative number."""
     w = Writer(program, y)
     width, height = w("abs", x), w("abs", y)
     upright = w("lt", width, height)
     small, large = w("select", upright, width, height), w("select", upright, height, width)
-    # halved where their sum might overflow; in the others the least numbers get bits to round to
+    # halved if the sum could overflow; otherwise enlarged, so that subnormal numbers keep their bits
     scale = w("select", w("lt", 2.0**60, large), 0.5, 16.0)
     small, large = w("mul", small, scale), w("mul", large, scale)
     difference = w("sub", small, large)
-    # true of two zeros and false of two infinities, whose difference is NaN
+    # true for two zeros and false for two infinities, whose difference is NaN
     flat = w("le", difference, w("mul", large, _FLAT - 1.0))
     t = w("div", w("select", flat, small, difference), w("select", flat, large, w("add", small, large)))
-    # of these two, too, the ratio is known
+    # the ratio of two zeros or two infinities is taken as 1
     t = w("select", w("eq", width, height), 0.0, t)
     rest = _corrected(w, t, w("mul", t, t), _ARCTANGENT, _ARCTANGENT_SINGLE)
     left = _minus(program, x)
@@ -89,7 +89,7 @@ def angle_of_point(program: Program, y: int, x: int) -> int:
 
 
 def _half_arcsine(w: Writer, x: int) -> tuple[int, int]:
-    """Whether |x| is large, and arcsin |x|, or there half of arccos |x|: arcsin sqrt((1 - |x|)/2)."""
+    """Whether |x| is large, and arcsin |x|; for large |x| half of arccos |x|, arcsin sqrt((1 - |x|)/2)."""
     size = w("abs", x)
     outer = w("lt", _INNER, size)
     z = w("select", outer, w("mul", w("sub", 1.0, size), 0.5), w("mul", x, x))

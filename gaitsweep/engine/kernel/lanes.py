@@ -1,4 +1,4 @@
-"""Trajectories in flight in a scalar kernel: what the lanes of every device share."""
+"""The lanes of a scalar kernel: the base class for all devices, and the lanes of a CPU."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import SHARE, Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
 from gaitsweep.engine.sweep.xla import Values
 
-CACHE_LINE = 64  # bytes, and those of the widest vector
+CACHE_LINE = 64  # bytes, also the size of the widest vector
 
 
 @dataclasses.dataclass(frozen=True)
 class Kernel:
-    """What a run's kernels are made from: the program of a chunk, and how a row is opened."""
+    """The scalar program of a chunk, and the function that opens rows."""
 
     chunk: Chunk
     open: Any
@@ -34,15 +34,15 @@ class Kernel:
 
 @lru_cache(maxsize=16)
 def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> Kernel:
-    """Trace a run into a scalar program.
+    """Translate a run to a scalar program.
 
     Raises:
-        UnsupportedError: the model computes with what a scalar kernel cannot express.
+        UnsupportedError: the model uses an operation that the scalar kernel does not have.
     """
     lane = OneLane(model, recorder, numerics, drive)
     scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.carried))
     values = {q.name: scalar for q in model.parameters}
-    starts = {q.name: scalar for q in model.starts} | {SHARE: scalar}
+    starts = {q.name: scalar for q in model.initial_conditions} | {SHARE: scalar}
     chunk = chunk_of(lane, values, starts)
     title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
     return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title)
@@ -55,7 +55,7 @@ def _open(lane: OneLane, values: Any, starts: Any) -> Any:
 
 
 def _opening_device() -> Any:
-    """Where starts are worked out: the CPU, unless JAX was told not to see it (JAX_PLATFORMS=cuda)."""
+    """The device that computes initial states: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if platforms and "cpu" not in platforms.split(","):
         return jax.local_devices()[0]
@@ -63,15 +63,15 @@ def _opening_device() -> Any:
 
 
 class KernelLanes(abc.ABC):
-    """Trajectories in flight on one device.
+    """The trajectories that one device runs at a time.
 
     Args:
-        model, recorder, numerics: what is run and what is kept.
-        size: trajectories at once.
-        drive: for a ramp, the parameters at a time, from the raw values of a row.
+        model, recorder, numerics: the program.
+        size: number of lanes.
+        drive: the parameters at a time (s) from the values of a row, for ramps and staircases.
     """
 
-    # rows whose starts are worked out together: a fixed number, since XLA's last bits depend on it
+    # rows opened in one call: constant, since the last bits of XLA depend on it
     batch: ClassVar[int] = 64
 
     def __init__(
@@ -90,18 +90,18 @@ class KernelLanes(abc.ABC):
 
     @abc.abstractmethod
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
-        """Set `lanes` (n,) to the slots `opened` (n, slots), and their buffers' first rows where `kept`."""
+        """Write `opened` (n, slots) to `lanes` (n,), and `rows` (n, width) to buffers where `kept` (n,)."""
 
     @abc.abstractmethod
-    def run_chunk(self, looks: int) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
         """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
         lanes = np.flatnonzero(fresh)
         for first in range(0, lanes.size, self.batch):
             some = lanes[first : first + self.batch]
-            # the last batch is filled up, since XLA's last bits depend on a batch's width
+            # the last batch is filled up, since the last bits of XLA depend on the batch size
             rows = np.concatenate([some, np.repeat(some[:1], self.batch - some.size)])
             given = [
                 {name: np.asarray(column[rows], self._dtype) for name, column in values.items()}
@@ -112,8 +112,8 @@ class KernelLanes(abc.ABC):
             n = some.size
             self.put(some, opened[:n], kept_rows[:n], keep[:n])
 
-    def given(self, read_slot: Callable[[int], np.ndarray]) -> Given:
-        """What the host gets, its buffers empty, from a slot's numbers (size,) by the slot."""
+    def output(self, read_slot: Callable[[int], np.ndarray]) -> ChunkOutput:
+        """The output of a chunk without its buffers; `read_slot` returns the values (size,) of a slot."""
 
         def read(leaf: Leaf) -> np.ndarray:
             columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
@@ -132,11 +132,11 @@ class KernelLanes(abc.ABC):
         seen = Record(**fields)  # type: ignore[arg-type]
         carry = self.chunk.carry
         kept = np.zeros((self.size, 0, self.chunk.width))
-        return Given(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
+        return ChunkOutput(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros that begin where a line of the cache does, so that no vector lies across two."""
+    """Zeros aligned to cache lines, so that no vector crosses two of them."""
     size = math.prod(shape)
     room = np.zeros(size + CACHE_LINE // 8)
     first = -room.ctypes.data % CACHE_LINE // 8
@@ -144,7 +144,7 @@ def _aligned(shape: tuple[int, ...]) -> np.ndarray:
 
 
 class CpuLanes(KernelLanes):
-    """Lanes on one core, in tiles that fill vector registers; several cores take lanes of their own."""
+    """Lanes on one core, in tiles that fill vector registers; each core has its own lanes."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -163,10 +163,10 @@ class CpuLanes(KernelLanes):
         if self.chunk.width:
             self._kept[lanes[kept], 0] = rows[kept]
 
-    def run_chunk(self, looks: int) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
+    def run_chunk(self, polls: int) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         tiles = self._slots.shape[0]
-        self._run(self._slots.reshape(tiles, -1), self._kept, looks)
-        given = self.given(lambda slot: self._slots[:, slot].ravel()[: self.size])
+        self._run(self._slots.reshape(tiles, -1), self._kept, polls)
+        output = self.output(lambda slot: self._slots[:, slot].ravel()[: self.size])
         self._slots[:, self.chunk.record.filled.first] = 0.0
-        return given._replace(kept=self._kept[: self.size])
+        return output._replace(kept=self._kept[: self.size])

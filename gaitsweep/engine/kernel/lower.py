@@ -1,13 +1,13 @@
-"""Straight-line Python to LLVM, as an intrinsic of Numba or of numba-cuda.
+"""Compiles straight-line Python to LLVM, as an intrinsic of Numba or of numba-cuda.
 
-Numba reads a function of some thousand statements in half a minute, nearly all of it spent in passes for what
-such a function has not: loops, branches, types to be found out. Here each expression becomes its instruction
-at once. What Numba compiles itself is the loop around it, a few lines.
+Numba takes half a minute for a function of a thousand statements, mostly in passes that such a function does
+not need: loops, branches, type inference. Here each expression becomes an instruction directly. Numba itself
+compiles only the loop around it, a few lines.
 
-The language is what `emit` prints: assignments to names and to elements of flat arrays, arithmetic, one
-comparison at a time, `a if c else b`, calls of functions of one or two numbers, `if` around assignments (of
-elements, and of names that nothing reads after it), and a tuple at the end, whose kinds the function's
-annotation names by the letters of `KINDS`.
+The language is the output of `emit`: assignments to names and to elements of flat arrays, arithmetic, single
+comparisons, `a if c else b`, calls of functions of one or two numbers, `if` around assignments (to elements,
+and to names that nothing reads afterwards), and a returned tuple, whose kinds the function's annotation gives
+by the letters of `KINDS`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from typing import Any
 
 from llvmlite import ir
 
-# Letters of the annotation of a function that gives a tuple.
+# Letters in the annotation of a function that returns a tuple.
 KINDS = {"f64": "d", "int": "d", "f32": "f", "bool": "b"}
 
 _DOUBLE, _SINGLE, _FLAG, _INDEX = ir.DoubleType(), ir.FloatType(), ir.IntType(1), ir.IntType(64)
-# A product and a sum may be one instruction; zero has no sign.
+# LLVM may contract a product and a sum to one instruction, and may ignore the sign of zero.
 _LOOSE = ("contract", "nsz")
 _ARITHMETIC = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
 _FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
@@ -36,7 +36,7 @@ _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
 
 
 class CpuCalls:
-    """Functions of a number on a CPU: LLVM's own where it has them, else those that Numba calls."""
+    """Functions of a number on a CPU: LLVM's intrinsics where they exist, else those that Numba calls."""
 
     intrinsic = "numba.extending"
     types = "numba.core.types"
@@ -54,7 +54,7 @@ class CpuCalls:
 
 
 class CudaCalls:
-    """Functions of a number on an NVIDIA GPU: libdevice's."""
+    """Functions of a number on an NVIDIA GPU, from libdevice."""
 
     intrinsic = "numba.cuda.extending"
     types = "numba.cuda.types"
@@ -70,7 +70,7 @@ class CudaCalls:
 
 
 def straight_line(target: type, source: str) -> Any:
-    """The intrinsic of a function's source, for `CpuCalls` or `CudaCalls`."""
+    """The Numba intrinsic of a function given as source, for `CpuCalls` or `CudaCalls`."""
     head = source[: source.index(":")]
     names = head[head.index("(") + 1 : head.index(")")]
     intrinsic = importlib.import_module(target.intrinsic).intrinsic
@@ -101,7 +101,7 @@ def straight_line(target: type, source: str) -> Any:
 
 
 class _Writer:
-    """The instructions of one function, where it is called."""
+    """Writes the instructions of one function at its call."""
 
     def __init__(self, target: type, context: Any, builder: Any) -> None:
         self.target, self.context, self.builder = target, context, builder
@@ -184,7 +184,7 @@ class _Writer:
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
         if left.type == _FLAG:
             return self.builder.icmp_unsigned(sign, left, right)
-        # a comparison with NaN is false, but that it differs is true
+        # comparisons with NaN are false, except !=
         ordered = self.builder.fcmp_unordered if sign == "!=" else self.builder.fcmp_ordered
         return ordered(sign, left, right)
 

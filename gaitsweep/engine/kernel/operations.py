@@ -1,4 +1,4 @@
-"""The scalar operations that a program is made of: what they give, how they are computed, how printed."""
+"""The scalar operations of a program: result kind, NumPy evaluation, Python source."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Operation:
-    """`kind` of the result ("same": that of the last argument), its NumPy evaluation, its Python source.
+    """A scalar operation.
 
-    In the source, {0}, {1} ... stand for the arguments, {bits} for 32 or 64: the width of the last one.
+    `kind` is that of the result ("same": the kind of the last argument); `evaluate` computes it with NumPy;
+    in its `source`, {0}, {1}, ... are the arguments and {bits} is the width of the last one, 32 or 64.
     """
 
     kind: str
@@ -28,7 +29,7 @@ def _select(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def _call(name: str) -> Operation:
-    """A function that the compiler calls from a library: right, but no vector of lanes."""
+    """A library function of NumPy, which is not vectorised over lanes."""
     return Operation("same", getattr(np, name), f"math.{_MATH.get(name, name)}({{0}})")
 
 
@@ -36,7 +37,7 @@ _MATH = {"arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh"}
 
 
 def _of_math(name: str) -> Operation:
-    """The same for what NumPy does not have."""
+    """A library function that NumPy does not have."""
     return Operation("same", lambda x: type(x)(getattr(math, name)(x)), f"math.{name}({{0}})")
 
 
@@ -59,7 +60,7 @@ OPERATIONS: dict[str, Operation] = {
     "select": Operation("same", _select, "{1} if {0} else {2}"),
     "to_f32": Operation("f32", np.float32, "float32({0})"),
     "to_f64": Operation("f64", np.float64, "float64({0})"),
-    # a whole number is a float64 already; this only says what it stands for
+    # integers are represented by float64; only the kind changes
     "to_int": Operation("int", np.float64, "float64({0})"),
     "log": _call("log"),
     "log1p": _call("log1p"),

@@ -1,8 +1,8 @@
-"""Ways to the next crossing as scalar kernels: each lane one state, or a state and one direction.
+"""Poincare returns by scalar kernels: a lane is one state, or one state with one direction.
 
-JAX sees a function with a derivative of its own (forward mode): all directions of a Jacobian are lanes of one
-call. The derivative is that of the same straight-line attempt, by JAX's own differentiation of it. Where only
-images are asked for, a kernel without derivatives is a third of the work.
+JAX sees a function with a custom forward-mode derivative: all directions of a Jacobian are lanes of one call.
+JAX differentiates the same straight-line attempt that the plain kernel runs. Where only images are needed, a
+kernel without derivatives takes a third of the time.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ import numpy as np
 from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.kernel import cpu
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
-from gaitsweep.engine.poincare.poincare_return import Aloft, Flight
-from gaitsweep.engine.sweep.leaves import numbers_of, tangent_of, vector, with_numbers
+from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnState
 
-# Looks in one call of the kernel: every way ends long before.
-_LOOKS = 1 << 40
+# Polls in one call of the kernel: every return ends long before.
+_POLLS = 1 << 40
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["status", "filled"], meta_fields=[])
@@ -36,102 +36,104 @@ class _Ends:
     filled: jax.Array
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["aloft", "rate"], meta_fields=[])
+@partial(jax.tree_util.register_dataclass, data_fields=["trajectory", "rate"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
-class _Way:
-    """A way, and the `rate` of its numbers along one direction, or nothing."""
+class _LaneState:
+    """A trajectory, and the tangent `rate` of its float leaves along one direction; [] without derivative."""
 
-    aloft: Aloft
+    trajectory: ReturnState
     rate: Any
 
     @property
     def halt(self) -> Any:
-        return self.aloft.carry.halt
+        return self.trajectory.carry.halt
 
 
 class _Lane:
-    """A flight, and its derivative along one direction, as the functions that a kernel's chunk is made of.
+    """One return and its derivative along one direction, as the functions from which a chunk is compiled.
 
-    What is held are the parameters and their direction. A way without a rate has no derivative.
+    `held` are the parameters and their tangent. A lane with an empty `rate` has no derivative.
     """
 
-    def __init__(self, flight: Flight) -> None:
-        self.flight = flight
+    def __init__(self, crossing: PoincareReturn) -> None:
+        self.crossing = crossing
 
-    def open(self, held: Any, way: _Way) -> Any:
+    def open(self, held: Any, lane: _LaneState) -> Any:
         none = jnp.zeros((), jnp.int32)
-        return held, way, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
+        return held, lane, _Ends(none, none), jnp.zeros((0,)), jnp.zeros((), bool)
 
-    def attempt(self, held: Any, way: _Way) -> _Way:
-        (params, along), aloft = held, way.aloft
-        if not way.rate:
-            return _Way(self.flight.attempt(params, aloft), [])
+    def attempt(self, held: Any, lane: _LaneState) -> _LaneState:
+        (params, along), trajectory = held, lane.trajectory
+        if not lane.rate:
+            return _LaneState(self.crossing.attempt(params, trajectory), [])
 
         def moved(numbers: Any, moving: Any) -> Any:
-            after = self.flight.attempt(with_numbers(params, numbers), with_numbers(aloft, moving))
-            return numbers_of(after), after
+            after = self.crossing.attempt(
+                with_float_leaves(params, numbers), with_float_leaves(trajectory, moving)
+            )
+            return float_leaves(after), after
 
-        before = numbers_of(params), numbers_of(aloft)
-        _, rate, after = jax.jvp(moved, before, (along, way.rate), has_aux=True)
-        return _Way(after, rate)
+        before = float_leaves(params), float_leaves(trajectory)
+        _, rate, after = jax.jvp(moved, before, (along, lane.rate), has_aux=True)
+        return _LaneState(after, rate)
 
-    def look(self, held: Any, way: _Way, ends: _Ends) -> Any:
-        status = jnp.where(self.flight.ended(way.aloft), Status.complete, Status.running)
+    def poll(self, held: Any, lane: _LaneState, ends: _Ends) -> Any:
+        status = jnp.where(self.crossing.ended(lane.trajectory), Status.complete, Status.running)
         ends = dataclasses.replace(ends, status=status.astype(jnp.int32))
-        return way, ends, jnp.zeros((0,)), jnp.zeros((), bool)
+        return lane, ends, jnp.zeros((0,)), jnp.zeros((), bool)
 
 
-class KernelFlights:
-    """The function `(params, state) -> (t, state, way)` of a flight, by a kernel on the CPU's cores.
+class KernelReturns:
+    """The function `(params, state) -> (t, state, status)` of one return, by a kernel on the CPU's cores.
 
     Args:
-        flight: what it flies.
-        params, state: arrays, or shapes, like those that it will be given.
+        crossing: the functions of a return.
+        params, state: arrays, or shapes, like the arguments of the function.
 
     Raises:
-        UnsupportedError: the model computes with what a scalar kernel cannot express.
+        UnsupportedError: the model uses operations that a scalar kernel does not have.
     """
 
-    def __init__(self, flight: Flight, params: Params, state: State) -> None:
-        self.flight = flight
+    def __init__(self, crossing: PoincareReturn, params: Params, state: State) -> None:
+        self.crossing = crossing
         opened = jax.eval_shape(self._opened, params, state)
         self._shape = opened[1]
-        held, carry = jax.eval_shape(self._still, *opened)
-        self._plain = _Kernel(flight, held, carry, "way")
-        held, carry = jax.eval_shape(self._resting, *opened)
-        self._differentiated = _Kernel(flight, held, carry, "way with derivative")
-        # what is read at a way's end: all of it, and the rates of the state's numbers and then of the time,
-        # which come first in a carry
-        self._ends = _slots(jax.tree.leaves(self._plain.way.aloft))
-        self._rates = _slots(self._differentiated.way.rate[: len(numbers_of(state)) + 1])
+        held, carry = jax.eval_shape(self._without_tangent, *opened)
+        self._plain = _Kernel(crossing, held, carry, "return")
+        held, carry = jax.eval_shape(self._with_zero_tangent, *opened)
+        self._differentiated = _Kernel(crossing, held, carry, "return with derivative")
+        # slots that are read when a return has ended: all values, and the tangents of the state's float
+        # leaves and of the time, which come first in a carry
+        self._values = _slots(jax.tree.leaves(self._plain.lane_state.trajectory))
+        self._rates = _slots(self._differentiated.lane_state.rate[: len(float_leaves(state)) + 1])
         self._function = jax.custom_jvp(self._value)
         self._function.defjvp(self._slope)
 
     def __call__(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         return self._function(params, state)
 
-    def _opened(self, params: Params, state: State) -> tuple[Params, Aloft]:
-        return params, self.flight.begin(params, state)
+    def _opened(self, params: Params, state: State) -> tuple[Params, ReturnState]:
+        return params, self.crossing.begin(params, state)
 
-    def _still(self, params: Params, aloft: Aloft) -> Any:
-        """What a lane holds and carries, along no direction."""
-        return (params, []), _Way(aloft, [])
+    def _without_tangent(self, params: Params, trajectory: ReturnState) -> Any:
+        """What a lane holds and carries without a derivative."""
+        return (params, []), _LaneState(trajectory, [])
 
-    def _resting(self, params: Params, aloft: Aloft) -> Any:
-        """The same along a direction of zeros."""
-        nothing = jax.tree.map(jnp.zeros_like, (numbers_of(params), numbers_of(aloft)))
-        return (params, nothing[0]), _Way(aloft, nothing[1])
+    def _with_zero_tangent(self, params: Params, trajectory: ReturnState) -> Any:
+        """What a lane holds and carries, with a tangent of zeros."""
+        nothing = jax.tree.map(jnp.zeros_like, (float_leaves(params), float_leaves(trajectory)))
+        return (params, nothing[0]), _LaneState(trajectory, nothing[1])
 
     def _value(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
-        held, carry = self._still(*self._opened(params, state))
-        flown = self._fly(self._plain, vector((held, carry)), self._ends)
-        aloft, at = [], 0
+        held, carry = self._without_tangent(*self._opened(params, state))
+        ends = self._ends_of(self._plain, vector((held, carry)), self._values)
+        trajectory, at = [], 0
         for leaf in jax.tree.leaves(self._shape):
             size = int(np.prod(leaf.shape))
-            aloft.append(flown[at : at + size].reshape(leaf.shape).astype(leaf.dtype))
+            trajectory.append(ends[at : at + size].reshape(leaf.shape).astype(leaf.dtype))
             at += size
-        ended: Aloft = jax.tree.unflatten(jax.tree.structure(self._shape), aloft)
-        return ended.carry.t, ended.carry.state, self.flight.way(ended)
+        ended: ReturnState = jax.tree.unflatten(jax.tree.structure(self._shape), trajectory)
+        return ended.carry.t, ended.carry.state, self.crossing.status(ended)
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
         params, state = primals
@@ -143,33 +145,39 @@ class KernelFlights:
         rate = [dot for dot in rate if dot.dtype != jax.dtypes.float0]
 
         def begun(numbers: Any, moving: Any) -> Any:
-            aloft = self.flight.begin(with_numbers(params, numbers), with_numbers(state, moving))
-            return numbers_of(aloft), aloft
+            trajectory = self.crossing.begin(
+                with_float_leaves(params, numbers), with_float_leaves(state, moving)
+            )
+            return float_leaves(trajectory), trajectory
 
-        _, rate, aloft = jax.jvp(begun, (numbers_of(params), numbers_of(state)), (along, rate), has_aux=True)
-        flown = self._fly(self._differentiated, vector(((params, along), _Way(aloft, rate))), self._rates)
+        _, rate, trajectory = jax.jvp(
+            begun, (float_leaves(params), float_leaves(state)), (along, rate), has_aux=True
+        )
+        ends = self._ends_of(
+            self._differentiated, vector(((params, along), _LaneState(trajectory, rate))), self._rates
+        )
         pieces, at = [], 0
-        for leaf in (*numbers_of(state), jnp.zeros(())):
+        for leaf in (*float_leaves(state), jnp.zeros(())):
             size = int(np.prod(jnp.shape(leaf)))
-            pieces.append(flown[at : at + size].reshape(jnp.shape(leaf)))
+            pieces.append(ends[at : at + size].reshape(jnp.shape(leaf)))
             at += size
         value = self._function(params, state)
         *numbers, t = pieces
         return value, (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
-    def _fly(self, kernel: _Kernel, slots: jax.Array, read: np.ndarray) -> jax.Array:
-        """What stands in the slots `read` (n,) of a lane when its way has ended, from where it begins."""
+    def _ends_of(self, kernel: _Kernel, slots: jax.Array, read: np.ndarray) -> jax.Array:
+        """The slots `read` (n,) of a lane at the end of its return, from its slots at the beginning."""
         result = jax.ShapeDtypeStruct((read.size,), jnp.float64)
         return jax.pure_callback(partial(kernel, read), result, slots, vmap_method="legacy_vectorized")
 
 
 class _Kernel:
-    """Ways compiled for the CPU's cores, from what lanes hold and carry."""
+    """Returns compiled for the CPU's cores, from what lanes hold and carry."""
 
-    def __init__(self, flight: Flight, held: Any, carry: Any, title: str) -> None:
-        self._chunk = chunk_of(_Lane(flight), held, carry)  # type: ignore[arg-type]
-        self._run = cpu.compiled(self._chunk, f"{flight.model.name}, {title}")
-        self.way: _Way = self._chunk.carry
+    def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
+        self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
+        self._run = cpu.compiled(self._chunk, f"{crossing.model.name}, {title}")
+        self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
         slots = np.asarray(slots)
@@ -182,13 +190,13 @@ class _Kernel:
         kept = np.zeros((tiles * cpu.TILE, 0, 0))
         with ThreadPoolExecutor(_cores()) as pool:
             flat = room.reshape(tiles, -1)
-            list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _LOOKS), range(tiles)))
+            list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _POLLS), range(tiles)))
         found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu.TILE, -1)[back]
         return found.reshape(*slots.shape[:-1], read.size)
 
 
 def _different(lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The lanes that differ, and for each (n,) which of them it is: points may have been filled up."""
+    """The unique lanes, and for each lane (n,) the index of its equal: a batch may repeat a point."""
     seen: dict[bytes, int] = {}
     back = np.array([seen.setdefault(lane.tobytes(), len(seen)) for lane in lanes])
     return lanes[np.unique(back, return_index=True)[1]], back

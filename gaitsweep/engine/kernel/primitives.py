@@ -1,4 +1,4 @@
-"""What each of JAX's primitives does to arrays of nodes: a rule for each, by name."""
+"""The translation rules of JAX's primitives, by name."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
 
 
 def rule_for(name: str) -> Rule:
-    """The rule of a primitive; raises a refusal that names it where there is none."""
-    from gaitsweep.engine.kernel import arrays, control
-    from gaitsweep.engine.kernel import indexing as places
+    """The rule of a primitive.
 
-    for room in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, places.RULES, control.RULES):
-        if name in room:
-            return room[name]
+    Raises:
+        UnsupportedError: there is no rule of that name.
+    """
+    from gaitsweep.engine.kernel import arrays, control, indexing
+
+    for rules in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, indexing.RULES, control.RULES):
+        if name in rules:
+            return rules[name]
     raise refuse(f"the scalar kernel does not know JAX's operation '{name}'")
 
 
@@ -82,7 +85,7 @@ def _select_n(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 
 def _reduction(build: Callable[..., int], neutral: float | None = None) -> Rule:
-    """Elements put together along axes; `neutral` is what none at all give."""
+    """A reduction along axes; `neutral` is the result for no elements."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (array,), axes = args, equation.params["axes"]
@@ -103,7 +106,7 @@ def _reduction(build: Callable[..., int], neutral: float | None = None) -> Rule:
 
 
 def _arg_reduction(better: str) -> Rule:
-    """The first place of the largest or smallest element along one axis."""
+    """The first index of the largest or smallest element along one axis."""
 
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         (axis,) = equation.params["axes"]

@@ -1,4 +1,4 @@
-"""A scalar program: a graph of scalar operations without loops, each written once."""
+"""A scalar program: an acyclic graph of scalar operations without duplicates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gaitsweep.engine.kernel.operations import OPERATIONS
 Kind = Literal["f64", "f32", "int", "bool"]
 Value = float | int | bool
 
-# Whole numbers are carried as float64, exact up to 2^53, so that they share vector registers with the rest.
+# Integers are represented by float64, exact up to 2^53, so that they share vector registers with floats.
 _NUMPY: dict[str, type] = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bool_}
 
 
@@ -23,8 +23,8 @@ _NUMPY: dict[str, type] = {"f64": np.float64, "f32": np.float32, "int": np.float
 class Node:
     """One scalar operation.
 
-    `op` a name in `OPERATIONS`, or "constant" or "input"; `args` the nodes that it reads; `value` of a
-    constant, or an input's number.
+    `op` is a name in `OPERATIONS`, "constant" or "input"; `args` are the argument nodes; `value` is the value
+    of a constant, or the number of an input.
     """
 
     op: str
@@ -34,20 +34,21 @@ class Node:
 
 
 class Program:
-    """Nodes in the order in which they can be computed; a node is known by its place.
+    """Nodes in topological order; a node is identified by its index.
 
-    An operation that has been written before is not written again, and what can be worked out now is:
-    see `gaitsweep.engine.kernel.fold`.
+    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.fold`).
     """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
-        self.steady: list[bool] = []  # known before the time loop: constants, steady inputs, what follows
+        self.steady: list[
+            bool
+        ] = []  # constant along a trajectory: constants, steady inputs, and functions of these
         self._known: dict[tuple, int] = {}
 
     def constant(self, value: Value, kind: Kind) -> int:
         typed = _NUMPY[kind](value).item()
-        # by its bits: 0.0 and -0.0 differ, NaN is itself
+        # by representation: 0.0 and -0.0 differ, NaN equals itself
         key = ("constant", kind, repr(typed))
         return self._add(key, Node("constant", (), kind, typed), True)
 
@@ -55,24 +56,24 @@ class Program:
         return self._add(("input", number), Node("input", (), kind, number), steady)
 
     def apply(self, op: str, *args: int) -> int:
-        """The node of an operation on nodes: a new one, an old one, or a constant."""
+        """The node of an operation on nodes, after simplification."""
         found = simplified(self, op, args)
         return self.write(op, *args) if found is None else found
 
     def write(self, op: str, *args: int) -> int:
-        """The node of an operation as it stands, without simplification."""
+        """The node of an operation on nodes, without simplification."""
         kind = OPERATIONS[op].kind
         chosen: Kind = self.nodes[args[-1]].kind if kind == "same" else kind  # type: ignore[assignment]
         node = Node(op, args, chosen)
         return self._add((op, args), node, all(self.steady[a] for a in args))
 
     def value(self, at: int) -> Value | None:
-        """A constant's value; None for any other node."""
+        """The value of a constant; None for another node."""
         node = self.nodes[at]
         return node.value if node.op == "constant" else None
 
     def evaluated(self, op: str, args: Sequence[int]) -> int | None:
-        """The constant that an operation on constants gives, in the arithmetic of its kind."""
+        """The constant result of an operation on constants, in the arithmetic of their kind; else None."""
         operation = OPERATIONS[op]
         values = [self.value(a) for a in args]
         if any(value is None for value in values):
@@ -86,7 +87,7 @@ class Program:
         return self.constant(result, kind)
 
     def needed(self, wanted: Iterable[int], given: Container[int] = ()) -> list[int]:
-        """The nodes on which `wanted` depend, themselves included, in order; none behind what is `given`."""
+        """The nodes on which `wanted` depend, in order, these included; arguments of `given` are left out."""
         reached: set[int] = set()
         waiting = list(wanted)
         while waiting:

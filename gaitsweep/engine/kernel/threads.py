@@ -1,8 +1,9 @@
-"""A chunk's program for an NVIDIA GPU: a thread for each trajectory, compiled by numba-cuda.
+"""The program of a chunk for an NVIDIA GPU: one thread for each trajectory, compiled by numba-cuda.
 
-Slots lie lane by lane, so that neighbouring threads read neighbouring numbers. The carry lives in registers,
-the record where it lies. What stays the same along a trajectory is worked out once, as it is placed; if it
-is the same in all rows it reaches the threads as an argument, which costs them no register.
+Memory is ordered slot by slot and, inside a slot, lane by lane, so that neighbouring threads read
+neighbouring numbers. The carry is kept in registers, the record in memory. Values that are constant along a
+trajectory are computed once, when it is placed in its lane; those that are equal in all rows are kernel
+arguments, which need no registers.
 """
 
 from __future__ import annotations
@@ -12,10 +13,9 @@ from collections.abc import Collection, Iterable
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import loaded, statements, stored
 from gaitsweep.engine.kernel.lower import KINDS
-from gaitsweep.engine.recorders.recorder import CADENCE
+from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-# Registers of a thread: all that it may have. With fewer, more threads fit on the card at once, but what no
-# longer fits goes to memory, and that costs more.
+# Registers of a thread: the maximum. With fewer, more threads run at once, but spilled registers cost more.
 REGISTERS = 255
 
 _HEAD = """# Written by gaitsweep: {title}
@@ -57,7 +57,7 @@ def put_rows(kept, lanes, rows):
 _RUN = """
 
 @cuda.jit(cache=True, max_registers={registers})
-def run(S, kept, n, looks, same):
+def run(S, kept, n, polls, same):
     i = cuda.grid(1)
     if i >= n:
         return
@@ -65,12 +65,12 @@ def run(S, kept, n, looks, same):
         return
     own = read_own(S, n, i)
     c = read_carry(S, n, i)
-    for _ in range(looks):
-        for _ in range({cadence}):
+    for _ in range(polls):
+        for _ in range({interval}):
             if c[{halt}] != 0.0:
                 break
             c = attempt(own, same, c)
-        c = look(S, kept, n, i, own, same, c)
+        c = poll(S, kept, n, i, own, same, c)
         if S[{status} * n + i] != 0.0:
             break
     write_carry(S, n, i, c)
@@ -78,9 +78,9 @@ def run(S, kept, n, looks, same):
 
 
 def placing(chunk: Chunk, title: str) -> str:
-    """The module that sets lanes: `put(S, n, lanes, opened)` and `put_rows(kept, lanes, rows)`.
+    """The source of the module that fills lanes: `put(S, n, lanes, opened)`, `put_rows(kept, lanes, rows)`.
 
-    `S` (slots * n) float64, n lanes; `opened` (slots, len(lanes)) what the slots get.
+    `S` (slots * n,) float64 has n lanes; `opened` (slots, len(lanes)) are the new values of the slots.
     """
     program, nodes = chunk.program, list(chunk.steady.values())
     lines, names = _loads(chunk, program.needed(nodes))
@@ -93,15 +93,15 @@ def placing(chunk: Chunk, title: str) -> str:
 
 
 def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """The module whose kernel `run(S, kept, n, looks, same)` advances n lanes by up to `looks` looks.
+    """The source of the kernel `run(S, kept, n, polls, same)`, which advances n lanes by up to `polls` polls.
 
-    `S` (slots * n) float64; `kept` (BUFFER * width * n) gets the rows that are kept; `same` the values of
-    `same(chunk, varying)`; `varying` the held slots that differ from row to row.
+    `S` (slots * n,) float64; `kept` (BUFFER * width * n,) receives the rows to keep; `same` are the values of
+    the nodes `same(chunk, varying)`; `varying` are the slots of constants that differ between rows.
     """
     thread = _Thread(chunk, varying)
     run = _RUN.format(
         registers=REGISTERS,
-        cadence=CADENCE,
+        interval=POLL_INTERVAL,
         status=chunk.record.status.first,
         halt=thread.carry.index(chunk.carry.halt.first),
     )
@@ -109,14 +109,14 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
 
 
 def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
-    """The nodes that are the same in all rows, with their slots, in the order in which threads take them."""
+    """The nodes with equal values in all rows and their slots, in the order of the kernel's argument."""
     return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
 
 
 def _steady(chunk: Chunk) -> dict[int, int]:
-    """What stays the same along a trajectory and is read by attempts or looks: nodes, with their slots."""
+    """The nodes that are constant along a trajectory and read by attempts or polls, with their slots."""
     given = {at: slot for slot, at in chunk.steady.items()}
-    wanted = [*chunk.attempt.values(), *chunk.look.values(), *chunk.row, chunk.keep]
+    wanted = [*chunk.attempt.values(), *chunk.poll.values(), *chunk.row, chunk.keep]
     for at in chunk.program.needed(wanted, given):
         node = chunk.program.nodes[at]
         if node.op == "input" and chunk.program.steady[at]:
@@ -138,7 +138,7 @@ def _write(chunk: Chunk, at: int, slot: int, value: str) -> str:
 
 
 def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str]]:
-    """Lines that read from memory the inputs among `nodes`, and their names."""
+    """Lines that load the inputs among `nodes` from memory, and the names of these."""
     slots = {at: chunk.slot_of(at) for at in nodes if chunk.program.nodes[at].op == "input"}
     lines = [f"r{slot} = {_read(chunk, at, slot)}" for at, slot in slots.items()]
     return lines, {at: f"r{slot}" for at, slot in slots.items()}
@@ -150,11 +150,11 @@ def _stage(name: str, parameters: str, lines: list[str], kinds: str = "") -> str
 
 
 class _Thread:
-    """The stages of one thread: `c` the carry, `own` and `same` what stays as it is along a trajectory."""
+    """The stages of one thread; `c` is the carry, `own` and `same` are constant along a trajectory."""
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
         self.chunk = chunk
-        self.looked = [*chunk.look.values(), *chunk.row, chunk.keep]
+        self.polled = [*chunk.poll.values(), *chunk.row, chunk.keep]
         steady = _steady(chunk)
         self.own = {at: slot for at, slot in steady.items() if _varies(chunk, at, varying)}
         self._carried = self._carried_inputs()
@@ -165,10 +165,10 @@ class _Thread:
         self._names |= {at: f"same[{k}]" for k, at in enumerate(same(chunk, varying))}
 
     def _carried_inputs(self) -> dict[int, int]:
-        """Inputs of the carry that something reads or that an attempt or a look changes, with their slots."""
+        """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
         chunk, nodes = self.chunk, self.chunk.program.nodes
-        read = set(chunk.program.needed([*chunk.attempt.values(), *self.looked]))
-        changed = {*chunk.attempt, *chunk.look}
+        read = set(chunk.program.needed([*chunk.attempt.values(), *self.polled]))
+        changed = {*chunk.attempt, *chunk.poll}
         inputs = {at: chunk.slot_of(at) for at, node in enumerate(nodes) if node.op == "input"}
         return {
             at: slot
@@ -187,12 +187,12 @@ class _Thread:
             _stage("read_own", "S, n, i", [_given(own)], self._letters(self.own) or "d"),
             _stage("read_carry", "S, n, i", [_given(carry)], self._kinds),
             self._attempt(),
-            self._look(),
+            self._poll(),
             _stage("write_carry", "S, n, i, c", back),
         ]
 
     def _attempt(self) -> str:
-        # a trajectory that waits makes no attempt
+        # a waiting trajectory makes no attempt
         halt = self.chunk.carry.halt.first
         going = {at: "0.0" for at, slot in self._carried.items() if slot == halt}
         wanted = list(self.chunk.attempt.values())
@@ -200,26 +200,26 @@ class _Thread:
         changed = dict(zip(self.chunk.attempt, results, strict=True))
         return _stage("attempt", "own, same, c", [*lines, self._moved(changed)], self._kinds)
 
-    def _look(self) -> str:
+    def _poll(self) -> str:
         chunk, program = self.chunk, self.chunk.program
-        reached = program.needed(self.looked, self._names)
+        reached = program.needed(self.polled, self._names)
         lines, names = _loads(chunk, (at for at in reached if at not in self._names))
-        more, results = statements(program, self.looked, self._names | names)
-        changed = dict(zip(chunk.look, results, strict=False))
+        more, results = statements(program, self.polled, self._names | names)
+        changed = dict(zip(chunk.poll, results, strict=False))
         lines += more
         if chunk.width:
             lines += [f"if {results[-1]}:", f"    place = int(S[{chunk.record.filled.first} * n + i])"]
-            kept = zip(chunk.row, results[len(chunk.look) : -1], strict=True)
+            kept = zip(chunk.row, results[len(chunk.poll) : -1], strict=True)
             lines += [
                 f"    kept[(place * {chunk.width} + {k}) * n + i] = {stored(program.nodes[at].kind, value)}"
                 for k, (at, value) in enumerate(kept)
             ]
-        record = ((slot, at) for slot, at in chunk.look.items() if slot >= chunk.first_of_record)
+        record = ((slot, at) for slot, at in chunk.poll.items() if slot >= chunk.first_of_record)
         lines += [_write(chunk, at, slot, changed[slot]) for slot, at in record]
-        return _stage("look", "S, kept, n, i, own, same, c", [*lines, self._moved(changed)], self._kinds)
+        return _stage("poll", "S, kept, n, i, own, same, c", [*lines, self._moved(changed)], self._kinds)
 
     def _moved(self, changed: dict[int, str]) -> str:
-        """The carry after a stage: what changed, and what stayed."""
+        """The carry after a stage, from changed and unchanged values."""
         return _given([changed.get(slot, f"c[{k}]") for k, slot in enumerate(self.carry)])
 
 

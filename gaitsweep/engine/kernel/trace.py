@@ -1,7 +1,7 @@
-"""From a JAX function of one trajectory to a scalar program: its jaxpr, read array by array.
+"""Translates a JAX function of one trajectory, by its jaxpr, to a scalar program.
 
-Each array is carried as an array of the same shape whose elements are nodes of the program, so that
-reshaping, slicing and indexing cost nothing: only arithmetic on scalars is left.
+An array is represented by an array of the same shape whose elements are nodes of the program, so reshaping,
+slicing and indexing cost nothing: only scalar arithmetic remains.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from gaitsweep.engine.kernel.program import Kind, Program
 
-Nodes = np.ndarray  # of int64: the program's nodes, in the shape of the array that they stand for
+Nodes = (
+    np.ndarray
+)  # of int64: the nodes of the program that represent the elements of an array of the same shape
 
 
 class UnsupportedError(Exception):
-    """A model computes with what the scalar kernel cannot express; the message names it and where."""
+    """A model uses an operation that the scalar kernel does not have; the message names it and its place."""
 
 
 class _Refusal(UnsupportedError):
-    """A rule cannot read an equation, of which it does not know the place; raised by `refuse`."""
+    """A rule cannot translate an equation, whose place in the source it does not know; see `refuse`."""
 
 
 @dataclasses.dataclass
@@ -38,13 +40,13 @@ class Traced:
 
 
 class Tracer:
-    """Reads jaxprs into one program."""
+    """Translates jaxprs into one program."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
 
     def read(self, closed: ClosedJaxpr, args: Sequence[Nodes]) -> list[Nodes]:
-        """The outputs of a closed jaxpr for these inputs."""
+        """The output nodes of a closed jaxpr with these input nodes."""
         consts = [self.constants(np.asarray(value)) for value in closed.consts]
         return self.read_open(closed.jaxpr, consts, args)
 
@@ -63,15 +65,15 @@ class Tracer:
                 given = rule_for(equation.primitive.name)(self, equation, [get(a) for a in equation.invars])
             except _Refusal as refusal:
                 place = _place(equation)
-                if not place:  # inside a function of JAX's own: the equation that calls it may know
+                if not place:  # inside a function of JAX: the calling equation may have a place
                     raise
                 raise UnsupportedError(f"{refusal}{place}") from refusal
-            # a row of a list of nodes is one of NumPy's scalars, no array
+            # indexing may return NumPy scalars instead of arrays
             known.update(zip(equation.outvars, map(np.asarray, given), strict=True))
         return [get(atom) for atom in jaxpr.outvars]
 
     def inputs(self, tree: Any, first: int, *, steady: bool) -> list[Nodes]:
-        """Nodes for each leaf of a tree of arrays or of their shapes: inputs numbered from `first` on."""
+        """Input nodes, numbered from `first`, for each leaf of a pytree of arrays or of shapes."""
         arrays = []
         for shape, kind in leaves_of(tree):
             size = int(np.prod(shape))
@@ -86,25 +88,25 @@ class Tracer:
         return np.array(flat, np.int64).reshape(values.shape)
 
     def each(self, function: Callable[..., int], *arrays: Nodes) -> Nodes:
-        """`function` of nodes, element by element; arrays of shape () serve all elements."""
+        """`function` of nodes, element by element, with broadcasting."""
         shape = np.broadcast_shapes(*(a.shape for a in arrays))
         columns = [np.broadcast_to(a, shape).ravel().tolist() for a in arrays]
         return np.array([function(*row) for row in zip(*columns, strict=True)], np.int64).reshape(shape)
 
     def known(self, nodes: Nodes) -> np.ndarray | None:
-        """The values of an array of constants; None where one of them is not."""
+        """The values of an array of constants; None if a node is not a constant."""
         values = [self.program.value(at) for at in nodes.ravel().tolist()]
         return None if any(v is None for v in values) else np.array(values).reshape(nodes.shape)
 
 
 def refuse(reason: str) -> UnsupportedError:
-    """The error to raise where a rule cannot read its equation; whoever reads on adds the place."""
+    """The error to raise if a rule cannot translate its equation; the tracer adds the place in the source."""
     return _Refusal(reason)
 
 
 def kind_of(dtype: Any) -> Kind:
-    """How scalars of an array's type are carried."""
-    if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as keys of random numbers
+    """The kind of node that represents scalars of a dtype."""
+    if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as random number keys
         if np.dtype(dtype) == np.bool_:
             return "bool"
         if np.dtype(dtype).kind in "iu":
@@ -117,20 +119,20 @@ def kind_of(dtype: Any) -> Kind:
 
 
 def leaves_of(tree: Any) -> list[tuple[tuple[int, ...], Kind]]:
-    """Shape and kind of each leaf of a tree of arrays or of their shapes."""
+    """Shape and kind of each leaf of a pytree of arrays or of shapes."""
     return [(tuple(leaf.shape), kind_of(leaf.dtype)) for leaf in jax.tree.leaves(tree)]
 
 
 def trace(function: Callable[..., Any], *trees: Any, steady: Sequence[bool]) -> Traced:
-    """The program of `function` at these (trees of) scalars and small arrays.
+    """The scalar program of `function` for arguments of these shapes.
 
     Args:
         function: a pure JAX function of one trajectory.
-        trees: its arguments, as arrays or as shapes with types.
-        steady: for each argument, whether it stays the same along a trajectory.
+        trees: its arguments, pytrees of arrays or of shapes with dtypes.
+        steady: for each argument, whether it is constant along a trajectory.
 
     Raises:
-        UnsupportedError: the function computes with what the kernel cannot express.
+        UnsupportedError: the function uses an operation that the kernel does not have.
     """
     closed = jax.make_jaxpr(function)(*trees)
     program = Program()
@@ -144,7 +146,7 @@ def trace(function: Callable[..., Any], *trees: Any, steady: Sequence[bool]) -> 
 
 
 def _place(equation: Any) -> str:
-    """Where in the model's source an equation comes from, if JAX knows."""
+    """The line of the model's source that an equation comes from, in words, if JAX knows it."""
     try:
         from jax._src import source_info_util
 

@@ -1,1 +1,1 @@
-"""Poincare maps: a state from one crossing of the section to the next, with its derivative."""
+"""Poincare maps: returns to the section, with their derivatives."""

@@ -1,4 +1,4 @@
-"""Maps of points to points, evaluated and differentiated for many points at once."""
+"""Discrete maps on a space of coordinates, evaluated and differentiated for a batch of points."""
 
 from __future__ import annotations
 
@@ -13,23 +13,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Quantity
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
-# Points evaluated together: more are taken in turns, fewer are filled up to the next of these numbers by
-# repeating the last, which costs kernels nothing; so few sizes are ever compiled.
-TOGETHER = (1, 8, 64)
-MOST_TOGETHER = TOGETHER[-1]
+# Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
+# size by repeating its last point, which costs kernels nothing.
+BATCH_SIZES = (1, 8, 64)
 
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["at", "like"], meta_fields=[])
+@partial(jax.tree_util.register_dataclass, data_fields=["at", "modes"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
 class Points:
-    """Many points: their coordinates `at` (n, size), and the states `like` whose modes they have."""
+    """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
 
     at: np.ndarray
-    like: Any
+    modes: Any
 
     def __len__(self) -> int:
         return len(self.at)
@@ -38,74 +37,84 @@ class Points:
         return jax.tree.map(lambda leaf: leaf[which], self)
 
     def merged(self, which: np.ndarray, others: Points) -> Points:
-        """These points, with `others` in the places `which`."""
+        """These points, with those at the indices `which` replaced by `others`."""
         return jax.tree.map(partial(_put, which), self, others)
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["points", "way", "observed", "kept", "jacobian", "slope", "kept_jacobian", "kept_slope"],
+    data_fields=[
+        "points",
+        "status",
+        "observed",
+        "conserved_values",
+        "jacobian",
+        "d_parameter",
+        "conserved_jacobian",
+        "conserved_d_parameter",
+    ],
     meta_fields=[],
 )
 @dataclasses.dataclass(frozen=True)
-class Images:
-    """What a map makes of n points.
+class MapEvaluation:
+    """The images of n points under a map, and their derivatives.
 
-    `points` the images; `way` (n,) how each was reached, a `Way`; `observed` (n,) by name; `kept` (n, k) the
-    conserved quantities of the points themselves, and `kept_jacobian` (n, k, size) their derivative over the
-    points' coordinates. Where they were asked for, the other derivatives: `jacobian` (n, size, size) of the
-    images (else NaN), and over a parameter `slope` (n, size) and `kept_slope` (n, k) (else 0).
+    `points` are the images; `status` (n,) their `ReturnStatus`; `observed` the observables (n,) by name;
+    `conserved_values` (n, k) the conserved quantities at the points themselves, and `conserved_jacobian`
+    (n, k, size) their derivative by the points' coordinates. If requested: `jacobian` (n, size, size) of the
+    images (else NaN); the derivatives by a parameter, `d_parameter` (n, size) of the images and
+    `conserved_d_parameter` (n, k) of the conserved quantities (else 0).
     """
 
     points: Points
-    way: np.ndarray
+    status: np.ndarray
     observed: dict[str, np.ndarray]
-    kept: np.ndarray
+    conserved_values: np.ndarray
     jacobian: np.ndarray
-    slope: np.ndarray
-    kept_jacobian: np.ndarray
-    kept_slope: np.ndarray
+    d_parameter: np.ndarray
+    conserved_jacobian: np.ndarray
+    conserved_d_parameter: np.ndarray
 
-    def __getitem__(self, which: Any) -> Images:
+    def __getitem__(self, which: Any) -> MapEvaluation:
         return jax.tree.map(lambda leaf: leaf[which], self)
 
-    def merged(self, which: np.ndarray, others: Images) -> Images:
-        """These images, with `others` in the places `which`."""
+    def merged(self, which: np.ndarray, others: MapEvaluation) -> MapEvaluation:
+        """These images, with those at the indices `which` replaced by `others`."""
         return jax.tree.map(partial(_put, which), self, others)
 
     @property
     def sound(self) -> np.ndarray:
         """Where the map is defined, (n,)."""
-        return self.way == Way.crossed
+        return self.status == ReturnStatus.crossed
 
 
 class Map(abc.ABC):
-    """A map of a space of coordinates into itself, with parameters; hashable, compiled programs are kept."""
+    """A map of a space of coordinates into itself, with parameters; hashable, since programs are cached."""
 
     @property
     @abc.abstractmethod
     def coordinates(self) -> tuple[Quantity, ...]:
-        """What each coordinate is; angles marked circular."""
+        """The coordinates, in order; angles are marked circular."""
 
     @property
     def conserved(self) -> tuple[Quantity, ...]:
-        """What the map leaves as it is."""
+        """The quantities that the map conserves."""
         return ()
 
     @abc.abstractmethod
-    def follow(self, values: Values, at: jax.Array, like: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
-        """The image of one point, in JAX: its coordinates and state, its `Way`, what is observed there."""
+    def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+        """The image of one point, in JAX: its coordinates, its state, its `ReturnStatus`, its observables."""
 
-    def kept(self, values: Values, at: jax.Array) -> jax.Array:
-        """The `conserved` quantities (k,) at one point, in JAX."""
+    def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
+        """The values (k,) of the `conserved` quantities at one point, in JAX."""
         return jnp.zeros((len(self.conserved),))
 
     @abc.abstractmethod
     def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
-        """All values that `follow` reads, (n,) each, from those given."""
+        """All parameters that `follow` reads, (n,) each: the given values, then the defaults."""
 
     def refined(self) -> Map | None:
-        """The same map worked out more finely, or None where there is nothing to make finer."""
+        """The same map with a finer integration; None where it has no numerical error."""
         return None
 
     @property
@@ -113,63 +122,67 @@ class Map(abc.ABC):
         """Which coordinates are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
 
-    def apart(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """a - b of coordinates (..., size), angles by the shorter way."""
-        return shorter(a - b, self.circular)
+    def difference(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a - b of coordinates (..., size); differences of angles are wrapped."""
+        return wrap_difference(a - b, self.circular)
 
-    def images(self, points: Points, values: Values) -> Images:
+    def images(self, points: Points, values: Values) -> MapEvaluation:
         """The images of many points."""
         return self._evaluated(points, values, None, derivatives=False)
 
-    def linearised(self, points: Points, values: Values, over: str | None = None) -> Images:
-        """The images with their derivatives, over the points and over the parameter `over`."""
+    def linearised(self, points: Points, values: Values, over: str | None = None) -> MapEvaluation:
+        """The images with their derivatives by the coordinates and by the parameter `over`."""
         return self._evaluated(points, values, over, derivatives=True)
 
-    def _evaluated(self, points: Points, values: Values, over: str | None, derivatives: bool) -> Images:
+    def _evaluated(
+        self, points: Points, values: Values, over: str | None, derivatives: bool
+    ) -> MapEvaluation:
         program = _program(self, over, derivatives)
         held = self.complete(values, len(points))
         found = []
-        for first in range(0, len(points), MOST_TOGETHER):
-            count = min(MOST_TOGETHER, len(points) - first)
-            room = next(size for size in TOGETHER if size >= count)
+        for first in range(0, len(points), BATCH_SIZES[-1]):
+            count = min(BATCH_SIZES[-1], len(points) - first)
+            room = next(size for size in BATCH_SIZES if size >= count)
             order = np.minimum(first + np.arange(room), first + count - 1)
             some = points[order]
-            given = program({name: each[order] for name, each in held.items()}, some.at, some.like)
+            given = program({name: each[order] for name, each in held.items()}, some.at, some.modes)
             found.append(jax.tree.map(lambda leaf, n=count: np.asarray(leaf)[:n], given))
-        image, state, way, observed, kept, slopes = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
+        image, state, status, observed, conserved, slopes = jax.tree.map(
+            lambda *parts: np.concatenate(parts), *found
+        )
         size = points.at.shape[1]
-        return Images(
+        return MapEvaluation(
             points=Points(image, state),
-            way=way,
+            status=status,
             observed=observed,
-            kept=kept,
+            conserved_values=conserved,
             jacobian=slopes[:, :size, :size],
-            slope=slopes[:, :size, size:].sum(axis=2),
-            kept_jacobian=slopes[:, size:, :size],
-            kept_slope=slopes[:, size:, size:].sum(axis=2),
+            d_parameter=slopes[:, :size, size:].sum(axis=2),
+            conserved_jacobian=slopes[:, size:, :size],
+            conserved_d_parameter=slopes[:, size:, size:].sum(axis=2),
         )
 
 
 @lru_cache(maxsize=64)
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
-    """The map of many points, compiled for each number of them."""
+    """The map of a batch of points, compiled for each batch size."""
 
-    def one(values: Any, at: jax.Array, like: Any) -> Any:
+    def one(values: Any, at: jax.Array, modes: Any) -> Any:
         size = at.size
 
         def moved(x: jax.Array) -> Any:
             here = values if over is None else {**values, over: x[size]}
-            image, state, way, observed = mapping.follow(here, x[:size], like)
-            kept = mapping.kept(here, x[:size])
-            return jnp.concatenate([image, kept]), (image, state, way, observed, kept)
+            image, state, status, observed = mapping.follow(here, x[:size], modes)
+            conserved = mapping.conserved_values(here, x[:size])
+            return jnp.concatenate([image, conserved]), (image, state, status, observed, conserved)
 
         x = at if over is None else jnp.concatenate([at, values[over][None]])
         if derivatives:
             slopes, found = jax.jacfwd(moved, has_aux=True)(x)
         else:
             _, found = moved(x)
-            kept = jax.jacfwd(lambda at: mapping.kept(values, at))(at)
-            slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), kept])
+            gradients = jax.jacfwd(lambda at: mapping.conserved_values(values, at))(at)
+            slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
         return (*found, slopes)
 
     return jax.jit(jax.vmap(one))
@@ -181,7 +194,7 @@ def _put(which: np.ndarray, mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     return mine
 
 
-def shorter(difference: np.ndarray, circular: np.ndarray) -> np.ndarray:
-    """Differences, those of angles (rad) brought to the shorter way around."""
+def wrap_difference(difference: np.ndarray, circular: np.ndarray) -> np.ndarray:
+    """Differences, with those of angles (rad) wrapped to [-pi, pi]."""
     turns = np.round(difference / (2.0 * np.pi))
     return np.where(circular, difference - 2.0 * np.pi * turns, difference)

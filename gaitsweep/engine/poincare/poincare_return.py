@@ -1,4 +1,4 @@
-"""One trajectory on its way from the section to its next crossing."""
+"""One return of a trajectory to the Poincare section: its state, its functions, its result code."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, State
 from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
+from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
 
-# Nominal periods within which a crossing has to come.
+# Nominal periods within which a return has to end.
 LATEST = 4.0
 
 
-class Way(enum.IntEnum):
-    """How the way to the next crossing ended, with a sentence each."""
+class ReturnStatus(enum.IntEnum):
+    """The result code of a return, with its sentence."""
 
     crossed = 0, "The section was crossed."
     late = 1, "No crossing came within four nominal periods."
@@ -34,28 +35,35 @@ class Way(enum.IntEnum):
     sentence: str
 
     def __new__(cls, number: int, sentence: str) -> Self:
-        way = int.__new__(cls, number)
-        way._value_, way.sentence = number, sentence
-        return way
+        status = int.__new__(cls, number)
+        status._value_, status.sentence = number, sentence
+        return status
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["carry", "stages", "limit"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
-class Aloft:
-    """A trajectory on its way: its carry, the `stages` of a step that is worked out one by one (else None),
-    and the attempts at its `limit`."""
+class ReturnState:
+    """A trajectory between two crossings.
+
+    `carry` is the engine's; `stages` are the stages of the current step where it is computed stage by stage
+    (else None); `limit` is the largest number of attempts.
+    """
 
     carry: Carry
     stages: Stages | None
     limit: jax.Array
 
 
-class Flight:
-    """The functions of such a way, for every engine.
+class PoincareReturn:
+    """The functions of one return, which every engine iterates in its own way.
 
-    With located events, derivatives (forward mode) are right through all of them, their times included.
-    Where the numerics take steps of fixed length nothing is located, and `differentiable` is False. `share`
-    makes steps shorter, and tolerances finer.
+    With located events, forward-mode derivatives are exact through all events, event times included. With
+    fixed steps no event is located, and `differentiable` is False.
+
+    Args:
+        model: the model.
+        numerics: the method and its tolerances.
+        share: factor on the step lengths, at most 1; tolerances become finer accordingly.
     """
 
     def __init__(self, model: Model, numerics: Numerics, share: float = 1.0) -> None:
@@ -69,36 +77,39 @@ class Flight:
             self._evaluate = None
             self._advance = advance(model, numerics, sensitivities=self.differentiable)
 
-    def begin(self, params: Params, state: State) -> Aloft:
-        """The trajectory that starts from a state just after its crossing's jump."""
-        # how long steps are changes with the parameters, but no result depends on it
+    def begin(self, params: Params, state: State) -> ReturnState:
+        """The trajectory that starts from a state just after the jump of a crossing."""
+        # the step length depends on the parameters, but the result does not depend on the step length
         dt = self.share * jax.lax.stop_gradient(step_of(self.model, self.numerics, params))
         stop = LATEST * self.model.period(params)
         carry = start(self.model, params, state, dt=dt, stop=stop, share=self.share)
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
         if self._evaluate is None:
-            return Aloft(carry, None, limit)
+            return ReturnState(carry, None, limit)
         assert isinstance(self.model, HybridModel)
-        return Aloft(*begin(self.model, params, carry), limit)
+        return ReturnState(*begin(self.model, params, carry), limit)
 
-    def attempt(self, params: Params, aloft: Aloft) -> Aloft:
-        """The trajectory an attempt, or a stage of one, later."""
+    def attempt(self, params: Params, trajectory: ReturnState) -> ReturnState:
+        """The trajectory after one more attempt, or one more stage of an attempt."""
         if self._evaluate is None:
-            return dataclasses.replace(aloft, carry=self._advance(params, aloft.carry))
-        assert aloft.stages is not None
-        return Aloft(*self._evaluate(params, (aloft.carry, aloft.stages)), aloft.limit)
+            return dataclasses.replace(trajectory, carry=self._advance(params, trajectory.carry))
+        assert trajectory.stages is not None
+        return ReturnState(*self._evaluate(params, (trajectory.carry, trajectory.stages)), trajectory.limit)
 
-    def ended(self, aloft: Aloft) -> jax.Array:
-        """Whether the way is over."""
-        carry = aloft.carry
-        return (carry.halt != GOING) | stalled(carry) | (carry.attempts > aloft.limit)
+    def ended(self, trajectory: ReturnState) -> jax.Array:
+        """Whether the return has ended, by a crossing or otherwise."""
+        carry = trajectory.carry
+        return (carry.halt != GOING) | stalled(carry) | (carry.attempts > trajectory.limit)
 
-    def way(self, aloft: Aloft) -> jax.Array:
-        """How it ended, a `Way`."""
-        carry = aloft.carry
-        numbers = [x for x in jax.tree.leaves(carry.state) if jnp.issubdtype(x.dtype, jnp.floating)]
-        sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in [carry.t, *numbers]]))
-        stuck = stalled(carry) | (carry.attempts > aloft.limit)
-        missed = jnp.where(stuck, Way.stalled, jnp.where(carry.halt == FAILED, Way.fell, Way.late))
-        way = jnp.where(sound, jnp.where(carry.halt == CROSSING, Way.crossed, missed), Way.lost)
-        return way.astype(jnp.int32)
+    def status(self, trajectory: ReturnState) -> jax.Array:
+        """The `ReturnStatus` of a return that has ended."""
+        carry = trajectory.carry
+        sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in [carry.t, *float_leaves(carry.state)]]))
+        stuck = stalled(carry) | (carry.attempts > trajectory.limit)
+        missed = jnp.where(
+            stuck,
+            ReturnStatus.stalled,
+            jnp.where(carry.halt == FAILED, ReturnStatus.fell, ReturnStatus.late),
+        )
+        crossed = jnp.where(carry.halt == CROSSING, ReturnStatus.crossed, missed)
+        return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)

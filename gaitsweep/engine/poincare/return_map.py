@@ -1,7 +1,7 @@
-"""The return map of a model's section: a state just after a crossing to that just after the next.
+"""The return map of a model's section: from the state just after a crossing to that after the next one.
 
-Its coordinates are those of the model's chart, or all numbers of a state where it has none: then the map is
-the same map in a larger space, with a multiplier 0 for each number that the section or the flow decides.
+Its coordinates are those of the model's chart. A model without a chart uses all float variables of its state:
+the same map in a larger space, with a multiplier 0 for each variable that the section or the flow determines.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
+from gaitsweep.engine.leaves import float_leaves, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import Way
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.section_map import crossing_of
-from gaitsweep.engine.sweep.leaves import numbers_of, with_numbers
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
 
 @dataclasses.dataclass(frozen=True)
-class AllNumbers(Chart):
-    """All numbers of a state as coordinates, for models without a chart; `names` of them."""
+class AllVariables(Chart):
+    """All float variables of a state as coordinates, for models without a chart; `names` are their names."""
 
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, state: State) -> AllNumbers:
-        """The numbers of states like this one."""
+    def of(cls, state: State) -> AllVariables:
+        """The chart of states like this one."""
         names: list[str] = []
         for field in dataclasses.fields(state):
-            for leaf in numbers_of(getattr(state, field.name)):
+            for leaf in float_leaves(getattr(state, field.name)):
                 shape = np.shape(leaf)
                 names += ["_".join([field.name, *(str(i + 1) for i in at)]) for at in np.ndindex(*shape)]
         return cls(tuple(names))
@@ -48,13 +48,13 @@ class AllNumbers(Chart):
         return tuple(Quantity(name, "", f"{name} of the state") for name in self.names)
 
     def read(self, params: Params, state: State) -> jax.Array:
-        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in numbers_of(state)])
+        return jnp.concatenate([jnp.ravel(leaf).astype(jnp.float64) for leaf in float_leaves(state)])
 
-    def place(self, params: Params, at: jax.Array, like: State) -> State:
-        leaves = numbers_of(like)
+    def place(self, params: Params, at: jax.Array, modes: State) -> State:
+        leaves = float_leaves(modes)
         cuts = np.cumsum([leaf.size for leaf in leaves])[:-1]
         pieces = jnp.split(at, cuts.tolist())
-        return with_numbers(like, [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves)])  # noqa: B905
+        return with_float_leaves(modes, [p.reshape(x.shape).astype(x.dtype) for p, x in zip(pieces, leaves)])  # noqa: B905
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ReturnMap(Map):
             size, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it.
         cycles: crossings from a point to its image.
-        share: by which steps are shorter than the numerics say, and tolerances finer.
+        share: factor on the step lengths, at most 1; tolerances become finer accordingly.
     """
 
     model: Model
@@ -80,13 +80,13 @@ class ReturnMap(Map):
     share: float = 1.0
 
     def refined(self) -> ReturnMap:
-        """The same map at half the step, or tolerances 32 times finer."""
+        """The same map with half the step, or tolerances 32 times finer."""
         return dataclasses.replace(self, share=0.5 * self.share)
 
     @cached_property
     def chart(self) -> Chart:
-        """The model's own, or all numbers of a state."""
-        return self.model.chart() or AllNumbers.of(self._shape)
+        """The model's chart, or all float variables of a state."""
+        return self.model.chart() or AllVariables.of(self._shape)
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
@@ -97,7 +97,7 @@ class ReturnMap(Map):
         return self.chart.conserved
 
     def params(self, values: Values) -> Params:
-        """The model's parameters: those given, the settings, the defaults; formulas follow what they use."""
+        """The model's parameters: values, then settings, then defaults; formulas are evaluated."""
         known: dict[str, Any] = {name: jnp.asarray(value) for name, value in values.items()}
         settings = {name: self._written[name] for name in self._order if name not in known}
         return self.model.params(resolve(settings, known, functions_of(jnp)))
@@ -114,44 +114,48 @@ class ReturnMap(Map):
         }
 
     def state(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
-        """The time to the next crossing, the state just after it, and the `Way`, of one state, in JAX."""
+        """The time (s) to the next crossing, the state just after it, and the `ReturnStatus`, in JAX."""
         total = jnp.zeros(())
-        way = jnp.asarray(Way.crossed, jnp.int32)
+        status = jnp.asarray(ReturnStatus.crossed, jnp.int32)
         crossing = crossing_of(self.model, self.numerics, self.engine, self.share)
         for _ in range(self.cycles):
             t, state, found = crossing(params, state)
-            total, way = total + t, jnp.where(way == Way.crossed, found, way)
-        return total, state, way
+            total = total + t
+            status = jnp.where(status == ReturnStatus.crossed, found, status)
+        return total, state, status
 
-    def follow(self, values: Values, at: jax.Array, like: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
+    def follow(self, values: Values, at: jax.Array, modes: Any) -> tuple[jax.Array, Any, Any, dict[str, Any]]:
         params = self.params(values)
-        t, state, way = self.state(params, self.chart.place(params, at, like))
-        crossed = way == Way.crossed
-        way = jnp.where(crossed & ~self.chart.holds(params, state), Way.elsewhere, way)
-        way = jnp.where(crossed & self.model.failed(params, state), Way.fell, way)
+        t, state, status = self.state(params, self.chart.place(params, at, modes))
+        crossed = status == ReturnStatus.crossed
+        status = jnp.where(crossed & ~self.chart.holds(params, state), ReturnStatus.elsewhere, status)
+        status = jnp.where(crossed & self.model.failed(params, state), ReturnStatus.fell, status)
         observed = {**self.model.observe(params, state), "time": t}
-        return self.chart.read(params, state), state, way, observed
+        return self.chart.read(params, state), state, status, observed
 
-    def kept(self, values: Values, at: jax.Array) -> jax.Array:
-        return self.chart.kept(self.params(values), at)
+    def conserved_values(self, values: Values, at: jax.Array) -> jax.Array:
+        return self.chart.conserved_values(self.params(values), at)
 
     def settled(self, starts: Mapping[str, Any], values: Values, cycles: int) -> tuple[Points, np.ndarray]:
-        """Where starts of the model are after so many crossings, and the `Way` of each, (n,).
+        """The points that starts of the model reach after `cycles` crossings, and the `ReturnStatus` of each.
 
         Args:
-            starts: (n,) of each start value; the others have their defaults.
-            values: parameters, numbers or (n,).
-            cycles: crossings, 0 or more; trajectories that fail stay where they failed.
+            starts: initial conditions (n,) by name; the others have their defaults.
+            values: parameters by name, numbers or (n,).
+            cycles: crossings, 0 or more; a trajectory that fails stays at its last state.
+
+        Returns:
+            The points, and their `ReturnStatus` (n,).
         """
         n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
         given = {
             q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))
-            for q in self.model.starts
+            for q in self.model.initial_conditions
         }
         held = self.complete(values, n)
-        state, way = _settler(self, cycles)(held, given)
+        state, status = _settler(self, cycles)(held, given)
         at = jax.jit(jax.vmap(lambda v, s: self.chart.read(self.params(v), s)))(held, state)
-        return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(way)
+        return Points(np.asarray(at), jax.tree.map(np.asarray, state)), np.asarray(status)
 
     @cached_property
     def _written(self) -> dict[str, float | str]:
@@ -173,7 +177,7 @@ class ReturnMap(Map):
 
     @cached_property
     def _shape(self) -> State:
-        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.starts}
+        starts = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in self.model.initial_conditions}
         values = {name: jax.ShapeDtypeStruct((), jnp.float64) for name in self.complete({}, 1)}
         return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
 
@@ -182,17 +186,18 @@ class ReturnMap(Map):
 def _settler(mapping: ReturnMap, cycles: int) -> Callable[..., Any]:
     def one(values: Any, starts: Any) -> tuple[State, jax.Array]:
         params = mapping.params(values)
-        # a state that goes round a loop keeps its types, so none may be weak
+        # a loop requires constant dtypes, so none may be weak
         begun = jax.tree.map(lambda x: jnp.asarray(x, jnp.result_type(x)), mapping.model.init(params, starts))
 
         def turn(_: Any, loop: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
-            state, way = loop
+            state, status = loop
             _, moved, found = mapping.state(params, state)
-            going = (way == Way.crossed) & (found == Way.crossed)
+            going = (status == ReturnStatus.crossed) & (found == ReturnStatus.crossed)
             kept = jax.tree.map(lambda a, b: jnp.where(going, a, b), moved, state)
-            return kept, jnp.where(way == Way.crossed, found, way).astype(jnp.int32)
+            return kept, jnp.where(status == ReturnStatus.crossed, found, status).astype(jnp.int32)
 
-        return jax.lax.fori_loop(0, cycles, turn, (begun, jnp.asarray(Way.crossed, jnp.int32)))
+        crossed = jnp.asarray(ReturnStatus.crossed, jnp.int32)
+        return jax.lax.fori_loop(0, cycles, turn, (begun, crossed))
 
     return jax.jit(jax.vmap(one))
 

@@ -1,10 +1,9 @@
 """Classic Runge-Kutta with located events, one evaluation of the flow at a time.
 
-The same arithmetic as an attempt of `rk4`, in small pieces: the rates at two mid-points, at an end, and at
-the trial that they make, where the event logic then decides. A program of this is a fifth as long, which is
-what counts where it is differentiated and compiled as straight-line code. No evaluation is made twice: the
-rates at a trial that is accepted are those at the next state, and where a trial is taken back, those at the
-state stay.
+The arithmetic is that of an attempt of `rk4`, split into stages: the rates at two mid-points, at the end, and
+at the trial state, where the event logic follows. The program is a fifth as long, which matters when it is
+differentiated and compiled as straight-line code. No evaluation is repeated: the rates at an accepted trial
+are those at the next state, and after a rejected trial the rates at the state are kept.
 """
 
 from __future__ import annotations
@@ -21,17 +20,17 @@ from gaitsweep.engine.advance import Carry, advance, select
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.propose import move
 
-# What the next evaluation is for: stages 1 to 3 of a step are those after its first, then comes the trial.
+# Stages of the next evaluation: 1 to 3 are those after the first stage of a step, then the trial follows.
 LAST, TRIAL = 3, 4
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["stage", "at", "first", "total"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
 class Stages:
-    """How far an attempt has come.
+    """The progress of an attempt.
 
-    `stage` of the next evaluation of the flow; `at` the continuous fields where it is made; `first` the rates
-    at the state; `total` the weighted sum of the rates so far.
+    `stage` is the stage of the next evaluation of the flow; `at` the continuous fields of that evaluation;
+    `first` the rates at the state; `total` the weighted sum of the rates so far.
     """
 
     stage: jax.Array
@@ -44,14 +43,14 @@ Pair = tuple[Carry, Stages]
 
 
 def begin(model: HybridModel, params: Params, carry: Carry) -> Pair:
-    """A trajectory whose next attempt has zero length, so that its trial is the state itself."""
+    """The carry and stages of a new trajectory, whose first attempt has zero length."""
     at = {name: getattr(carry.state, name) for name in jax.eval_shape(model.flow, params, carry.state)}
     unknown = {name: jnp.zeros_like(value) for name, value in at.items()}
     return carry, Stages(jnp.full_like(carry.halt, TRIAL), at, unknown, unknown)
 
 
 def stagewise(model: HybridModel, numerics: Numerics) -> Callable[[Params, Pair], Pair]:
-    """The function of one evaluation of the flow; derivatives (forward mode) are those of located events."""
+    """The function of one stage; forward-mode derivatives include those of located event times."""
 
     def evaluate(params: Params, pair: Pair) -> Pair:
         carry, s = pair
@@ -62,7 +61,7 @@ def stagewise(model: HybridModel, numerics: Numerics) -> Callable[[Params, Pair]
         conclude = advance(model, numerics, sensitivities=True, worked_out=worked_out)
         fired = jnp.any(model.guards(params, here) >= 0.0)
         after = conclude(params, carry)
-        # a step may be taken back without an event, too: it is tried again from the same state
+        # a step may be rejected without an event: it is tried again from the same state
         taken = tried & ~fired & ((after.t > carry.t) | (carry.h == 0.0))
         carry = select(tried, after, carry)
 
@@ -74,7 +73,7 @@ def stagewise(model: HybridModel, numerics: Numerics) -> Callable[[Params, Pair]
         h = jnp.minimum(carry.h, jnp.maximum(carry.stop - carry.t, 0.0))
         share = jnp.where(follows == TRIAL, 1.0 / 6.0, jnp.where(follows == LAST, 1.0, 0.5))
         along = select(follows == TRIAL, total, select(tried, first, rates))
-        # the attempt after a jump has zero length, and the rates there are not known yet
+        # the attempt after a jump has zero length, and its rates are not known yet
         jumped = tried & (carry.h == 0.0)
         along = {name: jnp.where(jumped, 0.0, rate) for name, rate in along.items()}
         there = move(carry.state, along, h * share)

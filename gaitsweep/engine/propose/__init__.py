@@ -1,19 +1,19 @@
-"""Steps of one trajectory: the methods by name, and what each of them needs to know of a model."""
+"""The integration methods by name, and their requirements on a model."""
 
 from __future__ import annotations
 
 import dataclasses
 
-from gaitsweep.contract import HybridModel, Model, Steps
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
 from gaitsweep.engine.propose.rk4 import rk4
 from gaitsweep.engine.propose.tsit5 import tsit5
 from gaitsweep.errors import ArgumentError
 
-# Along the negative axis the polynomials are near exp(z) down to -20. Away from it they are so only nearer to
-# zero, but stay stable farther out, and the short steps after an event have damped what it set in motion
-# before the longest step is reached: the limits lie between the two (`tests/engine/test_propose.py`).
+# On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate
+# closer to zero and stable farther out. The short steps after an event damp fast motions before the longest
+# step is reached, so the limits are between accuracy and stability (`tests/engine/test_propose.py`).
 METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
     "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
@@ -38,21 +38,21 @@ METHODS: dict[str, Method] = {
 __all__ = ["METHODS", "Estimate", "Method", "Propose", "move", "own_steps", "refusal"]
 
 
-def own_steps(name: str, model: Model) -> Steps | None:
-    """What advances a model in steps of its own: it has nothing else, or this method asks for it.
+def own_steps(name: str, model: Model) -> FixedStepDynamics | None:
+    """The model's own fixed steps, if it has nothing else or the method is semi_implicit; else None.
 
     Raises:
-        ValueError: the method asks for a flow, and the model has only steps.
+        ArgumentError: the method needs a flow, but the model has only steps.
     """
     if not isinstance(model, HybridModel):
-        return model if isinstance(model, Steps) else None
+        return model if isinstance(model, FixedStepDynamics) else None
     if (reason := _steps_alone(name, model)) is not None:
         raise ArgumentError(f"The method {reason}")
     return model.in_steps() if METHODS[name].step is None else None
 
 
 def refusal(name: str, model: Model, precision: str) -> str | None:
-    """Why a method does not suit a model in this precision, in words after the field's name, or None."""
+    """The reason why a method does not suit a model and a precision, in words after the field's name."""
     linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
         own = ", ".join(other for other, method in METHODS.items() if method.step is None)

@@ -1,13 +1,12 @@
-"""Steps of a linear flow, x' = A x + b: a polynomial that is close to the exponential of h A.
+"""Steps of a linear flow, x' = A x + b, by a polynomial that approximates the propagator exp(h A).
 
-A step is x + sum of s_k h^k/k! A^(k-1) x' over k = 1..n. With all s_k = 1 that is Taylor's series, which is
-of use only while h times the fastest rate r is well below n. Here s_k = 1 up to the method's order, so that
-slow motion is followed to that order, and the rest are fitted: they make the polynomial R(z), z = h lambda,
-as close to exp(z) as a polynomial can be on all of -20 <= z <= 0. So a stiff and damped mode (a foot on hard
-ground) is not only kept stable: its transient comes out right too, over steps that are many times as long
-as those of `rk4`, and no matrix is needed, only products of A with a vector.
+A step is x + sum of s_k h^k/k! A^(k-1) x' over k = 1..n. With all s_k = 1 this is the Taylor series, which is
+accurate only if h times the fastest rate is well below n. Here s_k = 1 up to the order of the method, and the
+other s_k are fitted: the polynomial R(z), z = h lambda, is the best approximation of exp(z) on -20 <= z <= 0.
+So a stiff damped mode (a foot on hard ground) is not only stable: its transient is accurate, with steps many
+times as long as those of `rk4`. Only products of A with a vector are needed.
 
-`tests/reference/exponential_polynomial.py` fits the numbers anew.
+`tests/reference/exponential_polynomial.py` reproduces the fit.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import jax
 from gaitsweep.contract import HybridModel, Params, State
 from gaitsweep.engine.propose.method import Propose, move
 
-# How much of each Taylor term is kept, s_1, s_2, ...
+# The factors of the Taylor terms, s_1, s_2, ...
 Shares = tuple[float, ...]
 
 # Order 6, 14 products: within 2.1e-3 of exp(z) on [-20, 0], |R| <= 1 down to z = -21.4; with z off the
@@ -58,10 +57,10 @@ PROPAGATOR: Shares = (
 
 
 def exponential(shares: Shares) -> Callable[[HybridModel], Propose]:
-    """The method whose step keeps these shares of the Taylor terms.
+    """The method with these factors of the Taylor terms.
 
-    Where the flow is not linear it is taken for its tangent at the step's start, which is right to second
-    order. Powers of rates are not scaled, so float64 is needed.
+    A nonlinear flow is linearised at the beginning of each step, which is accurate to second order. Powers of
+    rates are not scaled, so float64 is required.
     """
 
     def method(model: HybridModel) -> Propose:

@@ -1,4 +1,4 @@
-"""What a method of stepping is, and moving a state along its rates."""
+"""The definition of an integration method, and the update of a state by rates."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import jax
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 
-# The state a time h (s) later, with the discrete modes as they are.
+# The state after a time h (s), with unchanged modes.
 Propose = Callable[[Params, State, jax.Array], State]
-# The same with an estimate of the step's error, by field.
+# The same, with an estimate of the local error by field.
 Estimate = Callable[[Params, State, jax.Array], tuple[State, Rates]]
 
 
 @dataclasses.dataclass(frozen=True)
 class Method:
-    """A way to step, how steps begin after an event, and how long they may be.
+    """An integration method, its steps after an event, and its longest step.
 
-    `step` makes the function that steps a model, None where the model brings its own; `first_step` the first
-    step after an event, as a share of the longest one (of the last one, where the method is `adaptive`), and
-    `growth` the factor by which each step that is accepted lets the next one grow, up to the longest: what an
-    event sets in motion in a stiff mode (a foot on hard ground) dies away within a few steps, and feet leave
-    and touch again within milliseconds; `linear_only`: right only for `HybridModel.linear`; `adaptive`: an
-    `Estimate`, whose steps follow from the tolerances. `limits`: pairs of a damping ratio, in rising order,
-    and the largest dt times rate that is right for a motion of that damping ratio.
+    `step` returns the function that steps a model, None if the model has its own; `first_step` is the first
+    step after an event, as a share of the longest step (of the last one if `adaptive`), and `growth` the
+    factor by which each accepted step may exceed the one before, up to the longest. Short steps are needed
+    since an event excites stiff modes (a foot on hard ground), which decay within a few steps, and since feet
+    may lift off and touch down again within milliseconds. `linear_only`: accurate only for
+    `HybridModel.linear`; `adaptive`: an `Estimate` with step control. `limits` are pairs of a damping ratio,
+    in rising order, and the largest accurate dt times rate of a motion with that damping ratio.
     """
 
     step: Callable[[HybridModel], Any] | None
@@ -38,6 +38,6 @@ class Method:
 
 
 def move(state: State, rates: Rates, h: jax.Array | float) -> State:
-    """`state` after a time `h` (s) along `rates`; fields without a rate stay."""
+    """The state after a time `h` (s) at constant `rates`; fields without a rate are unchanged."""
     moved = {name: getattr(state, name) + h * rate for name, rate in rates.items()}
     return dataclasses.replace(state, **moved)

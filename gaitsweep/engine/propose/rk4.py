@@ -1,4 +1,4 @@
-"""The classic Runge-Kutta step, right for every flow."""
+"""The classic Runge-Kutta method, for every flow."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gaitsweep.engine.propose.method import Propose, move
 
 
 def rk4(model: HybridModel) -> Propose:
-    """The classic Runge-Kutta step of fourth order; stable while dt times the fastest rate is below 2.7."""
+    """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.7."""
 
     def propose(params: Params, state: State, h: jax.Array) -> State:
         k1 = model.flow(params, state)

@@ -1,4 +1,4 @@
-"""Tsitouras' Runge-Kutta pair of orders 5 and 4, right for every flow; its steps follow from a tolerance.
+"""The Runge-Kutta pair of Tsitouras of orders 5 and 4, for every flow, with step control.
 
 Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption,
 Comput. Math. Appl. 62 (2011) 770-775.
@@ -11,7 +11,7 @@ import jax
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.propose.method import Estimate, move
 
-# a_ij, a row a stage after the first; the last one holds the weights of the solution of order 5.
+# a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
 STAGES: tuple[tuple[float, ...], ...] = (
     (0.161,),
     (-0.008480655492356989, 0.335480655492357),
@@ -40,7 +40,7 @@ DIFFERENCE = (
 
 
 def tsit5(model: HybridModel) -> Estimate:
-    """The step of order 5 with the estimate of its error."""
+    """The step of order 5, with an estimate of its error."""
 
     def propose(params: Params, state: State, h: jax.Array) -> tuple[State, Rates]:
         rates = [model.flow(params, state)]

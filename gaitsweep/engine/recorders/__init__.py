@@ -1,1 +1,1 @@
-"""Recorders: what is kept of a trajectory, and when it ends."""
+"""Recorders: they select the records of a trajectory and end its row."""

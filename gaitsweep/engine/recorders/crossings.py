@@ -1,4 +1,4 @@
-"""Runs that keep every crossing of the section: return maps and ramps."""
+"""The recorder of all crossings of the section, for return maps and ramps."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
 from gaitsweep.engine.recorders.recorder import BUFFER, SPARE_CYCLES, Record, Recorder, counted
 
-# Jumps at one instant after which a crossing is still an ordinary one.
+# Largest number of jumps at one instant for an ordinary crossing.
 FEW_JUMPS = 2
 
 
 @dataclasses.dataclass(frozen=True)
-class Crossings(Recorder):
-    """Every crossing of the section: crossing, t and the observables, the start being crossing 0.
+class CrossingRecorder(Recorder):
+    """Records the number, t (s) and observables of every crossing of the section; the start is crossing 0.
 
-    Ends after `crossings` of them beyond the first `after_cycles`, or at `duration` (s) for a ramp.
+    A row ends after `crossings` crossings beyond the first `after_cycles`, or at `duration` (s) for a ramp.
     """
 
     model: Model
@@ -62,7 +62,7 @@ class Crossings(Recorder):
         late = Status.complete if self.duration is not None else Status.time_limit
         status = jnp.where(carry.halt == TIME, late, Status.running)
         if most is not None:
-            # crossings in a long chain of jumps may be those of a stall, which shows if time does not go on
+            # crossings in a long chain of jumps may belong to a stall, which is known only once time advances
             told = (crossed & (carry.chain <= FEW_JUMPS)) | (carry.chain == 0)
             status = jnp.where((taken.cycles >= most) & told, Status.complete, status)
         waits = (carry.halt == CROSSING) & ~crossed

@@ -1,9 +1,9 @@
-"""What is kept of a trajectory: what all recorders share.
+"""The abstract recorder: it selects the records of a trajectory and ends its row.
 
-A recorder looks at a trajectory every `CADENCE` attempts. Where the trajectory waits (at a crossing, at a
-stop in time) it takes what it wants and lets it go on; it also ends rows that have failed. Like `advance`
-it is a pure function of one trajectory, and all it holds is of fixed size: the rows that it gives go to a
-buffer of the engine's, and what does not fit there makes the trajectory wait until the host has emptied it.
+A recorder polls a trajectory every `POLL_INTERVAL` attempts. A trajectory that waits (at a crossing, at a
+stop in time) gives its record and continues; the recorder also ends rows that have failed. Like `advance` it
+is a pure function of one trajectory with arrays of fixed size: records go to a buffer of the engine, and a
+trajectory whose buffer is full waits until the host has emptied it.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ import numpy as np
 from gaitsweep.contract import HybridModel, Model, Params, State, Status, Verdict
 from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
 
-# Attempts between two looks at a trajectory. It is part of the results (a failed row's end time is a
-# multiple of it in attempts), so it is a constant and not a matter of tuning.
-CADENCE = 64
-# Rows or samples of a trajectory that wait on the device for the host.
+# Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
+# it is a constant and not a tuning parameter.
+POLL_INTERVAL = 64
+# Records of a trajectory that can wait on the device for the host.
 BUFFER = 32
-# A continuous state variable beyond this has diverged.
+# Absolute value beyond which a continuous state variable has diverged.
 DIVERGED = 1.0e9
-# Cycles of grace in a row's limit on time.
+# Additional cycles in the time limit of a row.
 SPARE_CYCLES = 10
-# Attempts for each nominal step of a row's allowed time, beyond which it is given up.
+# Attempts for each longest step in the allowed time of a row, beyond which it ends.
 ATTEMPTS_PER_STEP = 8.0
-# Guards in one number of `Record.fired`: a slot of a kernel is a float64, which holds 53 bits.
+# Guards in one number of `Record.fired`: a slot of a kernel is a float64 with 53 bits.
 GUARDS_A_WORD = 32
 # How a row may end and still have a last section crossing at which its gait can be read.
 LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
@@ -57,13 +57,13 @@ UNSEEN = ("window", "moves")
 )
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """What is known of a row so far.
+    """The progress and the results of a row.
 
-    `status` a `Status`; `cycles` crossings so far, the start being number 0; `last` the
-    observables (n,) at the last crossing; `window` those of the last crossings (w, n); `moves` how far apart
-    crossings were lately, as a kind of run needs it; `filled` rows that wait in the trajectory's buffer for
-    the host, at most `BUFFER`; `samples` rows kept so far; `period` of the attractor in crossings, 0 while it
-    is not known; `slowest` the observable (its number, else -1) that kept the row from settling; `fired` the
+    `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
+    at the last crossing; `window` (w, n) those at the last w crossings; `moves` recent distances of
+    crossings, for some recorders; `filled` the records in the buffer that wait for the host, at most
+    `BUFFER`; `samples` the records kept so far; `period` the period of the attractor in crossings, 0 if
+    unknown; `slowest` the number of the observable that kept the row from settling, else -1; `fired` the
     guards whose jumps stalled the row, a bit each.
     """
 
@@ -114,7 +114,7 @@ def readings_at_the_end(block: RowEnds) -> Readings:
 
 
 class Recorder(abc.ABC):
-    """What all kinds of runs share: health, the count of cycles, emptying of buffers."""
+    """The base class of recorders: tests of failure, the count of crossings, buffers."""
 
     model: Model
 
@@ -140,11 +140,11 @@ class Recorder(abc.ABC):
     def take(
         self, params: Params, carry: Carry, record: Record
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """Take what the halted or running trajectory has to give.
+        """Record the halted or running trajectory.
 
         Returns:
-            Carry and record after it, a row (width,) of numbers, and whether that row is to be kept; the
-            record counts it already (`counted`), and there is room for it in the buffer.
+            Carry and record after it, a row (width,) of numbers, and whether to keep that row; the record
+            counts it already (`counted`), and the buffer has room for it.
         """
 
     def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
@@ -155,7 +155,7 @@ class Recorder(abc.ABC):
         return jnp.stack([observed[q.name] for q in self.model.observables])
 
     def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
-        """The record of a trajectory at its start, which is crossing 0, a row, and whether to keep it."""
+        """The record of a trajectory at its start (crossing 0), its first row, and whether to keep it."""
         last = self.observables(params, carry.state)
         count = jnp.zeros((), jnp.int32)
         record = Record(
@@ -178,15 +178,15 @@ class Recorder(abc.ABC):
 
     @abc.abstractmethod
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
-        """How much of its way each running row has behind it, 0 to 1, for the progress bar.
+        """The progress of each running row, 0 to 1, for the progress bar.
 
-        `typical_cycles` is the mean over the rows that have ended, 0 where none has.
+        `typical_cycles` is the mean number of cycles of the ended rows, 0 if there are none.
         """
 
-    def look(
+    def poll(
         self, params: Params, carry: Carry, record: Record, dt: jax.Array | float
     ) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """Health first, then what this kind of run takes; an ended row stays as it is."""
+        """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         taken_carry, taken, row, keep = self.take(params, carry, record)
         ill = self._illness(params, carry, dt)
@@ -200,7 +200,7 @@ class Recorder(abc.ABC):
 
     def _illness(self, params: Params, carry: Carry, dt: jax.Array | float) -> jax.Array:
         moving = carry.state
-        if isinstance(self.model, HybridModel):  # modes may hold what they like, infinity too
+        if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
             moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
@@ -213,13 +213,13 @@ class Recorder(abc.ABC):
 
 
 def counted(record: Record, keep: jax.Array) -> Record:
-    """`record` with one more row in its buffer where `keep`."""
+    """The record with one more row in its buffer if `keep`."""
     more = keep.astype(record.filled.dtype)
     return dataclasses.replace(record, filled=record.filled + more, samples=record.samples + more)
 
 
 def _packed(fired: jax.Array) -> jax.Array:
-    """Which guards (n,) fired, in whole numbers of `GUARDS_A_WORD` bits; none where there are no guards."""
+    """The guards (n,) that fired, as integers of `GUARDS_A_WORD` bits; (0,) without guards."""
     bits = jnp.asarray([1 << (i % GUARDS_A_WORD) for i in range(fired.size)], jnp.int64)
     words = [
         jnp.sum(jnp.where(fired[i : i + GUARDS_A_WORD], bits[i : i + GUARDS_A_WORD], 0))
@@ -229,6 +229,6 @@ def _packed(fired: jax.Array) -> jax.Array:
 
 
 def unpacked(words: np.ndarray) -> np.ndarray:
-    """Which guards fired (rows, guards) from `Record.fired` (rows, words), those past the last one False."""
+    """The guards that fired (rows, guards), from `Record.fired` (rows, words); padded with False."""
     bits = np.arange(GUARDS_A_WORD)
     return ((words[:, :, None].astype(np.int64) >> bits) & 1).astype(bool).reshape(len(words), -1)

@@ -1,4 +1,4 @@
-"""Runs that end when the section's state stops moving, or comes back every few crossings: one row a start."""
+"""The recorder of runs that end at a fixed point or a periodic orbit of the return map."""
 
 from __future__ import annotations
 
@@ -21,33 +21,34 @@ from gaitsweep.engine.recorders.recorder import (
     readings_at_the_end,
 )
 
-# Crossings over which a settled state must not move.
+# Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
-# The change a crossing below which an observable has settled, as a share of its scale.
+# Largest change of a settled observable in a crossing, as a share of its scale.
 TOLERANCE = 1.0e-3
-# The smallest scale of an observable whose model gives none, in its unit: one that stays 0 has settled.
+# The smallest scale of an observable without a scale, in its unit, so that an observable at 0 settles.
 LEAST_SCALE = 1.0e-9
-# The longest period (crossings) of an attractor that is looked for. Periods are looked for at every crossing
-# whose number is a multiple of it, over two spans of as many crossings.
+# The longest period (crossings) of an attractor that is detected. The test is made at every crossing whose
+# number is a multiple of it, over two spans of that length.
 MOST_PERIOD = 8
-# The first crossing at which they are: the longest period has come round three times.
-FIRST_LOOK = 3 * MOST_PERIOD
-# The different points of an orbit lie farther apart than so many times what is still to come of its motion.
+# The first crossing of the test, after three of the longest periods.
+FIRST_TEST = 3 * MOST_PERIOD
+# Smallest ratio of the distance between an orbit's points to the remaining motion.
 APART = 10.0
-# Motion over all cycles of a row that is none, as a share of what settles it: an event's time is not exact.
+# Largest motion over all cycles of a row that counts as rest, as a share of the bound: event times have
+# errors.
 NO_MOTION = 1.0e-3
-# The longest shorter periods that a period contains: where one of them holds, this one is none.
+# The maximal proper divisors of each period: if one of them is a period, the larger one is not.
 _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 
 
 @dataclasses.dataclass(frozen=True)
-class Settle(Recorder):
-    """Until the section's state stops moving, or moves on an orbit of 2 to `MOST_PERIOD` crossings.
+class SettleRecorder(Recorder):
+    """Ends a row at a fixed point of the return map, or at an orbit of period 2 to `MOST_PERIOD`.
 
-    Settled with period 1: no observable is farther from its value at any of the last `SETTLE_WINDOW`
-    crossings than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). Settled with
-    period p: see `_period`. `tolerance` is one for all observables, or one for each. `max_time` (s) defaults
-    to four nominal periods for each cycle allowed.
+    Settled with period 1: each observable differs from its values at the last `SETTLE_WINDOW` crossings by
+    less than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). Settled with period
+    p: see `_period`. `tolerance` is one for all observables, or one for each. `max_time` (s) is by default
+    four nominal periods for each of `max_cycles`.
     """
 
     model: Model
@@ -60,7 +61,7 @@ class Settle(Recorder):
         return SETTLE_WINDOW
 
     def bound(self, latest: jax.Array) -> jax.Array:
-        """How far each observable (n,) may move over the window, from the latest crossings (w, n)."""
+        """The largest change of each observable (n,) over the window, from the latest crossings (w, n)."""
         return bounds(self.model, self.tolerance, latest)
 
     def stop(self, params: Params) -> jax.Array:
@@ -71,7 +72,7 @@ class Settle(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
         record, row, keep = super().begin(params, carry)
-        # of the span of crossings under way and of the one before it, for each period
+        # of the current span of crossings and of the one before it, for each period
         moves = jnp.zeros((2, MOST_PERIOD), record.last.dtype)
         return dataclasses.replace(record, moves=moves), row, keep
 
@@ -81,7 +82,7 @@ class Settle(Recorder):
         crossed = carry.halt == CROSSING
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1
-        # with NaN in its window a row does not settle
+        # a row with NaN in its window does not settle
         free = carry.t >= self.model.free_after(params)
         latest = jnp.concatenate([now[None, :], record.window])
         moved = jnp.abs(change(self.model, now[None, :] - record.window))
@@ -90,16 +91,16 @@ class Settle(Recorder):
         moved = moved / bound[None, :]
 
         moves = jnp.maximum(record.moves[0], jnp.max(moved[:MOST_PERIOD], axis=1))
-        looks = cycles % MOST_PERIOD == 0
-        found = jnp.where(looks & (cycles >= FIRST_LOOK), self._period(moves, record.moves[1]), 0)
+        tested = cycles % MOST_PERIOD == 0
+        found = jnp.where(tested & (cycles >= FIRST_TEST), self._period(moves, record.moves[1]), 0)
         period = jnp.where(still, 1, found)
-        # crossings without time between them are no cycles
+        # crossings at one instant are not cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
         ended = jnp.where(settled, Status.settled, jnp.where(given_up, Status.cycle_limit, Status.running))
         status = jnp.where(crossed, ended, jnp.where(carry.halt == TIME, Status.time_limit, Status.running))
         begun = jnp.stack([jnp.zeros_like(moves), moves])
-        after = jnp.where(looks, begun, jnp.stack([moves, record.moves[1]]))
+        after = jnp.where(tested, begun, jnp.stack([moves, record.moves[1]]))
         taken = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
@@ -114,15 +115,15 @@ class Settle(Recorder):
         return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
 
     def _period(self, newest: jax.Array, before: jax.Array) -> jax.Array:
-        """The period, 2 to `MOST_PERIOD` crossings, of the orbit on which the section's state is; else 0.
+        """The period, 2 to `MOST_PERIOD` crossings, of the periodic orbit that the state has reached; else 0.
 
-        `newest` and `before` (p,) say how far the state was at most from where it had been p crossings
-        earlier, in units of what settles it, over the last `MOST_PERIOD` crossings and as many before them.
-        It is on an orbit of period p where all that this would add up to over the cycles of a whole row is
-        below what settles it; where that motion dies away, so that the rest of it, taken to fall by as much
-        in each span to come, is `APART` times shorter than the way between the orbit's points; and where no
-        period within p does. So neither a spiral that comes in slowly, whose rest is the way itself, nor a
-        slow drift counts, unless it could not be told from rest in any row.
+        `newest` and `before` (p,) are the largest distances from the state p crossings earlier, in units of
+        the bound of a settled state, over the last `MOST_PERIOD` crossings and as many before them. The
+        period is p under three conditions: this distance, summed over the cycles of a whole row, is below the
+        bound; it decays, and the remaining motion, extrapolated by a geometric series, is `APART` times
+        shorter than the distance between the points of the orbit; and no divisor of p satisfies these. So
+        neither a slowly converging spiral, whose remaining motion is that distance, nor a slow drift counts
+        as periodic, unless it could not be distinguished from rest in any row.
         """
         eps = 64.0 * float(jnp.finfo(newest.dtype).eps) / min(_each(self.tolerance))
         found = jnp.zeros((), jnp.int32)
@@ -148,17 +149,17 @@ class Settle(Recorder):
 
 
 def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tuple[float, ...]:
-    """The tolerance of each observable in their order, from one for all or some by name."""
+    """The tolerance of each observable in order, from one for all or from some by name."""
     if not isinstance(given, Mapping):
         return given
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
 def bounds(model: Model, tolerance: float | tuple[float, ...], latest: jax.Array) -> jax.Array:
-    """How far each observable (n,) of a settled state may move over the window, in its unit; above 0.
+    """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
-    `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` where the model
-    gives it, else its largest magnitude among the `latest` crossings (w, n).
+    It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
+    else its largest magnitude at the `latest` crossings (w, n).
     """
     each = _each(tolerance)
     each = each * len(model.observables) if len(each) == 1 else each
@@ -172,13 +173,13 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: jax.Array
 
 
 def slowest(moved: jax.Array) -> jax.Array:
-    """The number of the observable that moved most (w, n), in units of its bound; -1 if it is not known."""
+    """The number of the observable with the largest change (w, n), in units of its bound; -1 if unknown."""
     most = jnp.max(moved, axis=0)
     return jnp.where(jnp.any(jnp.isnan(most)), -1, jnp.argmax(most))
 
 
 def change(model: Model, difference: jax.Array) -> jax.Array:
-    """Differences of observables, those of angles wrapped to [-pi, pi)."""
+    """Differences of observables, with those of angles wrapped to [-pi, pi)."""
     circular = jnp.asarray([q.circular for q in model.observables])
     return jnp.where(circular[None, :], wrapped_difference(difference), difference)
 

@@ -1,4 +1,4 @@
-"""Runs that keep the signals of a trajectory at regular times."""
+"""The recorder of signals at equal intervals of time."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from gaitsweep.engine.recorders.recorder import (
 
 
 @dataclasses.dataclass(frozen=True)
-class Trace(Recorder):
-    """The signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
+class TraceRecorder(Recorder):
+    """Records the signals every `every` seconds for `duration` seconds, after `after_cycles` crossings."""
 
     model: Model
     duration: float
@@ -38,14 +38,14 @@ class Trace(Recorder):
         return ("t", *(q.name for q in self.model.signals))
 
     def stop(self, params: Params) -> jax.Array:
-        """The first sample at once, or the limit of the cycles to let pass."""
+        """The time of the first sample (s), or the time limit of the first `after_cycles` crossings."""
         period = self.model.period(params)
         if self.after_cycles == 0:
             return jnp.zeros_like(period)
         return 4.0 * (self.after_cycles + SPARE_CYCLES) * period
 
     def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
-        # a sample shorter than a step costs an attempt of its own
+        # an interval shorter than a step needs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
 
     def take(

@@ -1,1 +1,1 @@
-"""A sweep: rows through lanes on devices, block by block."""
+"""The sweep: the rows of a job, run in lanes on devices and returned block by block."""

@@ -1,69 +1,70 @@
-"""How long a kernel runs between two returns to the host."""
+"""The number of polls in a chunk: the work of the device between two returns to the host."""
 
 from __future__ import annotations
 
 import math
 import time
 
-from gaitsweep.engine.recorders.recorder import BUFFER, CADENCE
+from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 
-# A chunk is at most this long (s), so that progress moves and Ctrl-C is answered.
+# Longest duration of a chunk (s), so that progress is shown and Ctrl-C is answered.
 LONGEST = 0.25
-# Of the seconds measured, the share of the newest chunk.
+# Weight of the newest chunk in the exponential averages of durations.
 NEWEST = 0.2
-# A buffer fuller than this after a chunk makes the next one shorter: a full one makes its row wait.
+# If a buffer has more records than this after a chunk, the next one is shorter: a full one stops its row.
 FULL = 0.75 * BUFFER
-# As LONGEST, for XLA, whose chunks are as long as `shortest` allows unless they take longer than this (s).
+# Longest duration of a chunk of XLA (s), whose chunks have `shortest` polls unless they take longer.
 LONGEST_XLA = 1.0
 
 
-class Pace:
-    """Looks of the recorder between two returns to the host, from what the returns cost.
+class ChunkSizer:
+    """Chooses the number of polls in a chunk that minimises idle time.
 
-    A row that has ended waits for its chunk's end, half a chunk on average; each return costs what the host
-    then does. The sum is least where a chunk lasts sqrt(2 x host x row). No result depends on it.
+    A row that has ended waits for the end of its chunk, half a chunk on average; each return to the host
+    costs the host's time. The sum is least for chunks that last sqrt(2 x host time x row time). No result
+    depends on the choice.
 
     Args:
-        shortest: looks of the first chunks, and the least.
+        shortest: polls in the first chunks, and the minimum.
     """
 
     def __init__(self, shortest: int) -> None:
         self.shortest = shortest
-        self.looks = shortest
+        self.polls = shortest
         self._returned = math.nan
-        self._host = math.nan  # s that the host takes between two chunks
-        self._look = math.nan  # s that a look takes with the attempts before it
+        self._host = math.nan  # s of the host's work between two chunks
+        self._poll = math.nan  # s of a poll and the attempts before it
 
     def begins(self) -> float:
-        """A chunk begins: what passed since the last one was the host's. Gives the time."""
+        """Record the begin of a chunk, and the host's time since the last one; returns the time (s)."""
         now = time.perf_counter()
         self._host = _smoothed(self._host, now - self._returned)
         return now
 
-    def ended(self, began: float, looks: int) -> None:
-        """The chunk that began then has ended."""
+    def ended(self, began: float, polls: int) -> None:
+        """Record the end of the chunk that began at `began` (s) and had `polls` polls."""
         self._returned = time.perf_counter()
-        self._look = _smoothed(self._look, (self._returned - began) / max(looks, 1))
+        self._poll = _smoothed(self._poll, (self._returned - began) / max(polls, 1))
 
     def choose(self, row_attempts: float, fullest: int) -> None:
-        """Set the looks of the next chunk.
+        """Set the number of polls in the next chunk.
 
         Args:
-            row_attempts: attempts that a row takes, as far as is known.
-            fullest: rows in the fullest buffer after the last chunk.
+            row_attempts: estimated attempts of a row.
+            fullest: records in the fullest buffer after the last chunk.
         """
-        if math.isnan(self._host) or self._look <= 0.0:
+        if math.isnan(self._host) or self._poll <= 0.0:
             return
-        best = math.sqrt(2.0 * self._host / self._look * row_attempts / CADENCE)
-        most = min(best, LONGEST / self._look, 2.0 * self.looks)
+        best = math.sqrt(2.0 * self._host / self._poll * row_attempts / POLL_INTERVAL)
+        most = min(best, LONGEST / self._poll, 2.0 * self.polls)
         if fullest > FULL:
-            most = min(most, 0.5 * self.looks)
-        self.looks = max(self.shortest, int(most))
+            most = min(most, 0.5 * self.polls)
+        self.polls = max(self.shortest, int(most))
 
     def limit(self) -> None:
-        """Set the looks of XLA's next chunk: as many as it has, or as fit into `LONGEST_XLA`."""
-        if self._look > 0.0:
-            self.looks = max(1, min(self.shortest, int(LONGEST_XLA / self._look), 4 * self.looks))
+        """Set the number of polls in XLA's next chunk: `shortest`, or what fits into `LONGEST_XLA`."""
+        if self._poll > 0.0:
+            self.polls = max(1, min(self.shortest, int(LONGEST_XLA / self._poll), 4 * self.polls))
 
 
 def _smoothed(old: float, new: float) -> float:

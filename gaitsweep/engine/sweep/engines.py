@@ -1,4 +1,4 @@
-"""Which engine runs a job here, and its lanes on each device."""
+"""The choice of the engine of a job, and its lanes on each device."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
-from gaitsweep.engine.sweep.lane import Given, RowDrive
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.lane import ChunkOutput, RowDrive
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import Device, Values
 from gaitsweep.errors import UserError
 
-# Looks of a kernel's recorder between two returns to the host, on each kind of device. On a CPU chunks are
-# short, since a row that has ended waits for the chunk's end; on a GPU what the host does after each counts.
-KERNEL_LOOKS = {"cpu": 16, "gpu": 128}
+# Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
+# for the end of its chunk; on a GPU the host's work after each chunk costs more.
+KERNEL_POLLS_PER_CHUNK = {"cpu": 16, "gpu": 128}
 
 
 class Lanes(Protocol):
-    """Trajectories in flight on one device: fill some, run a chunk of attempts, read what they gave."""
+    """The trajectories that one device runs at a time: fills lanes, runs a chunk, returns its output."""
 
     size: int
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None: ...
 
-    def run_chunk(self, looks: int) -> Given: ...
+    def run_chunk(self, polls: int) -> ChunkOutput: ...
 
 
 class EngineError(UserError):
-    """The engine that a job asks for cannot run it here; the message is a sentence."""
+    """The requested engine cannot run the job on this machine; the message is a sentence."""
 
 
 def choose(
@@ -43,15 +43,15 @@ def choose(
     numerics: Numerics,
     drive: RowDrive | None,
 ) -> tuple[str, str | None]:
-    """The engine that runs, and why where it is not the one that `auto` prefers.
+    """The name of the engine, and the reason where `auto` cannot use its first choice, the kernel.
 
     Args:
         wanted: auto, xla or kernel.
         device: the first device of the run.
-        model, recorder, numerics, drive: what is to be run.
+        model, recorder, numerics, drive: the program that the engine runs.
 
     Raises:
-        EngineError: `kernel` is asked for and cannot be had.
+        EngineError: `kernel` is requested but not available.
     """
     if wanted == "xla":
         return "xla", None
@@ -66,10 +66,10 @@ def choose(
 def _obstacle(
     device: Device, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
 ) -> str | None:
-    """What stands in the way of a scalar kernel, in words, or None."""
+    """The reason why a scalar kernel is not available, in words, or None."""
     if model.host_parameters:
-        return f"{model.name} works out numbers on the host, of {', '.join(model.host_parameters)}"
-    if device.platform not in KERNEL_LOOKS:
+        return f"{model.name} computes on the host with {', '.join(model.host_parameters)}"
+    if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
     if importlib.util.find_spec("numba") is None:
         return "the package numba is not installed"
@@ -89,12 +89,12 @@ def _obstacle(
     return None
 
 
-def lanes_on(device: Device, work: Work) -> Lanes:
-    """The lanes of a run on one device."""
-    what = work.model, work.recorder, work.numerics
-    options: dict[str, Any] = {"size": work.lanes, "drive": work.drive}
-    if work.engine == "xla":
-        return xla.Lanes(*what, device=device, **options)
+def lanes_on(device: Device, spec: SweepSpec) -> Lanes:
+    """The lanes of a sweep on one device."""
+    what = spec.model, spec.recorder, spec.numerics
+    options: dict[str, Any] = {"size": spec.lanes, "drive": spec.drive}
+    if spec.engine == "xla":
+        return xla.XlaLanes(*what, device=device, **options)
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda import CudaLanes
 
@@ -104,14 +104,16 @@ def lanes_on(device: Device, work: Work) -> Lanes:
     return CpuLanes(*what, **options)
 
 
-def looks_of(work: Work) -> int:
-    """Looks of the recorder between two returns to the host."""
-    return KERNEL_LOOKS[work.devices[0].platform] if work.engine == "kernel" else xla.LOOKS
+def polls_per_chunk(spec: SweepSpec) -> int:
+    """Initial polls of the recorder between two returns to the host."""
+    return (
+        KERNEL_POLLS_PER_CHUNK[spec.devices[0].platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
+    )
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:
-    """Lanes for each device, from the job, the engine and the kind of device alone."""
+    """Default number of lanes on each device, a function of the job, the engine and the kind of device."""
     if engine == "kernel" and platform == "cpu":
-        # enough that the host's work between chunks is small, few enough that all end together
+        # many lanes make the host's work between chunks small, few lanes end at the same time
         return int(min(512, max(16, xla.power_of_two(n_rows / 8))))
     return xla.default_lanes(n_rows, platform)

@@ -1,4 +1,4 @@
-"""Gaits of a block's rows where they ended, or at the ends of their stairs, from the observables there."""
+"""Labels of a block: the gait of each row at its end, or of each step of a staircase, from observables."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import numpy as np
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.block import Block
-from gaitsweep.engine.sweep.sweep_spec import Work
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
 class Labels:
-    """Gaits and traits of a block's rows, or of their stairs, in calls of fixed width."""
+    """Labels the rows of a block, or the records of a staircase, in batches of fixed size."""
 
-    def __init__(self, work: Work) -> None:
-        self.work = work
-        self._label = _reader(work.model, work.drive)
+    def __init__(self, spec: SweepSpec) -> None:
+        self.spec = spec
+        self._label = _reader(spec.model, spec.drive)
 
     def __call__(self, block: Block) -> dict[str, np.ndarray]:
         """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
-        found = self.work.recorder.readings(block)
+        found = self.spec.recorder.readings(block)
         if found is None:
             return {}
-        width = found.batch or min(self.work.block, self.work.n_rows)
+        width = found.batch or min(self.spec.block, self.spec.n_rows)
         return self._read(block, width, found.rows, found.t, found.observed, found.readable)
 
     def _read(
@@ -39,13 +39,13 @@ class Labels:
         observed: np.ndarray,
         good: np.ndarray,
     ) -> dict[str, np.ndarray]:
-        """The labels of `rows` (n,) of a block at times and observables (n, ...), `width` at a time."""
+        """Labels of `rows` (n,) of a block at times (n,) with observables (n, ...), in batches of `width`."""
         values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
         parts = []
         for first in range(0, max(rows.size, 1), width):
             part = slice(first, first + width)
             n = rows[part].size
-            # what cannot be read takes the first row's place, so that the width never changes
+            # batches are filled up with the first row, so that their size is constant
             padded = np.concatenate([rows[part], np.zeros(width - n, np.int64)])
             times, seen = np.zeros(width), np.zeros((width, observed.shape[1]))
             times[:n], seen[:n] = t[part], np.where(good[part, None], observed[part], 0.0)
@@ -53,11 +53,11 @@ class Labels:
             parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
         found = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
         gait = np.where(good, found.pop("gait"), -1).astype(np.int32)
-        traits = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
-        return {"gait": gait, **traits}
+        fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
+        return {"gait": gait, **fields}
 
 
-# kept for the process, as the engine's programs are: a refined run's rounds need not compile it again
+# cached for the process like the engine's programs, so that the rounds of a refined run compile it once
 @lru_cache(maxsize=16)
 def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
     names = [q.name for q in model.observables]

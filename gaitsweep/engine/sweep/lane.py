@@ -1,4 +1,4 @@
-"""The engine's functions of one trajectory, which every engine runs in its own way."""
+"""The functions of one trajectory, which every engine vectorises in its own way."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from gaitsweep.engine.advance import Carry, advance, start
 from gaitsweep.engine.numerics import SHARE, Numerics, step_of
 from gaitsweep.engine.recorders.recorder import Record, Recorder
 
-# The parameters at a time, from the raw values of a row: a ramp, a staircase. Its attribute `times`, where it
-# has one, lists times (s) between which nothing lies that the step's length has to be known for.
+# The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
+# `times` lists the times (s) at which the step length has to be evaluated.
 RowDrive = Callable[[Any, jax.Array], Params]
 
 
-class Given(NamedTuple):
-    """What a chunk of attempts gives to the host, one element of each array for each lane.
+class ChunkOutput(NamedTuple):
+    """The output of a chunk of attempts for the host; the first axis of each array is the lane.
 
-    `record` (its window and its moves are left out), `kept` the rows in the buffers (lanes, BUFFER, width),
-    of which `record.filled` are new, `t` (s), `attempts`.
+    `record` without its window and moves; `kept` (lanes, BUFFER, width) the buffers, whose first
+    `record.filled` records are new; `t` (s); `attempts`.
     """
 
     record: Record
@@ -33,7 +33,7 @@ class Given(NamedTuple):
 
 
 class OneLane:
-    """Opening a trajectory, an attempt, and a look at it; pure functions of scalars and small arrays."""
+    """Opening, an attempt and a poll of one trajectory: pure functions of scalars and small arrays."""
 
     def __init__(
         self, model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None = None
@@ -44,19 +44,19 @@ class OneLane:
         self._advance = advance(model, numerics, drive=drive)
 
     def open(self, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array, jax.Array]:
-        """What is held along the trajectory, its carry and record, and the row to keep of its start."""
+        """A trajectory's constants, carry and record, its first row (width,), and whether to keep it."""
         zero = jnp.zeros((), self.numerics.carried)
         params = self.at(values, zero)
         state = self.model.init(params, starts)
         share = jnp.asarray(starts.get(SHARE, 1.0), zero.dtype)
         dt = share * self._longest_step(values, params)
         carry = start(self.model, params, state, dt=dt, stop=self.recorder.stop(params), share=share)
-        # what does not change along a trajectory is worked out once
+        # constants of a trajectory are computed once
         held = values if self.driven else params
         return held, carry, *self.recorder.begin(params, carry)
 
     def _longest_step(self, values: Any, params: Params) -> jax.Array:
-        """Of a row (s); of a parameter that moves, the shortest that any of its values asks for."""
+        """The longest step of a row (s); for a moving parameter, the smallest over its values."""
         dt = step_of(self.model, self.numerics, params)
         for t in getattr(self.at, "times", ()) if self.driven else ():
             moved = self.at(values, jnp.asarray(t, dt.dtype))
@@ -66,7 +66,7 @@ class OneLane:
     def attempt(self, held: Any, carry: Carry) -> Carry:
         return self._advance(held, carry)
 
-    def look(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
-        """The recorder's look: carry and record after it, a row (width,), and whether to keep the row."""
+    def poll(self, held: Any, carry: Carry, record: Record) -> tuple[Carry, Record, jax.Array, jax.Array]:
+        """Carry and record after a poll of the recorder, its row (width,), and whether to keep that."""
         params = self.at(held, carry.t) if self.driven else held
-        return self.recorder.look(params, carry, record, carry.dt / self.numerics.steps_in_longest)
+        return self.recorder.poll(params, carry, record, carry.dt / self.numerics.steps_in_longest)

@@ -1,4 +1,4 @@
-"""What a sweep is asked to do, and how far it has come."""
+"""The specification of a sweep, and its progress."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from gaitsweep.engine.sweep.xla import Device, Values
 
 
 @dataclasses.dataclass(frozen=True)
-class Work:
-    """What is to be run: all rows, and how.
+class SweepSpec:
+    """The specification of a sweep: its rows, and how they are run.
 
-    `values(first, last)` gives the parameters and the starts of rows first..last-1, arrays of that length;
-    `drive` the parameters at a time from a row's raw values, for ramps and staircases; `engine` is xla or
-    kernel. Starts may have `SHARE` among them, by which a row's steps are shorter than the numerics say.
+    `values(first, last)` returns the parameters and the initial conditions of rows first..last-1, arrays of
+    that length by name; `drive` returns the parameters at a time from a row's values, for ramps and
+    staircases; `engine` is xla or kernel; `block` is the number of rows in a block, `lanes` that of lanes on
+    each device. The initial conditions may contain `SHARE`, the factor on a row's step lengths.
     """
 
     model: Model
@@ -33,8 +34,8 @@ class Work:
 
 
 @dataclasses.dataclass(frozen=True)
-class Progress:
-    """Where a run stands: rows done, rows of this run, share done, attempts, seconds since the start."""
+class SweepProgress:
+    """Progress: rows done, rows in all, share done (0 to 1), attempts, seconds since the start."""
 
     done: int
     rows: int

@@ -1,8 +1,8 @@
-"""The XLA engine: `advance` and a recorder vmapped over lanes and jitted, one program for each device.
+"""The XLA engine: `advance` and a recorder, vmapped over lanes and jitted for each device.
 
-Every device runs the same program over the same number of lanes, so a row's numbers do not depend on how
-many devices there are, nor on the lane or the moment in which it ran. (One program partitioned over the
-devices would not do: XLA compiles it differently for one device and for two, to the last bits.)
+Every device runs the same program with the same number of lanes, so a row's results do not depend on the
+number of devices, on its lane, or on when it runs. (One program partitioned over the devices would not do:
+XLA compiles it differently for one and for two devices, which changes the last bits.)
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ import numpy as np
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.recorder import BUFFER, CADENCE, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import Given, OneLane, RowDrive
+from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
+from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
 from gaitsweep.errors import ArgumentError
 
-# Looks of the recorder in one call of the device: 4 096 attempts, a fraction of a second, between two
-# chances to show progress, to store and to refill.
-LOOKS = 64
+# Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
+# the host shows progress, stores ended rows and refills lanes.
+POLLS_PER_CHUNK = 64
 
 Values = Mapping[str, np.ndarray]
-Device = Any  # a jax.Device, which type checkers take for a variable
+Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
 def see_all_cores() -> None:
-    """Make each usable core a device of JAX's, which can be done only before its first computation.
+    """Make each usable core a JAX device, which is possible only before JAX's first computation.
 
-    Sets float64 on, which is gaitsweep's default everywhere.
+    Enables float64, gaitsweep's default.
     """
     jax.config.update("jax_enable_x64", True)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    # afterwards JAX has the devices that it has
+    # after the first computation the number of devices is fixed
     with contextlib.suppress(RuntimeError):
         if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
             jax.config.update("jax_num_cpu_devices", cores)
 
 
 def local_devices(count: int | None = None) -> list[Device]:
-    """The devices of a run: all local ones, or the first `count`; on a CPU one for each usable core.
+    """The devices of a run: all local devices, or the first `count`; on a CPU one for each usable core.
 
     Raises:
-        ValueError: more devices are asked for than there are.
+        ArgumentError: more devices are requested than there are.
     """
     see_all_cores()
     devices = jax.local_devices()
@@ -61,10 +61,10 @@ def local_devices(count: int | None = None) -> list[Device]:
 
 
 def default_lanes(n_rows: int, platform: str) -> int:
-    """Lanes for each device, from the job and the kind of device alone.
+    """Default number of lanes on each device, a function of the number of rows and the kind of device.
 
-    A CPU is at its best from some 256 lanes on; half as many lanes as rows leave rows to refill with, so
-    that devices end together. On a GPU an attempt costs about the same for one lane and for 16 384.
+    A CPU reaches its full rate at about 256 lanes; with fewer lanes than rows, lanes are refilled and devices
+    end at about the same time. On a GPU an attempt costs about the same for 1 lane and for 16 384 lanes.
     """
     if platform == "cpu":
         return int(min(256, max(8, power_of_two(n_rows / 4))))
@@ -75,14 +75,14 @@ def power_of_two(least: float) -> int:
     return 2 ** math.ceil(math.log2(max(least, 1.0)))
 
 
-class Lanes:
-    """Trajectories in flight on one device: fill some, run a chunk of attempts, read what they gave.
+class XlaLanes:
+    """The trajectories that one device runs at a time.
 
     Args:
-        model, recorder, numerics: what is run and what is kept.
-        size: trajectories at once.
-        device: where to run.
-        drive: for a ramp, the parameters at a time, from the raw values of a row.
+        model, recorder, numerics: the program.
+        size: number of lanes.
+        device: the device.
+        drive: the parameters at a time (s) from the values of a row, for ramps and staircases.
     """
 
     def __init__(
@@ -113,13 +113,13 @@ class Lanes:
         else:
             self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
 
-    def run_chunk(self, looks: int = LOOKS) -> Given:
-        """Advance all running lanes by up to `looks * CADENCE` attempts."""
-        self._lanes, given = self._programs.chunk(self._put(np.int32(looks)), self._lanes)
-        if not np.asarray(given.record.filled).any():
-            # buffers are large, and most chunks leave them empty: nothing of the right shape is free
-            given = given._replace(kept=np.broadcast_to(np.zeros((), self._dtype), given.kept.shape))
-        return jax.device_get(given)
+    def run_chunk(self, polls: int = POLLS_PER_CHUNK) -> ChunkOutput:
+        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
+        self._lanes, output = self._programs.chunk(self._put(np.int32(polls)), self._lanes)
+        if not np.asarray(output.record.filled).any():
+            # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer
+            output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
+        return jax.device_get(output)
 
     def _put(self, array: Any) -> jax.Array:
         return jax.device_put(array, self._device)
@@ -133,14 +133,14 @@ class _Programs(NamedTuple):
     chunk: Callable[..., Any]
 
 
-# kept for the process, so that running a job again in a notebook does not compile again
+# cached for the process, so that a notebook that runs a job again does not compile again
 @lru_cache(maxsize=16)
 def _programs(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> _Programs:
     one = OneLane(model, recorder, numerics, drive)
     return _Programs(
         open=jax.jit(jax.vmap(partial(_open, one))),
         merge=jax.jit(jax.vmap(select)),
-        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_look, one)))),
+        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_poll, one)))),
     )
 
 
@@ -150,8 +150,8 @@ def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, Record, j
     return held, carry, record, _appended(buffer, jnp.zeros((), jnp.int32), row, keep)
 
 
-def _look(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
-    carry, after, row, keep = one.look(held, carry, record)
+def _poll(one: OneLane, held: Any, carry: Carry, record: Record, kept: jax.Array) -> Any:
+    carry, after, row, keep = one.poll(held, carry, record)
     return carry, after, _appended(kept, record.filled, row, keep)
 
 
@@ -161,23 +161,23 @@ def _appended(kept: jax.Array, place: jax.Array, row: jax.Array, keep: jax.Array
 
 
 def _chunk(
-    attempt: Callable[..., Any], look: Callable[..., Any], looks: jax.Array, lanes: Any
-) -> tuple[Any, Given]:
+    attempt: Callable[..., Any], poll: Callable[..., Any], polls: jax.Array, lanes: Any
+) -> tuple[Any, ChunkOutput]:
     held, carry, record, kept = lanes
 
     def going(loop: Any) -> jax.Array:
         count, _, record, _ = loop
-        return (count < looks) & jnp.any(record.status == Status.running)
+        return (count < polls) & jnp.any(record.status == Status.running)
 
     def turn(loop: Any) -> Any:
         count, carry, record, kept = loop
-        carry = jax.lax.fori_loop(0, CADENCE, lambda _, c: attempt(held, c), carry)
-        return count + 1, *look(held, carry, record, kept)
+        carry = jax.lax.fori_loop(0, POLL_INTERVAL, lambda _, c: attempt(held, c), carry)
+        return count + 1, *poll(held, carry, record, kept)
 
     opening = (jnp.zeros((), jnp.int32), carry, record, kept)
     _, carry, record, kept = jax.lax.while_loop(going, turn, opening)
     nothing = jnp.zeros((record.status.size, 0), record.last.dtype)
     seen = dataclasses.replace(record, **dict.fromkeys(UNSEEN, nothing))
-    # the host reads what is given, so that the buffers are free again
+    # the host reads the output, so the buffers are empty again
     record = dataclasses.replace(record, filled=jnp.zeros_like(record.filled))
-    return (held, carry, record, kept), Given(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]
+    return (held, carry, record, kept), ChunkOutput(seen, kept, carry.t, carry.attempts)  # type: ignore[arg-type]

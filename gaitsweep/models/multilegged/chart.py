@@ -1,4 +1,4 @@
-"""Coordinates of the chain's section: leg 1 has just touched down (Ambe et al. 2021, sec. 3.3)."""
+"""Coordinates on the chain's section, just after the touchdown of leg 1 (Ambe et al. 2021, sec. 3.3)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import jax.numpy as jnp
 from gaitsweep.contract import Chart, Quantity
 from gaitsweep.dynamics.phase_oscillator import wrapped
 
-# A leg that stands this far (m) from where it would just touch is not on the section.
+# A leg farther than this (m) from its touchdown height is not on the section.
 CLOSE = 1e-8
-# Leg 1 is pressed in by a picometre, so that rounding does not make it leave the ground.
+# Leg 1 is compressed by a picometre, so that it stays on the ground in spite of rounding.
 PRESSED = 1e-12
 
 
 @dataclasses.dataclass(frozen=True)
 class MultileggedChart(Chart):
-    """4 N + 3 numbers: the height of leg 1's mass follows from its phase, since its leg just touches.
+    """4 N + 3 coordinates; the height of mass 1 follows from its phase, since its leg just touches.
 
-    With equal masses at both ends E = psi_1 + ... + psi_N is conserved but for what the reduced theory
-    neglects (eq. 29): fixed points form lines along which E changes.
+    With equal masses at both ends, E = psi_1 + ... + psi_N is conserved up to terms that the reduced theory
+    neglects (eq. 29): fixed points form lines along which E varies.
     """
 
     N: int
@@ -50,21 +50,21 @@ class MultileggedChart(Chart):
         psi = wrapped(state.phi[1:] - state.phi[:-1])
         return jnp.concatenate([psi, state.phi[:1], state.x[1:], state.v, state.y])
 
-    def place(self, params: Any, at: jax.Array, like: Any) -> Any:
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         n = self.N
         psi, phi_1, x, v, y = jnp.split(at, [n, n + 1, 2 * n + 1, 3 * n + 2])
         phi = jnp.cumsum(jnp.concatenate([phi_1, psi]))
-        # the turn of each phase is that of the segment which its leg is in
-        phi = like.phi + wrapped(phi - like.phi + jnp.pi) - jnp.pi
+        # multiples of 2 pi are those of the leg's segment
+        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
         touching = _touching(params, phi[:1]) - PRESSED
-        return dataclasses.replace(like, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
+        return dataclasses.replace(modes, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
 
     def holds(self, params: Any, state: Any) -> jax.Array:
-        """Leg 1 has landed; its phase can also have gone by 2 pi without."""
+        """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         gap = state.x[0] - _touching(params, state.phi[0])
         return state.landed & (jnp.abs(gap) < CLOSE)
 
-    def kept(self, params: Any, at: jax.Array) -> jax.Array:
+    def conserved_values(self, params: Any, at: jax.Array) -> jax.Array:
         return jnp.sum(at[: self.N])[None]
 
 

@@ -1,4 +1,4 @@
-"""How the multi-legged chain is drawn: masses on legs, from head to tail, with springs between neighbours."""
+"""The drawing of the multi-legged chain: masses on legs, with springs between neighbours."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitsweep.skeleton import Limb, Skeleton
 
-# In leg lengths: how far apart neighbours are drawn (the model's masses only move up and down), their size.
+# Drawn distance of neighbours and half size of masses, in leg lengths; the model has neither.
 _APART, _HALF = 0.6, 0.075
 _CORNERS = np.array([(x, y, z) for y in (-1.0, 1.0) for x in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
@@ -18,9 +18,9 @@ def skeleton(legs: int, values: Mapping[str, float], signals: Mapping[str, np.nd
     """The chain, its head to the right.
 
     Args:
-        legs: how many there are.
+        legs: number of legs.
         values: the leg's length `L`, m, among other parameters.
-        signals: heights x_1, ... and legs' lengths l_1, ..., (n,) m each.
+        signals: heights x_1, ... and leg lengths l_1, ..., (n,) m each.
     """
     masses, feet = [], []
     for i in range(legs):

@@ -1,8 +1,8 @@
 """Multi-legged chain with phase resetting at touchdown (Ambe, Aoi, Tsuchiya and Matsuno 2021).
 
-N + 1 point masses move vertically, neighbours are joined by springs and dampers, each stands on a massless
-leg whose length follows the phase of its own oscillator. The oscillators do not speak to each other: a
-phase is reset when its leg touches the ground in the landing segment, and that is all the coordination.
+N + 1 point masses move vertically, with springs and dampers between neighbours. Each mass stands on a
+massless leg whose length is a function of the phase of its own oscillator. The oscillators are not coupled: a
+phase is reset when its leg touches the ground in the landing segment, and the legs interact only by this.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from gaitsweep.models.multilegged.theory.obstacle import obstacle_problem
 from gaitsweep.skeleton import Skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
-# Leg 1 starts pressed in by a picometre (1e-7 N), so that rounding does not decide whether it touches.
+# Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding.
 TOUCH = 1e-12
-# A leg in contact leaves the ground where x > l, strictly (eq. 2); this makes x = l stay in contact.
+# A leg in contact leaves the ground at x > l (eq. 2); with this offset x = l is still contact.
 STRICTLY = 1e-300
 
 _TABLE_1 = "Ambe 2021, Table 1"
-_EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # where the head and the tail come to differ
+_EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # the equations in which head and tail differ
 
 
 def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
@@ -64,7 +64,7 @@ PARAMETERS = (
     Quantity(
         "clamp",
         "1",
-        "1: the ground cannot pull; 0: eq. (1) to the letter",
+        "1: the ground cannot pull; 0: eq. (1) exactly",
         0.0,
         low=0.0,
         high=1.0,
@@ -80,9 +80,9 @@ PARAMETERS = (
 )
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """Parameters as the equations read them; units as in `PARAMETERS`, arrays from head to tail.
+    """Parameters as in the equations; units as in `PARAMETERS`, arrays from head to tail.
 
-    kappa (N,): each spring; masses, a (N+1,): of each leg; m: of the inner ones.
+    `kappa` (N,) is that of each spring; `masses` and `a` (N+1,) are those of each leg; `m` is the inner mass.
     """
 
     beta: jax.Array
@@ -109,8 +109,8 @@ class Params:
 class State:
     """Heights x (m), velocities v (m/s), phases phi (rad), lags y (rad/s), each (N+1,), and the modes.
 
-    `contact` (N+1,) bool; `segment` (N+1,) of each leg's length: stance, takeoff or landing; `landed`: leg 1
-    has had its landing contact in this cycle.
+    `contact` (N+1,) bool; `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing;
+    `landed`: leg 1 has had its landing contact in this cycle.
     """
 
     x: jax.Array
@@ -133,14 +133,14 @@ class Multilegged(HybridModel):
     name: ClassVar[str] = "multilegged"
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
     gaits: ClassVar[tuple[str, ...]] = GAITS
-    linear: ClassVar[bool] = True  # but for the kink of `clamp`, which costs 1e-5 rad where it is above zero
+    linear: ClassVar[bool] = True  # except the kink of `clamp`, an error of 1e-5 rad if it is above zero
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         return PARAMETERS
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         phase = Quantity(
             "phi_1",
             "rad",
@@ -180,7 +180,7 @@ class Multilegged(HybridModel):
         )
 
     @property
-    def traits(self) -> tuple[Quantity, ...]:
+    def label_fields(self) -> tuple[Quantity, ...]:
         return (
             Quantity("k", "1", "leg at the boundary of a source wave, 2..N; 0 for other gaits"),
             Quantity("distance", "rad", "distance to the nearest analytic solution on section 1"),
@@ -230,10 +230,10 @@ class Multilegged(HybridModel):
         )
 
     def _leg(self, p: Params, phi: jax.Array, segment: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Length of each leg (m) and its slope over the phase (m/rad), eq. (3).
+        """Length of each leg (m) and its derivative by the phase (m/rad), eq. (3).
 
-        Each segment is a straight line, `origin + rate * phi`; what depends on the segment alone is chosen
-        apart from the phase, and so once for all stages of a step.
+        Each segment is a straight line, `origin + rate * phi`. `origin` and `rate` are selected independently
+        of the phase, so once for all stages of a step.
         """
         slope = p.a / ((1.0 - p.beta) * jnp.pi)
         takeoff = p.L + slope * (2.0 * p.beta * jnp.pi)
@@ -255,13 +255,13 @@ class Multilegged(HybridModel):
         return Recommended("propagator6")
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
-        """Those of the masses on springs and ground; the lag decays at 1 / tau, the phases turn evenly."""
+        """The modes of the masses on springs and ground, and the lag's, 1 / tau; phases have none."""
         p = params
         rates, damping = fastest_motions(p.masses, p.kappa, p.sigma, p.K, p.D)
         return jnp.append(rates, 1.0 / p.tau), jnp.append(damping, 1.0)
 
     def guards(self, params: Params, state: State) -> jax.Array:
-        """Each leg's phase against the end of its segment, then each leg's contact, shape (2N + 2,)."""
+        """Each leg's phase relative to the end of its segment, then each leg's contact, shape (2N + 2,)."""
         p, s = params, state
         end = jnp.where(
             s.segment == STANCE,
@@ -292,17 +292,17 @@ class Multilegged(HybridModel):
         )
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Leg 1's first landing contact of a cycle, or its wrap where it has had none."""
+        """Leg 1's first landing contact of a cycle, or the wrap of its phase if there was none."""
         _, _, wraps, kicked = self._transitions(before, fired)
         return ~before.landed & (kicked[0] | wraps[0])
 
     def _transitions(self, s: State, fired: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-        """For each leg: at a corner of its phase, the segment after it, wrapping, kicked."""
+        """For each leg: end of its segment, the segment after, wrap of its phase, phase reset."""
         corner, touched = fired[: self.N + 1], fired[self.N + 1 :]
         following = jnp.where(s.segment == LANDING, STANCE, s.segment + 1)
         segment = jnp.where(corner, following, s.segment)
         wraps = corner & (s.segment == LANDING)
-        kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6): the landing segment is closed below
+        kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6), from the segment's beginning on
         return corner, segment, wraps, kicked
 
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
@@ -336,7 +336,7 @@ class Multilegged(HybridModel):
         return {"gait": gait, "k": k, "distance": distance}
 
     def failed(self, params: Params, state: State) -> jax.Array:
-        """A mass has come down to the ground."""
+        """Whether a mass has reached the ground."""
         return jnp.any(state.x <= 0.0)
 
     def period(self, params: Params) -> jax.Array:

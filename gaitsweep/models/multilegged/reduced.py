@@ -1,10 +1,11 @@
 """The multi-legged chain reduced to its phases: rigid legs, no inertia, no lag (Ambe 2021, 3.1 and 3.2).
 
-The heights are those of the chain at rest on its legs (eq. 8), and a phase is reset at once where its leg
-touches (eq. 9), so nothing moves but the phases, at constant speed. A leg touches where the heights of the
-other legs say so: with z the chain's shape less that of the chain hanging free, leg i bears the load kappa
-times (least slope to a leg before it - greatest slope to a leg behind it), slopes of z between leg tips, and
-is in the air where that number is negative. That is the obstacle problem, leg by leg and with a sign.
+The heights are those of the chain in static equilibrium on its legs (eq. 8), and a phase is reset immediately
+at touchdown (eq. 9), so only the phases move, at constant speed. The touchdown of a leg depends on the
+heights of the others: with z the chain's shape less that of the freely hanging chain, leg i bears the load
+kappa times (least slope to a leg before it - greatest slope to a leg behind it), slopes of z between leg
+tips, and is in the air if that number is negative. This is the obstacle problem, solved for each leg with a
+sign.
 
 Two ways to run it. With events located (`method: propagator`) times are exact and derivatives can be had.
 In steps of its own (`method: semi_implicit`) every step goes to the next event at most, found without search.
@@ -14,25 +15,78 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import Chart, Quantity, Rates, Recommended, Steps
+from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.models.multilegged.model import LANDING, STANCE, STRICTLY, TAKEOFF, Multilegged, Params
 from gaitsweep.models.multilegged.reduced_chart import ReducedChart
-from gaitsweep.models.multilegged.reduced_state import TOUCHING, State, after_events, corner_of
-from gaitsweep.models.multilegged.reduced_steps import ToTheNextEvent
-from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
+from gaitsweep.models.multilegged.theory.obstacle import balance, balance_and_rate, obstacle_problem
 
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
+# A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
+# spite of rounding.
+TOUCHING = 1e-13
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["phi", "segment", "held", "psi", "landed", "late"],
+    meta_fields=[],
+)
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Phases phi (N+1,), rad, and the modes.
+
+    `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg
+    has been on the ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, are
+    the relative phases at the last crossing of section 1; `landed`: leg 1 touched down there; `late` (s) is
+    the time by which fixed steps are ahead of this state.
+    """
+
+    phi: jax.Array
+    segment: jax.Array
+    held: jax.Array
+    psi: jax.Array
+    landed: jax.Array
+    late: jax.Array
+
+
+def corner_of(p: Params, s: State) -> jax.Array:
+    """Phase at the end of each leg's segment, rad."""
+    stance, takeoff = 2.0 * p.beta * jnp.pi, (1.0 + p.beta) * jnp.pi
+    return jnp.where(s.segment == STANCE, stance, jnp.where(s.segment == TAKEOFF, takeoff, TWO_PI))
+
+
+def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
+    """The state after legs (N+1,) reach the end of a segment (`corner`), touch down (`touches`), or lift off.
+
+    A leg begins its landing segment as held; if it is not, it lifts off at the same instant.
+    """
+    landing = s.segment == LANDING
+    resets = touches & landing
+    wraps = corner & landing & ~resets
+    ends = resets | wraps
+    segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
+    crosses = ends[0]
+    psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
+    return State(
+        phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
+        segment=segment,
+        held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
+        psi=jnp.where(crosses, psi, s.psi),
+        landed=jnp.where(crosses, resets[0], s.landed),
+        late=s.late,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class MultileggedReduced(Multilegged):
-    """The reduced chain of N + 1 legs; parameters, starts, observables and gaits are the full model's."""
+    """The reduced chain of N + 1 legs, with the parameters, observables and gaits of the full model."""
 
     name: ClassVar[str] = "multilegged_reduced"
     linear: ClassVar[bool] = True
@@ -54,8 +108,8 @@ class MultileggedReduced(Multilegged):
     def chart(self) -> Chart | None:
         return ReducedChart(self.N)
 
-    def in_steps(self) -> Steps:
-        return ToTheNextEvent(self)
+    def in_steps(self) -> FixedStepDynamics:
+        return NextEventSteps(self)
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
         p = params
@@ -73,7 +127,7 @@ class MultileggedReduced(Multilegged):
             STANCE,
             jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
         )
-        # as in the full model, a leg is on the ground that bears a load before leg 1 is reset
+        # as in the full model, a leg with a load before the reset of leg 1 is on the ground
         length, _ = self._leg(p, phi, jnp.where(leg_1, LANDING, segment))
         return State(
             phi=jnp.where(leg_1, 0.0, phi),
@@ -92,12 +146,12 @@ class MultileggedReduced(Multilegged):
         return Recommended("semi_implicit")
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
-        """The phases turn evenly, at a rate of zero; steps of 1 over this rate are the legs' time apart."""
-        rate = 20.0 / ToTheNextEvent(self).longest_step(params)
+        """Phases move at constant speed; this rate limits a step to the time between touchdowns."""
+        rate = 20.0 / NextEventSteps(self).longest_step(params)
         return rate[None], jnp.ones((1,), rate.dtype)
 
     def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
-        """Each leg's phase against the end of its segment, then its touchdown, or its lift-off if held."""
+        """Each leg's phase relative to the end of its segment, then its touchdown, or lift-off if held."""
         p, s = params, state
         length, _ = self._leg(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
@@ -109,7 +163,7 @@ class MultileggedReduced(Multilegged):
         return after_events(state, corner, switched & ~state.held, switched & state.held)
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:  # type: ignore[override]
-        """Leg 1's touchdown, or its wrap where it has had none."""
+        """Leg 1's touchdown, or the wrap of its phase if there was none."""
         resets = fired[self.N + 1] & ~before.held[0]
         return (before.segment[0] == LANDING) & (resets | fired[0])
 
@@ -125,6 +179,61 @@ class MultileggedReduced(Multilegged):
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
     def failed(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
-        """Never: masses come down to their legs' tips at most. Legs without length (a >= L) walk on, as in
-        the full model: no equation knows of them."""
+        """Never: a mass cannot be below the tip of its leg. Legs of zero length (a >= L) are not excluded, as
+        in the full model, since no equation depends on that."""
         return jnp.asarray(False)
+
+
+# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
+STEPS_A_LEG = 6.25
+
+
+@dataclasses.dataclass(frozen=True)
+class NextEventSteps(FixedStepDynamics):
+    """Steps that end at the next event at the latest; later steps catch up with the time.
+
+    The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
+    touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
+    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
+    divided by N.
+    """
+
+    model: MultileggedReduced
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        p, s = params, state
+        landing = s.segment == LANDING
+        length, rate = self.model._leg(p, s.phi, s.segment)
+        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (balance < -TOUCHING)
+        armed = landing & ~(s.held & ~lifts)
+        due = armed & (balance >= -TOUCHING)
+
+        corner_at = corner_of(p, s)
+        to_corner = corner_at - s.phi
+        approaching = armed & (rise > 0.0)
+        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        room = (s.late + dt) * p.omega
+        ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
+        ahead = jnp.where(jnp.any(due), 0.0, ahead)
+        corner = to_corner <= ahead
+        moved = dataclasses.replace(
+            s,
+            phi=jnp.where(corner, corner_at, s.phi + ahead),
+            late=s.late + dt - ahead / p.omega,
+        )
+        return after_events(moved, corner, due, lifts)
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
+        return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
+
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
+        return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        return fired[0]

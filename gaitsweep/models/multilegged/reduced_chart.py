@@ -1,4 +1,4 @@
-"""Coordinates of the reduced chain's section: leg 1 has just been reset."""
+"""Coordinates on the reduced chain's section, just after the phase reset of leg 1."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from gaitsweep.dynamics.phase_oscillator import wrapped
 
 @dataclasses.dataclass(frozen=True)
 class ReducedChart(Chart):
-    """The relative phases just after leg 1's reset, N numbers: leg 1 stands at phase 0.
+    """The N relative phases just after the reset of leg 1, whose phase is 0.
 
-    psi_1 is that of section 1, read before the reset, plus leg 1's touchdown phase; the others are the same.
-    E is conserved as long as both ends touch at one phase (eqs. 29, 30), so fixed points form lines.
+    psi_1 is its value on section 1 before the reset plus leg 1's touchdown phase; the others are the same.
+    E is conserved if both ends have the same touchdown phase (eqs. 29, 30); then fixed points form lines.
     """
 
     N: int
@@ -36,15 +36,15 @@ class ReducedChart(Chart):
     def read(self, params: Any, state: Any) -> jax.Array:
         return wrapped(state.phi[1:] - state.phi[:-1])
 
-    def place(self, params: Any, at: jax.Array, like: Any) -> Any:
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         phi = jnp.concatenate([jnp.zeros_like(at[:1]), jnp.cumsum(at)])
-        # the turn of each phase is that of the segment which its leg is in
-        phi = like.phi + wrapped(phi - like.phi + jnp.pi) - jnp.pi
-        return dataclasses.replace(like, phi=phi)
+        # multiples of 2 pi are those of the leg's segment
+        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
+        return dataclasses.replace(modes, phi=phi)
 
     def holds(self, params: Any, state: Any) -> jax.Array:
-        """Leg 1 has landed; its phase can also have gone by 2 pi without."""
+        """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
         return state.landed & (state.phi[0] == 0.0)
 
-    def kept(self, params: Any, at: jax.Array) -> jax.Array:
+    def conserved_values(self, params: Any, at: jax.Array) -> jax.Array:
         return jnp.sum(at)[None]

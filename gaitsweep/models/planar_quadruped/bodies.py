@@ -1,4 +1,4 @@
-"""Who moves the body: gaitsweep's own articulated tree on compliant feet, or MJX with MuJoCo's contacts."""
+"""The rigid-body dynamics: gaitsweep's articulated tree on compliant feet, or MJX with MuJoCo's contacts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gaitsweep.dynamics.external_force import YieldingForce
 from gaitsweep.dynamics.tree.articulated_tree import Geometry
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
-from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, Mechanics, body, mjcf
+from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.models.planar_quadruped.parameters import BODY
 from gaitsweep.models.planar_quadruped.state import State
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
 
 
-# Of the number that has to stay below 2, at most.
+# Largest value of the stability number of `PlanarTreeBody.longest_step`, whose limit is 2.
 STABLE = 1.5
 
 
-class Body(abc.ABC):
-    """What carries the legs."""
+class PlanarBody(abc.ABC):
+    """The rigid-body dynamics of the quadruped."""
 
-    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` compiles
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
     warm: ClassVar[int] = 0  # length of `State.warm`
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -43,29 +43,31 @@ class Body(abc.ABC):
         return dict(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`Mechanics.numbers` of a row's values."""
+        """`PlanarMechanics.numbers` of a row's values."""
         return {}
 
-    def longest_step(self, m: Mechanics) -> jax.Array:
-        """The longest step (s) in which its contacts are stable."""
+    def longest_step(self, m: PlanarMechanics) -> jax.Array:
+        """The longest step (s) with stable contacts."""
         return jnp.full_like(m.g, jnp.inf)
 
     @abc.abstractmethod
-    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
-        """q, v, warm and the loads (4,) N of a step of `dt` (s) under the motors' forces `tau` (11,)."""
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        """q, v, warm and the loads (4,) N after a step of `dt` (s) with the motors' forces `tau` (11,)."""
 
 
-class TreeBody(Body):
-    """The articulated tree, semi-implicit in the velocities; joints' damping and friction are implicit."""
+class PlanarTreeBody(PlanarBody):
+    """The articulated tree with semi-implicit steps; joint damping and friction are implicit."""
 
-    def longest_step(self, m: Mechanics) -> jax.Array:
-        """Semi-implicit steps of a foot on a spring and a damper are stable while
-        (D dt + K dt^2 / 2) w < 2, with w the foot's inverse mass."""
+    def longest_step(self, m: PlanarMechanics) -> jax.Array:
+        """The longest stable step (s) of a foot on a spring and a damper.
+
+        Semi-implicit steps are stable if (D dt + K dt^2 / 2) w < 2, with w the foot's inverse effective mass.
+        """
         w = 1.0 / (m.lower_mass + m.foot_mass) + 0.5 / (m.upper_mass + m.lower_mass + m.foot_mass)
         root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABLE * m.K_foot / w)
         return (root - m.D_foot) / m.K_foot
 
-    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         tree, _ = body()
         geometry = m.geometry(dt)
         feet = _ground_forces(m, geometry, s, dt)
@@ -75,14 +77,14 @@ class TreeBody(Body):
         return jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load
 
 
-def _ground_forces(m: Mechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
-    """What the ground does to each foot in a step of `dt` (s)."""
+def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
+    """The force of the ground on each foot in a step of `dt` (s)."""
     tree, _ = body()
     placed = places(tree, geometry, s.q)
     moving = movements(tree, placed, s.v)
     ground = {"K": m.K_foot, "D": m.D_foot, "mu": m.mu, "v_slip": m.v_slip}
     zero = jnp.zeros_like(m.g)
-    # the middle of the ball in its leg, and from there to what is lowest of it
+    # the centre of the foot's sphere in its leg, and its lowest point relative to the centre
     middle, down = jnp.stack([zero, zero, m.foot_radius]), jnp.stack([zero, zero, -m.foot_radius])
     feet = []
     for leg in LEGS:
@@ -92,8 +94,8 @@ def _ground_forces(m: Mechanics, geometry: Geometry, s: State, dt: jax.Array) ->
     return feet
 
 
-class MjxInContact(Body):
-    """The MJCF as MJX steps it, its contacts solved by MuJoCo's method."""
+class PlanarMjxBody(PlanarBody):
+    """The body in MJX, with MuJoCo's contact solver."""
 
     compiled_of = tuple(quantity.name for quantity in BODY)
     warm = NQ
@@ -104,7 +106,7 @@ class MjxInContact(Body):
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         return variants().of_row(values)
 
-    def moved(self, m: Mechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         from gaitsweep.dynamics.mjx.body import BodyState
 
         in_mjx = mjx_body()
@@ -122,7 +124,7 @@ class MjxInContact(Body):
         return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
 
 
-# MJX takes seconds to import, and a job is read without it
+# MJX is imported here, since that takes seconds and reading a job does not need it
 @cache
 def mjx_body() -> MjxBody:
     """The body of the MJCF."""
@@ -133,14 +135,14 @@ def mjx_body() -> MjxBody:
 
 @cache
 def variants() -> Variants:
-    """The bodies of other masses and lengths."""
+    """The bodies with other masses and lengths."""
     from gaitsweep.dynamics.mjx.variants import Variants
 
     return Variants(mjcf(), edited, page_values())
 
 
 def page_values() -> dict[str, float]:
-    """The body's parameters that the MJCF has, by name."""
+    """The default body parameters, those of the MJCF, by name."""
     from gaitsweep.expression import evaluate
 
     found: dict[str, float] = {}
@@ -154,7 +156,7 @@ def edited(spec: Any, values: Mapping[str, float]) -> None:
     torso = spec.body("torso")
     torso.ipos = [values["com_x"], 0.0, 0.0]
     torso.mass = values["torso_mass"]
-    # that about y matters; MuJoCo wants the others to be a body's
+    # only the inertia about y has an effect; the others are scaled, so that MuJoCo accepts them
     torso.inertia = values["torso_inertia"] / torso.inertia[1] * torso.inertia
     radius = values["foot_radius"]
     for leg, side in zip(LEGS, SIDE, strict=True):

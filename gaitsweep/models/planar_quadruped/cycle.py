@@ -1,7 +1,7 @@
-"""What is read of a walk while it goes on: when each leg begins to swing, loads and tilts of its stance.
+"""Online measurement of gait cycles: swing onsets, and mean loads and pitch in stance and late stance.
 
-A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. Late stance is the end of it, from
-where `LATE` of the last cycle's length is left if this one lasts as long: so that no loads need be kept.
+A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. Late stance is its last part, of
+the share `LATE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ LF = LEGS.index("LF")
 @partial(jax.tree_util.register_dataclass, data_fields=["time", "load", "pitch"], meta_fields=[])
 @dataclasses.dataclass(frozen=True)
 class Sums:
-    """Over a part of each leg's cycle: its `time` (4,) s, load (4,) N s and pitch (4,) rad s in it."""
+    """Integrals over a part of each leg's cycle: `time` (4,) s, `load` (4,) N s, `pitch` (4,) rad s."""
 
     time: jax.Array
     load: jax.Array
     pitch: jax.Array
 
     def grown(self, part: jax.Array, load: jax.Array, pitch: jax.Array, dt: jax.Array) -> Sums:
-        """With a step of `dt` (s) more for the legs in this part (4,)."""
+        """The integrals after a step of `dt` (s), for the legs in this part (4,)."""
         h = jnp.where(part, dt, 0.0)
         return Sums(self.time + h, self.load + h * load, self.pitch + h * pitch)
 
     def cleared(self, legs: jax.Array) -> Sums:
-        """With nothing for these legs (4,)."""
+        """The integrals with zeros for these legs (4,)."""
         return jax.tree.map(lambda sum_: jnp.where(legs, 0.0, sum_), self)
 
     def means(self) -> tuple[jax.Array, jax.Array]:
-        """Mean load (4,) N and pitch (4,) rad; 0 where there is no time."""
+        """Mean load (4,) N and pitch (4,) rad; 0 if the time is 0."""
         per_time = jnp.where(self.time > 0.0, 1.0 / jnp.where(self.time > 0.0, self.time, 1.0), 0.0)
         return self.load * per_time, self.pitch * per_time
 
@@ -52,10 +52,10 @@ class Sums:
 )
 @dataclasses.dataclass(frozen=True)
 class Average:
-    """Running averages over the last cycles, the weight of each falling by 1/memory a cycle.
+    """Exponentially weighted averages over the last cycles; weights decay by 1/memory a cycle.
 
-    `weight` of all cycles so far, towards 1; `cosines`, `sines` (3,) of delta_1, delta_2 and the fore legs'
-    shift; `period` s; `square` s2 of the period.
+    `weight` is the sum of all weights, which tends to 1; `cosines` and `sines` (3,) are those of delta_1,
+    delta_2 and the fore legs' shift; `period` s; `square` s2, of the period.
     """
 
     weight: jax.Array
@@ -65,7 +65,7 @@ class Average:
     square: jax.Array
 
     def with_cycle(self, shifts: jax.Array, period: jax.Array, share: jax.Array) -> Average:
-        """With one cycle more of weight `share`, of these `shifts` (3,) cycles and `period` (s)."""
+        """The averages with one more cycle of weight `share`, with `shifts` (3,) cycles and `period` (s)."""
         new = Average(jnp.ones_like(period), jnp.cos(TWO_PI * shifts), jnp.sin(TWO_PI * shifts), period,
                       period * period)  # fmt: skip
         return jax.tree.map(lambda old, now: old + share * (now - old), self, new)
@@ -101,13 +101,14 @@ class Average:
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class Cycle:
-    """What has been read so far; legs in the order of `LEGS`.
+    """The measurements so far; legs are in the order of `LEGS`.
 
-    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; of the cycle it
-    is in `stance` and `late`; of the last one the means `stance_load`, `late_load` (N), `stance_pitch`,
-    `late_pitch` (rad). Of LF's cycle so far: `begin_x` m, `pitch_sum` rad s, `pitch_low`, `pitch_high` rad,
-    `aloft` s without a foot on the ground; of its last one `speed` m/s, `flight` (a share), `pitch_mean`,
-    `pitch_range` rad; of its last ones the `average`; `closed`: it ended in the last step.
+    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; the integrals
+    `stance` and `late` of its current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`,
+    `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`,
+    `pitch_high` rad, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s, `flight` (a
+    share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's cycle ended in
+    the last step.
     """
 
     clock: jax.Array
@@ -132,7 +133,7 @@ class Cycle:
     closed: jax.Array
 
     def shifts(self) -> jax.Array:
-        """delta_1, delta_2 and the fore legs' shift (3,), cycles in [-0.5, 0.5), where LF's cycle ends."""
+        """delta_1, delta_2 and the fore legs' shift (3,), cycles in [-0.5, 0.5), at the end of LF's cycle."""
         late = jnp.stack(
             [
                 self.onset[HIND_1] - self.onset[FORE_1],
@@ -146,7 +147,7 @@ class Cycle:
 
 
 def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
-    """Nothing read yet, the torso at `x` (m) with this `pitch` (rad)."""
+    """The initial measurements, with the torso at `x` (m) and its `pitch` (rad)."""
     zero, four = jnp.zeros_like(x), jnp.zeros((4,), x.dtype)
     three = jnp.zeros((3,), x.dtype)
     none = Sums(four, four, four)
@@ -167,14 +168,14 @@ def followed(
     memory: jax.Array,
     dt: jax.Array,
 ) -> Cycle:
-    """What has been read a step of `dt` (s) later.
+    """The measurements after a step of `dt` (s).
 
     Args:
-        cycle: what was read before.
+        cycle: the measurements before it.
         u: potentials (2, 4) before and after the step.
-        load: loads (4,) N in it.
-        x, pitch: of the torso, m after the step and rad before it.
-        memory: of the averages, cycles.
+        load: loads (4,) N during the step.
+        x, pitch: position (m) of the torso after the step, its pitch (rad) before.
+        memory: memory of the averages, cycles.
     """
     c, before, after = cycle, u[0][FLEXOR], u[1][FLEXOR]
     stands = before <= 0.0
@@ -190,7 +191,7 @@ def followed(
     )
     begins = stands & (after > 0.0)
     rise = after - before
-    whole = c.onset[LF] > 0.0  # the first cycle has no beginning
+    whole = c.onset[LF] > 0.0  # the first cycle is incomplete
     onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
     stance_load, stance_pitch = c.stance.means()
     late_load, late_pitch = c.late.means()
@@ -210,7 +211,7 @@ def followed(
 
 
 def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle:
-    """What LF's cycle gives where it has ended; `share` is its weight in the averages."""
+    """The measurements of LF's cycle at its end; `share` is its weight in the averages."""
     lasted = jnp.where(c.closed, c.period[LF], 1.0)
     ended = dataclasses.replace(
         c,

@@ -1,4 +1,4 @@
-"""How the planar quadruped is drawn: a box and four legs, each of an upper part and one that slides in it."""
+"""The drawing of the planar quadruped: a box and four telescopic legs."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -19,8 +19,8 @@ NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right 
 _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-class Drawn:
-    """What a model of this body says about its picture (`Model.skeleton` and `Model.mjcf`)."""
+class PlanarDrawing:
+    """The functions `skeleton` and `mjcf` of a model with this body."""
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
         return skeleton(values, signals)
@@ -38,10 +38,10 @@ def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
 
 
 def skeleton(values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
-    """The parts where MuJoCo's kinematics puts them.
+    """The parts of the body, by MuJoCo's kinematics.
 
     Args:
-        values: the parameters, masses and lengths among them.
+        values: the parameters, with masses and lengths.
         signals: q_0 to q_10, (n,) each.
     """
     model = of_values(values).compile()

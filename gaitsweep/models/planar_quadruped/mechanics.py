@@ -1,4 +1,4 @@
-"""The body: its masses and lengths, in what order its joints stand, and its tree for a row's values."""
+"""The planar quadruped's rigid-body mechanics: indices of joints, and the tree with a row's values."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 
-# Places in q and in v.
+# Indices in q and in v.
 X, Z, PITCH = 0, 1, 2
 HIP, KNEE = np.array([3, 5, 7, 9]), np.array([4, 6, 8, 10])
 NQ = 11
-# The hips, from the middle between them, in units of hip_x.
+# Positions of the hips relative to their midpoint, in units of hip_x.
 SIDE = tuple(1.0 if leg.endswith("F") else -1.0 for leg in LEGS)
-# Radii of the legs' capsules, m; they matter for their moments of inertia alone.
+# Radii of the legs' capsules, m, for their moments of inertia only.
 UPPER_RADIUS, LOWER_RADIUS = 0.015, 0.008
 
 
@@ -35,11 +35,11 @@ UPPER_RADIUS, LOWER_RADIUS = 0.015, 0.008
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
-class Mechanics:
+class PlanarMechanics:
     """Masses, lengths, damping and ground; units as in `PARAMETERS`.
 
-    `numbers` has what MuJoCo works out from masses and lengths, by the names of an mjx.Model, for a body that
-    MJX steps; none for the tree.
+    `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
+    MJX; it is empty for the tree.
     """
 
     com_x: jax.Array
@@ -67,10 +67,10 @@ class Mechanics:
         return _placed(self.g, [self.Kv_hip] * 4, [self.Kv_knee] * 4)
 
     def geometry(self, dt: Scalar) -> Geometry:
-        """The tree's numbers, its joints' damping implicit in a step of `dt` (s).
+        """The tree's geometry, with implicit joint damping for a step of `dt` (s).
 
-        v + dt a with the damping taken at the step's end is (M + dt D) a = forces at its beginning: what
-        MuJoCo's Euler does, and what an armature of dt D does.
+        With the damping force at the end of the step, the accelerations follow from (M + dt D) a = forces at
+        its beginning, as in MuJoCo's Euler integrator: an armature of dt D.
         """
         tree, of_page = body()
         fields = ("mass", "com", "inertia", "position")
@@ -96,7 +96,7 @@ class Mechanics:
         return dataclasses.replace(of_page, **stacked, damping=damping, armature=dt * damping)
 
     def _lower(self) -> tuple[Scalar, Scalar, Scalar]:
-        """A lower leg with its foot: mass (kg), its centre above the sole (m), inertia about it (kg m2)."""
+        """A lower leg with its foot: mass (kg), centre of mass above the sole (m), inertia there (kg m2)."""
         shin, foot = self.lower_mass, self.foot_mass
         mass = shin + foot
         apart = 0.5 * self.lower_length
@@ -105,17 +105,17 @@ class Mechanics:
         return mass, self.foot_radius + shin / mass * apart, inertia + shin * foot / mass * apart * apart
 
     def gravity(self) -> jax.Array:
-        """Gravity's acceleration in the world (3,), m/s2."""
+        """The acceleration of gravity in the world (3,), m/s2."""
         return _along(2, -self.g)
 
 
 def capsule_inertia(mass: Scalar, length: Scalar, radius: float) -> Scalar:
-    """Inertia (kg m2) of a capsule about an axis across it through its middle.
+    """The inertia (kg m2) of a capsule about a transverse axis through its centre.
 
     Args:
-        mass: kg.
-        length: of its cylinder, m.
-        radius: m.
+        mass: mass, kg.
+        length: length of its cylinder, m.
+        radius: radius, m.
     """
     ends = mass * 4.0 * radius / (4.0 * radius + 3.0 * length)
     cylinder = (mass - ends) * (3.0 * radius**2 + length * length) / 12.0
@@ -123,12 +123,12 @@ def capsule_inertia(mass: Scalar, length: Scalar, radius: float) -> Scalar:
 
 
 def forces_on_joints(hip: jax.Array, knee: jax.Array) -> jax.Array:
-    """Forces on the degrees of freedom (11,) of torques (4,) of the hips and forces (4,) of the knees."""
+    """Generalised forces (11,) from torques (4,) of the hips, N m, and forces (4,) of the knees, N."""
     return _placed(hip[0], list(hip), list(knee))
 
 
 def _placed(like: jax.Array, hips: list[jax.Array], knees: list[jax.Array]) -> jax.Array:
-    """Numbers of the joints in the order of v (11,), zeros for the root."""
+    """Values of the joints in the order of v (11,), zeros for the root."""
     joints = [joint for pair in zip(hips, knees, strict=True) for joint in pair]
     return jnp.stack([jnp.zeros_like(like)] * 3 + joints)
 
@@ -139,7 +139,7 @@ def _along(axis: int, value: Scalar) -> jax.Array:
 
 
 def _about_y(inertia: Scalar) -> jax.Array:
-    """An inertia (3, 3) about y, the only axis about which anything turns."""
+    """An inertia (3, 3) about y, the only axis of rotation."""
     zero = _along(1, 0.0 * inertia)
     return jnp.stack([zero, _along(1, inertia), zero])
 
@@ -151,5 +151,5 @@ def mjcf() -> str:
 
 @cache
 def body() -> tuple[Tree, Geometry]:
-    """The tree and the numbers of the MJCF."""
+    """The tree, and its geometry with the values of the MJCF."""
     return tree_of(mjcf())

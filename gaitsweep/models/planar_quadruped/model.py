@@ -1,12 +1,12 @@
-"""Planar quadruped whose gaits follow from the loads on its feet (Fukuoka, Habu and Fukui 2015).
+"""Planar quadruped with leg-loading feedback (Fukuoka, Habu and Fukui 2015).
 
-A torso and four telescopic legs in the sagittal plane. Each leg has a half-centre oscillator whose flexor,
-while it is active, makes it swing; fore and hind, left and right legs inhibit each other, which alone gives a
-trot. The load on a foot inhibits its flexor: where fore and hind leg of a diagonal pair carry unlike loads,
-they begin to swing one after the other, and other gaits come out. Legs: LF, LH, RF, RH.
+A torso and four telescopic legs in the sagittal plane. Each leg has a half-centre oscillator and swings while
+its flexor is active. Fore and hind, left and right legs inhibit each other, which by itself results in a
+trot. The load on a foot inhibits its flexor: if fore and hind leg of a diagonal pair have different loads,
+their swings begin at different times, and other gaits result. Legs: LF, LH, RF, RH.
 
-The body takes steps of fixed length, and so does the network with it (Euler). Its contacts are MuJoCo's own
-(`body: mjx`), or compliant feet under gaitsweep's articulated tree (`body: tree`).
+Body and network take fixed steps, the network by Euler's method. Contacts are MuJoCo's (`body: mjx`), or
+compliant feet under gaitsweep's articulated tree (`body: tree`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ import numpy as np
 
 from gaitsweep.contract import Quantity, SteppedModel
 from gaitsweep.models.planar_quadruped import cycle
-from gaitsweep.models.planar_quadruped.bodies import Body, MjxInContact, TreeBody
-from gaitsweep.models.planar_quadruped.drawing import Drawn
+from gaitsweep.models.planar_quadruped.bodies import PlanarBody, PlanarMjxBody, PlanarTreeBody
+from gaitsweep.models.planar_quadruped.drawing import PlanarDrawing
 from gaitsweep.models.planar_quadruped.mechanics import (
     HIP,
     KNEE,
     PITCH,
-    Mechanics,
+    PlanarMechanics,
     X,
     Z,
     forces_on_joints,
@@ -41,23 +41,23 @@ from gaitsweep.models.planar_quadruped.state import Params, State
 from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")
-# A body has fallen below this share of its standing height, or beyond this pitch (rad).
+# Limits of a fall: height as a share of the standing height, and pitch (rad).
 LOW, TILTED = 0.45, 1.0
-# A gait is unsteady where shifts spread more than this, or the period varies more.
+# Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period.
 LEAST_LENGTH, MOST_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
-APART = 0.25  # cycles by which the pairs may be out of antiphase
+APART = 0.25  # cycles: largest deviation of the pairs from antiphase
 UNSTEADY = len(CHART)
 
 
 @dataclasses.dataclass(frozen=True)
-class PlanarQuadruped(Drawn, SteppedModel):
+class PlanarQuadruped(PlanarDrawing, SteppedModel):
     """The quadruped of a torso and four telescopic legs, in the plane."""
 
     body: str = dataclasses.field(
         default="tree",
         metadata={
-            "meaning": "who moves it: gaitsweep's own dynamics on compliant feet, or MJX",
+            "meaning": "rigid-body dynamics: gaitsweep's own on compliant feet, or MJX",
             "allowed": BODIES,
         },
     )
@@ -75,7 +75,7 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return PARAMETERS
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return STARTS
 
     @property
@@ -87,8 +87,8 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return SIGNALS
 
     @property
-    def _moved_by(self) -> Body:
-        return TreeBody() if self.body == "tree" else MjxInContact()
+    def _moved_by(self) -> PlanarBody:
+        return PlanarTreeBody() if self.body == "tree" else PlanarMjxBody()
 
     @property
     def host_parameters(self) -> tuple[str, ...]:
@@ -106,7 +106,7 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return Params(
             network=Network(**of(Network)),
             motors=Motors(**of(Motors)),
-            mechanics=Mechanics(**of(Mechanics), numbers=self._moved_by.numbers(v)),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._moved_by.numbers(v)),
             threshold=v["threshold"],
             memory=v["memory"],
         )
@@ -125,7 +125,7 @@ class PlanarQuadruped(Drawn, SteppedModel):
         )
 
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
-        """Network, motors and body, each from what was there before the step."""
+        """The state after a step of `dt` (s); network, motors and body all use the state before it."""
         p, s = params, state
         theta, length = s.q[HIP], s.q[KNEE]
         tau = forces_on_joints(*p.motors.forces(swinging(s.u), theta, length))
@@ -135,11 +135,11 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def longest_step(self, params: Params) -> jax.Array:
-        """1 ms, the step with which the model is defined, or less where a foot's contact is stiffer."""
+        """1 ms, the step that is part of the model's definition, or less for stiffer contacts."""
         return jnp.minimum(DEFINED_STEP, self._moved_by.longest_step(params.mechanics))
 
     def events(self, params: Params, before: State, after: State) -> jax.Array:
-        """LF begins to swing, which the step has worked in already."""
+        """Whether LF has begun to swing; the step itself has applied the jump."""
         return after.cycle.closed[None]
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
@@ -155,7 +155,7 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return signalled(state)
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """One of the nine gaits by the mean shifts; unsteady where they or the period vary."""
+        """One of the nine gaits by the mean shifts; unsteady if they or the period vary."""
         o = observations
         steady = (o["length"] >= LEAST_LENGTH) & (o["variation"] <= MOST_VARIATION)
         steady = steady & (jnp.abs(o["antiphase"] - 0.5) <= APART)
@@ -163,10 +163,10 @@ class PlanarQuadruped(Drawn, SteppedModel):
         return {"gait": jnp.where(steady, gait, UNSTEADY)}
 
     def failed(self, params: Params, state: State) -> jax.Array:
-        """The torso is down, or has tilted over."""
+        """Whether the torso is too low or tilted."""
         standing = params.mechanics.l_0 + params.motors.l_st
         return (state.q[Z] < LOW * standing) | (jnp.abs(state.q[PITCH]) > TILTED)
 
     def period(self, params: Params) -> jax.Array:
-        """About what a cycle takes: ten times the rise of a half-centre, 0.85 to 0.2 s."""
+        """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""
         return 10.0 * params.network.Tr

@@ -1,6 +1,6 @@
-"""Parameters and starts of the planar quadruped.
+"""Parameters and initial conditions of the planar quadruped.
 
-The paper's values stand in a supplement; here is its table as others quote it, and what was found by search.
+The paper's values are in a supplement. Here are those that later papers quote; the others come from a search.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def _at_least_0(
 
 
 def _over_sigma(start: float, middle: float, end: float) -> str:
-    """The straight lines between three columns at sigma 0, 0.5 and 1, as a formula."""
+    """Linear interpolation between values at sigma 0, 0.5 and 1, as a formula."""
     formula = f"{start:g}"
     for slope, along in ((middle - start, "min(sigma, 0.5)"), (end - middle, "max(sigma - 0.5, 0)")):
         formula += f" {'-' if slope < 0.0 else '+'} {abs(2.0 * slope):.6g}*{along}"
@@ -37,17 +37,17 @@ def _over_sigma(start: float, middle: float, end: float) -> str:
 _SPEED = (
     Quantity("sigma", "1", "place on the path of speed, slow to fast", 0.5, low=0.0, high=1.0,
              symbol=r"\sigma", source=_SEARCH),
-    Quantity("v_d", "m/s", "a wanted speed for formulas (of sigma, say); nothing else reads it", 1.0,
+    Quantity("v_d", "m/s", "desired speed, for formulas only (of sigma, for example)", 1.0,
              symbol="v_d"),
     _positive("s", "1", "tonic drive", _over_sigma(1.18, 1.71, 1.40), "s", _PATH),
     _positive("Tr", "s", "time constant of the rise", _over_sigma(0.085, 0.0473, 0.0206), "T_r", _PATH),
-    Quantity("theta_st", "rad", "hip angle aimed at in stance", _over_sigma(-0.166, -0.438, -1.0),
+    Quantity("theta_st", "rad", "target hip angle in stance", _over_sigma(-0.166, -0.438, -1.0),
              symbol=r"\theta_\mathrm{st}", source=_PATH),
     _positive("Kp_hip_st", "N m/rad", "stiffness of a hip in stance", _over_sigma(5.0, 8.13, 10.6),
               r"K_p^\mathrm{hip,st}", _PATH),
     _positive("Kp_knee_st", "N/m", "stiffness of a knee in stance", _over_sigma(2840.0, 1970.0, 1820.0),
               r"K_p^\mathrm{knee,st}", _PATH),
-    Quantity("l_sw", "m", "knee's length aimed at in swing", _over_sigma(0.065, 0.057, 0.054),
+    Quantity("l_sw", "m", "target knee length in swing", _over_sigma(0.065, 0.057, 0.054),
              symbol=r"l_\mathrm{sw}", source=_PATH),
     _positive("Kp_knee_sw", "N/m", "stiffness of a knee in swing", _over_sigma(2130.0, 1860.0, 2740.0),
               r"K_p^\mathrm{knee,sw}", _PATH),
@@ -59,22 +59,22 @@ _NETWORK = (
     Quantity("k2", "1/N", "feedback of the load to the flexor; 0: none", 0.08, symbol="k_2",
              source="Fukuoka 2015, eq. (1); value by search"),
     _positive("Ta", "s", "time constant of the adaptation", 0.6, "T_a", _SUPPLEMENT),
-    _at_least_0("b", "1", "inhibition by one's own fatigue", 3.0, "b", _SUPPLEMENT),
+    _at_least_0("b", "1", "gain of the inhibition by fatigue", 3.0, "b", _SUPPLEMENT),
     Quantity("alpha", "1", "weight between left and right leg", -0.3, symbol=r"\alpha", source=_SUPPLEMENT),
     Quantity("beta_w", "1", "weight between fore and hind leg of a side", -0.8, symbol=r"\beta",
              source=_SUPPLEMENT),
     Quantity("gamma", "1", "weight between a leg's half-centres", -2.0, symbol=r"\gamma",
              source=_SUPPLEMENT),
-    Quantity("theta0", "rad", "angle at which the hip says nothing", -0.262, symbol=r"\theta_0",
+    Quantity("theta0", "rad", "hip angle of zero feedback", -0.262, symbol=r"\theta_0",
              source=_SUPPLEMENT),
 )  # fmt: skip
 
 _MOTORS = (
-    Quantity("theta_sw", "rad", "hip angle aimed at in swing, forward positive", 1.312,
+    Quantity("theta_sw", "rad", "target hip angle in swing, forward positive", 1.312,
              symbol=r"\theta_\mathrm{sw}", source=_SUPPLEMENT),
     _positive("Kp_hip_sw", "N m/rad", "stiffness of a hip in swing", 7.6, r"K_p^\mathrm{hip,sw}",
               _SUPPLEMENT),
-    Quantity("l_st", "m", "knee's length aimed at in stance", 0.130, symbol=r"l_\mathrm{st}",
+    Quantity("l_st", "m", "target knee length in stance", 0.130, symbol=r"l_\mathrm{st}",
              source=_SUPPLEMENT),
     _at_least_0("Kv_hip", "N m s/rad", "damping of the hips", 1.0, r"K_v^\mathrm{hip}", _SUPPLEMENT),
     _at_least_0("Kv_knee", "N s/m", "damping of the knees", 40.0, r"K_v^\mathrm{knee}", _SUPPLEMENT),
@@ -90,9 +90,9 @@ BODY = (
     _positive("lower_mass", "kg", "mass of a lower leg without its foot", 0.2, "m_L", _PAPER),
     _positive("foot_mass", "kg", "mass of a foot", 0.05, "m_F", _PAPER),
     _positive("hip_x", "m", "hips ahead of and behind their middle", 0.28, r"x_\mathrm{hip}"),
-    _positive("l_0", "m", "from the hip to under the foot where the knee's length is 0", 0.175, "l_0"),
-    _positive("upper_length", "m", "length of an upper leg, its round ends left out", 0.15, "l_U"),
-    _positive("lower_length", "m", "length of a lower leg, its round ends left out", 0.13, "l_L"),
+    _positive("l_0", "m", "distance from hip to sole at knee length 0", 0.175, "l_0"),
+    _positive("upper_length", "m", "length of an upper leg without its round ends", 0.15, "l_U"),
+    _positive("lower_length", "m", "length of a lower leg without its round ends", 0.13, "l_L"),
     _positive("foot_radius", "m", "radius of a foot", 0.025, "r_F"),
 )  # fmt: skip
 
@@ -101,12 +101,12 @@ _GROUND = (
     _at_least_0("mu", "1", "friction between foot and ground", 1.0, r"\mu"),
     _positive("K_foot", "N/m", "spring under a foot (body: tree)", 8.0e4, "K_F"),
     _at_least_0("D_foot", "N s/m", "damper under a foot (body: tree)", 250.0, "D_F"),
-    _positive("v_slip", "m/s", "speed of a foot at which its friction is whole (body: tree)", 0.01,
+    _positive("v_slip", "m/s", "slip speed of full friction (body: tree)", 0.01,
               r"v_\mathrm{slip}"),
 )  # fmt: skip
 
 _READING = (
-    Quantity("threshold", "1", "largest shift of a pair that is none, cycles", THRESHOLD, low=0.0,
+    Quantity("threshold", "1", "largest shift of a pair that counts as zero, cycles", THRESHOLD, low=0.0,
              high=0.5, symbol=r"\delta_0", source=_SEARCH),
     Quantity("memory", "1", "cycles over which shifts are averaged", 10.0, low=1.0, symbol="n"),
 )  # fmt: skip
@@ -115,6 +115,6 @@ PARAMETERS = (*_SPEED, *_NETWORK, *_MOTORS, *BODY, *_GROUND, *_READING)
 
 STARTS = (
     Quantity("seed", "1", "number of the perturbation, a whole number", 0.0, low=0.0, high=2.0**31),
-    Quantity("scatter", "1", "its size: by how much each potential differs at most", 0.1, low=0.0),
+    Quantity("scatter", "1", "size of the perturbation: largest change of a potential", 0.1, low=0.0),
     Quantity("pair", "1", "0: RF and LH swing first; 1: LF and RH", 0.0, low=0.0, high=1.0),
 )  # fmt: skip

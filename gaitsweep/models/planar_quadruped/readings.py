@@ -1,4 +1,4 @@
-"""What is read at each crossing of the section, LF's swing onset, and what a trace records."""
+"""The observables at the section, LF's swing onset, and the signals of a trace."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ SIGNALS = (
 
 
 def observed(state: State) -> dict[str, jax.Array]:
-    """The observables of a state in which LF's cycle has just ended."""
+    """The observables of a state at the end of LF's cycle."""
     c = state.cycle
     shifts, mean, lengths = c.shifts(), c.average.shifts(), c.average.lengths()
     of_legs = {

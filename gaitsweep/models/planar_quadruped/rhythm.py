@@ -1,4 +1,4 @@
-"""The network that gives the rhythm, and the motors that it leads."""
+"""The neural network of the rhythm, and the motors that it controls."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BESIDE = links(4, [(LEGS.index("LF"), LEGS.index("LH")), (LEGS.index("RF"), LEGS
 )
 @dataclasses.dataclass(frozen=True)
 class Network:
-    """An extensor and a flexor half-centre for each leg; units as in `PARAMETERS`."""
+    """The network: an extensor and a flexor half-centre for each leg; units as in `PARAMETERS`."""
 
     s: jax.Array
     Tr: jax.Array
@@ -38,7 +38,7 @@ class Network:
     def stepped(
         self, u: jax.Array, f: jax.Array, theta: jax.Array, load: jax.Array, dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """Potentials and fatigue (2, 4) a step of `dt` (s) later, by Euler's method.
+        """Potentials and fatigue (2, 4) after a step of `dt` (s), by Euler's method.
 
         Args:
             u, f: potentials and fatigue, (2, 4).
@@ -68,9 +68,9 @@ class Network:
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class Motors:
-    """What hips and knees aim at in swing and in stance, and how stiffly; units as in `PARAMETERS`.
+    """Target positions and stiffness of hips and knees in swing and in stance; units as in `PARAMETERS`.
 
-    Their damping is the joints' own.
+    Their damping belongs to the joints.
     """
 
     theta_sw: jax.Array
@@ -99,5 +99,5 @@ class Motors:
 
 
 def swinging(u: jax.Array) -> jax.Array:
-    """Whether each leg swings, (4,): its flexor is active."""
+    """Whether each leg swings, (4,), that is, whether its flexor is active."""
     return u[FLEXOR] > 0.0

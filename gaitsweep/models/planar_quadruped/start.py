@@ -1,4 +1,4 @@
-"""How the planar quadruped starts: one diagonal pair about to swing, perturbed a little."""
+"""The initial state of the planar quadruped: one diagonal pair about to swing, with a perturbation."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 from gaitsweep.models.planar_quadruped.state import Params
 
 ABOVE = 0.005  # m, between the lowest foot and the ground
-LEAN = 0.2  # rad: the hips of legs that stand lean forward, those of legs that swing back
+LEAN = 0.2  # rad: hips of standing legs point forward, those of swinging legs backward
 ACTIVE, SILENT, TIRED = 1.0, -0.5, 0.1  # potentials and fatigue
-# What a seed is multiplied with for each potential: the fractions fill a cube evenly.
+# Multipliers of the seed for each potential: the fractional parts are uniform in a cube.
 _ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
 
 
@@ -35,9 +35,9 @@ def begun(params: Params, start: Mapping[str, jax.Array]) -> tuple[jax.Array, ja
 
 
 def perturbation(seed: jax.Array) -> jax.Array:
-    """Numbers (2, 4) in [-1, 1) that belong to a whole number, the same on every engine.
+    """Pseudo-random numbers (2, 4) in [-1, 1) from an integer seed, equal for all engines.
 
-    Weyl's sequence: the fractions of (seed + 1) times roots of primes.
+    A Weyl sequence: the fractional parts of (seed + 1) times roots of primes.
     """
     turns = (seed + 1.0) * _ROOTS
     return 2.0 * (turns - jnp.floor(turns)) - 1.0

@@ -1,4 +1,4 @@
-"""Parameters as the planar quadruped's equations read them, and what changes along a trajectory."""
+"""The parameters and the state of the planar quadruped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 import jax
 
 from gaitsweep.models.planar_quadruped.cycle import Cycle
-from gaitsweep.models.planar_quadruped.mechanics import Mechanics
+from gaitsweep.models.planar_quadruped.mechanics import PlanarMechanics
 from gaitsweep.models.planar_quadruped.rhythm import Motors, Network
 
 
@@ -23,7 +23,7 @@ class Params:
 
     network: Network
     motors: Motors
-    mechanics: Mechanics
+    mechanics: PlanarMechanics
     threshold: jax.Array
     memory: jax.Array
 
@@ -35,11 +35,11 @@ class Params:
 )
 @dataclasses.dataclass(frozen=True)
 class State:
-    """What changes along a trajectory.
+    """The state along a trajectory.
 
-    `q`, `v` (11,) as MuJoCo's qpos and qvel; `warm` (11,) the last acceleration, from which MuJoCo's solver
-    starts, (0,) for the tree; `u`, `f` (2, 4) potentials and fatigue; `load` (4,) N on the feet in the last
-    step; `cycle` what is read of the walk.
+    `q`, `v` (11,) are MuJoCo's qpos and qvel; `warm` (11,) the last acceleration, the initial guess of
+    MuJoCo's solver, (0,) for the tree; `u`, `f` (2, 4) potentials and fatigue; `load` (4,) N on the feet in
+    the last step; `cycle` the measurements of gait cycles.
     """
 
     q: jax.Array

@@ -1,8 +1,8 @@
-"""Coordinates of the quadruped's section: foot 3 has just touched down and its limb has landed.
+"""Coordinates on the quadruped's section, just after the landing of limb 3 by touchdown of its foot.
 
-Level ground is the same everywhere and in all directions, so where the quadruped stands and which way it
-heads are left out: positions are from the front body's, and along and across its heading. A gait that walks
-straight on, or in a circle, is a fixed point.
+Level ground is invariant under translation and rotation, so position and heading of the quadruped are left
+out: positions are relative to the front body, along and across its heading. A steady gait along a line or a
+circle is a fixed point.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from gaitsweep.dynamics.phase_oscillator import wrapped
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS
 
-# A foot 3 farther than this (m) from the ground has not just touched down: its limb landed by its phase.
+# If foot 3 is farther than this (m) from the ground, its limb has landed by its phase, not by a touchdown.
 CLOSE = 1e-8
 _JOINTS = ("hip_1", "knee_1", "hip_2", "knee_2", "waist", "hip_3", "knee_3", "hip_4", "knee_4")
-# Lengths of the parts of the coordinates, in their order.
+# Lengths of the parts of the coordinates, in order.
 _PARTS = (4, 2, 9, 3, 3, 9, 8, 4, 4)
 
 
 @dataclasses.dataclass(frozen=True)
 class LandingChart(Chart):
-    """46 numbers: phases, tilt, joints, velocities, and what each limb remembers of its last touchdown.
+    """46 coordinates: phases, tilt, joints, velocities, and the touchdown point and LP of each limb.
 
-    The height of the front body follows, since foot 3 is on the ground.
+    The height of the front body is not among them, since foot 3 is on the ground.
     """
 
     @property
@@ -40,21 +40,24 @@ class LandingChart(Chart):
         return (
             *(Quantity(k, "rad", f"phi_{i} - phi_{j}", circular=True) for k, (i, j) in pairs.items()),
             Quantity("phi_3", "rad", "phase of limb 3", circular=True),
-            Quantity("up_x", "1", "how far the front body's x axis points upwards"),
-            Quantity("up_y", "1", "how far the front body's y axis points upwards"),
+            Quantity("up_x", "1", "vertical component of the front body's x axis"),
+            Quantity("up_y", "1", "vertical component of the front body's y axis"),
             *(Quantity(name, "rad", f"angle of {name}") for name in _JOINTS),
             Quantity("v_ahead", "m/s", f"velocity of the front body {ahead}"),
             Quantity("v_across", "m/s", f"velocity of the front body {across}"),
             Quantity("v_up", "m/s", "velocity of the front body upwards"),
-            *(Quantity(f"w_{k}", "rad/s", f"spin of the front body about its {k} axis") for k in "xyz"),
+            *(
+                Quantity(f"w_{k}", "rad/s", f"angular velocity of the front body about its {k} axis")
+                for k in "xyz"
+            ),
             *(Quantity(f"{name}_rate", "rad/s", f"rate of {name}") for name in _JOINTS),
             *(
                 Quantity(f"anchor_{i}_{k}", "m", f"touchdown of foot {i} from the front body, {words}")
                 for i in limbs
                 for k, words in (("ahead", ahead), ("across", across))
             ),
-            *(Quantity(f"landing_x_{i}", "m", f"x at which foot {i} was wanted as it landed") for i in limbs),
-            *(Quantity(f"landing_z_{i}", "m", f"z at which foot {i} was wanted as it landed") for i in limbs),
+            *(Quantity(f"landing_x_{i}", "m", f"desired x of foot {i} at its landing") for i in limbs),
+            *(Quantity(f"landing_z_{i}", "m", f"desired z of foot {i} at its landing") for i in limbs),
         )
 
     def read(self, params: Any, state: Any) -> jax.Array:
@@ -69,13 +72,13 @@ class LandingChart(Chart):
             ]
         )  # fmt: skip
 
-    def place(self, params: Any, at: jax.Array, like: Any) -> Any:
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         ends = [sum(_PARTS[: k + 1]) for k in range(len(_PARTS) - 1)]
         phases, up, joints, linear, spin, rates, anchors, x, z = jnp.split(at, ends)
         phi_1 = phases[3] + phases[0]
         phi = jnp.stack([phi_1, phi_1 - phases[1], phases[3], phases[3] - phases[2]])
-        # the turn of each phase is that of the segment which its limb is in
-        phi = like.phi + wrapped(phi - like.phi + jnp.pi) - jnp.pi
+        # multiples of 2 pi are those of the limb's segment
+        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
         upright = jnp.sqrt(1.0 - up @ up)
         quaternion = jnp.stack([1.0 + upright, up[1], -up[0], 0.0 * upright])
         quaternion = quaternion / jnp.sqrt(2.0 * (1.0 + upright))
@@ -83,15 +86,15 @@ class LandingChart(Chart):
         v = jnp.concatenate([linear, spin, rates])
         foot_3 = params.mechanics.feet(q, v)[0][2]
         return dataclasses.replace(
-            like,
+            modes,
             q=q.at[2].add(-foot_3[2]),
             v=v,
             phi=phi,
             anchor=anchors.reshape(4, 2),
             landing_x=x,
             landing_z=z,
-            stride_x=0.0 * like.stride_x,
-            stride_t=like.clock,
+            stride_x=0.0 * modes.stride_x,
+            stride_t=modes.clock,
         )
 
     def holds(self, params: Any, state: Any) -> jax.Array:
@@ -100,9 +103,9 @@ class LandingChart(Chart):
 
 
 def _tilt_and_heading(quaternion: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """How far the body's x and y axes point upwards (2,), and the turn (2, 2) from its heading to the world.
+    """Vertical components of the body's x and y axes (2,), and its heading as a rotation (2, 2).
 
-    The heading is what is left of the orientation when the body is set upright by the shortest way.
+    The heading is the yaw that remains after the smallest rotation that makes the body upright.
     """
     w, x, y, z = quaternion / jnp.sqrt(quaternion @ quaternion)
     up = jnp.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)])

@@ -1,4 +1,4 @@
-"""How the quadruped is drawn: two boxes with the waist's spring between them, four limbs of two links."""
+"""The drawing of the quadruped: two boxes with the waist's spring between them, four limbs of two links."""
 
 # MuJoCo's compiled modules come without types.
 # pyright: reportAttributeAccessIssue=false
@@ -15,14 +15,15 @@ from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
 from gaitsweep.skeleton import Limb, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
-# Corners of a box in halves of its size; a quarter is left out next to the waist, so that its spring shows.
+# Corners of a box in halves of its size; a quarter next to the waist is left out, so that the spring is
+# visible.
 _GAP = 0.75
 _FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
 
-class Drawn:
-    """What a model of this body says about its picture (`Model.skeleton` and `Model.mjcf`)."""
+class WaistDrawing:
+    """The functions `skeleton` and `mjcf` of a model with this body."""
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
         return skeleton(values, signals)
@@ -32,7 +33,7 @@ class Drawn:
 
 
 def scaled_mjcf(values: Mapping[str, float]) -> str:
-    """The MJCF with a row's lengths, scaled as `Mechanics.geometry` does; the masses are still Table I's.
+    """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
 
     Args:
         values: `body_length`, `body_width` and `link_length`, m, among others.
@@ -58,7 +59,7 @@ def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
 
 
 def skeleton(values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
-    """The parts where MuJoCo's kinematics puts them.
+    """The parts of the body, by MuJoCo's kinematics.
 
     Args:
         values: the parameters, as for `scaled_mjcf`.
@@ -70,7 +71,7 @@ def skeleton(values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> 
     limbs = np.empty((len(LIMBS), len(qpos), 3, 3))
     boxes = np.empty((2, len(qpos), 8, 3))
     waist = np.empty((len(qpos), 2, 3))
-    # in each box's own frame, where the waist's spring is drawn to
+    # ends of the waist's spring in the frames of the boxes
     ends = [[-_GAP, 0.0, 0.0], [_GAP, 0.0, 0.0]]
     geoms = [int(model.body(name).geomadr[0]) for name in ("front", "rear")]
     for k, q in enumerate(qpos):

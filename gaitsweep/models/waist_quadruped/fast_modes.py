@@ -1,4 +1,4 @@
-"""The fastest motion of the quadruped's body: a foot on the ground, against the weight of its own limb."""
+"""The fastest motion of the quadruped: a foot on the ground with the inertia of its limb."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from gaitsweep.models.waist_quadruped.state import Params
 
 
 def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
-    """Rate (1/s) and damping ratio of the fastest motion, an estimate from the limb at its straightest.
+    """Rate (1/s) and damping ratio of the fastest motion, estimated for the straightest limb.
 
-    A limb is two rods that hang from a hip which gives way by half a limb's share of its body; ground and
-    joints act on it as spring and damper. Measured against the largest eigenvalue of the whole body's
-    Jacobian it is right to between -6 % and 50 %, in nine sets of ten to between 0 and 15 %
-    (`tests/test_waist_quadruped_steps.py`).
+    A limb is two rods on a hip whose compliance is that of half a body; ground and joints act as springs and
+    dampers. Compared with the largest eigenvalue of the Jacobian of the whole body, its error is between -6 %
+    and 50 %, for nine of ten parameter sets between 0 and 15 % (`tests/engine/test_numerics.py`).
     """
     m = p.mechanics
     reach = jnp.minimum(jnp.hypot(p.H, 0.5 * p.D + jnp.abs(p.x_c)), 2.0 * m.link_length)
-    cosine = reach * reach / (2.0 * m.link_length * m.link_length) - 1.0  # of the knee's angle
+    cosine = reach * reach / (2.0 * m.link_length * m.link_length) - 1.0  # of the knee angle
     free = 1.0 + 0.5 * m.link_mass / m.body_mass
     c = free * _fastest(m.D_TL, m.sigma_1, m.sigma_2, cosine, m.link_mass, m.link_length)
     k = free * _fastest(m.K_TL, m.kappa_1, m.kappa_2, cosine, m.link_mass, m.link_length)
     root = jnp.sqrt(k)
-    # spring and damper need not be largest along the same motion
+    # stiffness and damping may be largest along different motions
     decays = 0.5 * c + jnp.sqrt(jnp.maximum(0.25 * c * c - 0.5 * k, 0.0))
     return jnp.maximum(root, decays), jnp.minimum(0.5 * c / root, 1.0)
 
@@ -31,12 +30,12 @@ def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
 def _fastest(
     ground: jax.Array, hip: jax.Array, knee: jax.Array, cosine: jax.Array, mass: jax.Array, length: jax.Array
 ) -> jax.Array:
-    """The largest eigenvalue of inertia^-1 times what resists: of a limb of two rods, in absolute angles.
+    """The largest eigenvalue of M^-1 K of a limb of two rods, with K its stiffness or damping.
 
     Args:
-        ground: on the foot, N/m or N s/m.
-        hip, knee: on the joints, N m/rad or N m s/rad.
-        cosine: of the knee's angle.
+        ground: stiffness or damping at the foot, N/m or N s/m.
+        hip, knee: stiffness or damping of the joints, N m/rad or N m s/rad.
+        cosine: cosine of the knee angle.
         mass, length: of a link, kg and m.
     """
     square = length * length

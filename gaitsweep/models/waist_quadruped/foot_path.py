@@ -1,4 +1,4 @@
-"""Where a limb's phase puts its foot: the swing's curve, the stance's line, the way back if it misses."""
+"""The desired path of a foot: a curve in swing, a line in stance, a dip if it misses the ground."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from gaitsweep.dynamics.phase_oscillator import TWO_PI
 
-# What a limb does: stance, the swing's first half, its second half, and past it without having landed.
+# Segments of the path: stance, first and second half of the swing, and after it without a landing.
 STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
 
 
@@ -21,10 +21,10 @@ STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
 )
 @dataclasses.dataclass(frozen=True)
 class FootPath:
-    """The curve: `phi_AEP` rad, the anterior extreme position's phase; the rest in m.
+    """The path; `phi_AEP` (rad) is the phase of the anterior extreme position, all others are in m.
 
-    The extreme positions are at `x_c` + D/2 and `x_c` - D/2, at a depth of `H` below the hip; `h` is how far
-    the swing lifts the foot, `dip` how far a foot that has not landed seeks below them.
+    The extreme positions are at `x_c` + D/2 and `x_c` - D/2, `H` below the hip; `h` is the height of the
+    swing, `dip` the depth that a foot without landing reaches below the extreme positions.
     """
 
     phi_AEP: jax.Array
@@ -42,19 +42,19 @@ class FootPath:
     def target(
         self, phi: jax.Array, segment: jax.Array, landing: tuple[jax.Array, jax.Array]
     ) -> tuple[jax.Array, jax.Array]:
-        """x and z of the foot relative to its hip, m.
+        """Desired x and z of the foot relative to its hip, m.
 
         Args:
             phi: the limb's phase, rad.
             segment: STANCE, EARLY, LATE or BEYOND.
-            landing: x and z wanted at the last landing (LP), m.
+            landing: desired x and z at the last landing (LP), m.
         """
         standing, swinging = segment == STANCE, (segment == EARLY) | (segment == LATE)
         turn, done = TWO_PI * (phi / self.phi_AEP), self.done(phi)
-        # one angle for both curves: a limb follows one of them
+        # one angle serves both curves, since a limb follows one of them
         angle = jnp.where(swinging, turn, jnp.pi * done)
         sine, cosine = jnp.sin(angle), jnp.cos(angle)
-        # both lines lead straight to the PEP: from the point of landing, or from the AEP and dipping
+        # both lines end at the PEP: one begins at the landing point, the other at the AEP and dips
         from_x = jnp.where(standing, landing[0], self.PEP + self.D)
         from_z = jnp.where(standing, landing[1], -self.H)
         x, z = self.line(from_x, from_z, done)
@@ -63,9 +63,9 @@ class FootPath:
         return x, jnp.where(swinging, 0.5 * self.h * (1.0 - cosine) - self.H, z)
 
     def done(self, phi: jax.Array) -> jax.Array:
-        """How much of the way from the AEP's phase to the cycle's end is done, 0 to 1."""
+        """Progress from the phase of the AEP to the end of the cycle, 0 to 1."""
         return (phi - self.phi_AEP) / (TWO_PI - self.phi_AEP)
 
     def line(self, x: jax.Array, z: jax.Array, done: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The straight way from (x, z) to the PEP, of which a share is `done`."""
+        """The point on the line from (x, z) to the PEP at the progress `done`, 0 to 1."""
         return x + (self.PEP - x) * done, z + (-self.H - z) * done

@@ -1,4 +1,4 @@
-"""The body of the quadruped: its tree with the row's masses and lengths, its feet, and what acts on it."""
+"""The quadruped's rigid-body mechanics: its tree with a row's masses and lengths, its feet, its forces."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from gaitsweep.dynamics.two_link_limb import joint_angles
 LIMBS = range(4)
 # Fore knees bend one way, hind knees the other.
 BEND = (1.0, 1.0, -1.0, -1.0)
-# A foot is let go of where it is this far above the ground (m), 1/2000 of how deep it stands. Let go of at
-# zero it could chatter without end: on the ground its damper lifts it, off the ground it falls at once.
+# Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
+# chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
 RELEASE = 1e-7
-# Places in q; in v, which has no quaternion, each is one less.
+# Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 
 
@@ -38,11 +38,11 @@ WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
     meta_fields=[],
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
-class Mechanics:
+class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
-    `numbers` has what MuJoCo works out from masses and lengths, by the names of an mjx.Model, for a body that
-    MJX steps; none for the tree.
+    `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
+    MJX; it is empty for the tree.
     """
 
     kappa_w: jax.Array
@@ -63,7 +63,7 @@ class Mechanics:
     numbers: dict[str, jax.Array]
 
     def geometry(self) -> Geometry:
-        """Table I's body, scaled to these masses and lengths; a body's height stays."""
+        """The geometry of Table I's body, scaled to these masses and lengths, except heights of bodies."""
         tree, of_table_1 = body()
         mass, size = factors(self, jnp.stack)
         return rescaled(tree, of_table_1, mass=mass, size=size)
@@ -78,16 +78,15 @@ class Mechanics:
         return jnp.stack(at), jnp.stack([velocity(placed[i], moving[i], self._foot()) for i in lower])
 
     def _foot(self) -> jax.Array:
-        """A foot in its lower link's frame (3,), m."""
+        """The position of a foot in its lower link's frame (3,), m."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
 
     def torques(self, q: jax.Array, v: jax.Array, x: jax.Array, z: jax.Array) -> jax.Array:
-        """Forces on the degrees of freedom (15,): the joints' PD control and the waist's spring.
+        """Generalised forces (15,): PD control of the joints, eq. (4), and the spring of the waist.
 
         Args:
             q, v: positions and velocities of the tree.
-            x, z: where each foot should be, relative to its hip, (4,) m; eq. (4) holds its limb to the
-                angles of that.
+            x, z: desired positions of the feet relative to their hips, (4,) m.
         """
         tau = [jnp.zeros_like(self.g)] * 15
         tau[WAIST - 1] = -self.kappa_w * q[WAIST] - self.sigma_w * v[WAIST - 1]
@@ -100,12 +99,12 @@ class Mechanics:
     def ground_forces(
         self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array
     ) -> list[PointForce]:
-        """Eq. (A8) on each foot.
+        """The force of the ground on each foot, eq. (A8).
 
         Args:
             at, speed: positions and velocities of the feet, (4, 3) m and m/s.
-            anchors: where each touched down, (4, 2) m.
-            contact: whether each stands, (4,).
+            anchors: touchdown points, (4, 2) m.
+            contact: whether each foot is on the ground, (4,).
         """
         tree, _ = body()
         ground = self.K_TL, self.D_TL, self.clamp
@@ -126,16 +125,16 @@ class Mechanics:
         return jnp.asarray(forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=self.gravity()))
 
     def gravity(self) -> jax.Array:
-        """Gravity's acceleration in the world (3,), m/s2."""
+        """The acceleration of gravity in the world (3,), m/s2."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
 
 
 def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """By how much each body is heavier and larger than Table I's, by its name.
+    """The factors of mass and of size of each body relative to Table I, by name.
 
     Args:
-        of: what has `body_mass` (kg), `body_length` (m) and so on, numbers or arrays.
-        stack: makes an array of them.
+        of: an object with `body_mass` (kg), `body_length` (m) and so on, numbers or arrays.
+        stack: the function that stacks them to an array.
     """
     trunk = stack([of.body_length / 0.1, of.body_width / 0.1, 1.0])
     links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
@@ -151,5 +150,5 @@ def mjcf() -> str:
 
 @cache
 def body() -> tuple[Tree, Geometry]:
-    """The tree and the numbers of Table I."""
+    """The tree, and its geometry with the numbers of Table I."""
     return tree_of(mjcf())

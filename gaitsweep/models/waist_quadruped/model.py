@@ -1,15 +1,14 @@
 """Quadruped with a passive waist joint (Aoi, Yamashita and Tsuchiya 2011).
 
-Two rigid bodies joined by a sprung roll joint, four limbs of two links. Each limb has a phase oscillator that
-draws its foot along a path; left and right oscillators are held half a turn apart, fore and hind ones do not
-speak to each other. A foot that lands resets its limb's phase, and the gait, the phase difference between
-fore and hind limbs, follows from the mechanics alone. Limbs: 1 right fore, 2 left fore, 3 right hind, 4 left
-hind.
+Two rigid bodies joined by a roll joint with a spring, and four limbs of two links. Each limb has a phase
+oscillator whose phase determines the desired position of its foot. Left and right oscillators are coupled in
+antiphase; fore and hind ones are not coupled. A landing resets the phase of its limb, and the gait, the phase
+difference between fore and hind limbs, results from the mechanics only. Limbs: 1 right fore, 2 left fore,
+3 right hind, 4 left hind.
 
-The model can be run in two ways. As an ODE with located events (`numerics.method: rk4`) for edges, slopes and
-Jacobians; in steps of semi-implicit Euler (`method: semi_implicit`) for scans, with the time of a landing
-interpolated inside its step. Its body is gaitsweep's own articulated tree, or MJX's (`body: mjx`), which has
-steps alone.
+There are two integration methods: an ODE with located events (`numerics.method: rk4`) for transition points
+and Jacobians, and semi-implicit Euler (`method: semi_implicit`) for scans, with landing times interpolated
+inside a step. The body is gaitsweep's articulated tree, or MJX's (`body: mjx`), which has fixed steps only.
 """
 
 from __future__ import annotations
@@ -28,29 +27,41 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree.kinematics import rates
 from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.chart import LandingChart
-from gaitsweep.models.waist_quadruped.drawing import Drawn
+from gaitsweep.models.waist_quadruped.drawing import WaistDrawing
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
-from gaitsweep.models.waist_quadruped.in_mjx import MjxQuadruped
-from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, RELEASE, WAIST, Mechanics, body
+from gaitsweep.models.waist_quadruped.in_mjx import WaistMjxBody
+from gaitsweep.models.waist_quadruped.mechanics import (
+    BEND,
+    HIP,
+    KNEE,
+    LIMBS,
+    RELEASE,
+    WAIST,
+    WaistMechanics,
+    body,
+)
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
 from gaitsweep.models.waist_quadruped.posture import fallen, tilt
 from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
-from gaitsweep.models.waist_quadruped.steps import Body, SemiImplicit, TreeBody
+from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")
 
 
 @dataclasses.dataclass(frozen=True)
-class WaistQuadruped(Drawn, HybridModel):
+class WaistQuadruped(WaistDrawing, HybridModel):
     """The quadruped of two bodies, a waist and four limbs."""
 
     body: str = dataclasses.field(
         default="tree",
-        metadata={"meaning": "who moves it: gaitsweep's own dynamics, or MJX in steps", "allowed": BODIES},
+        metadata={
+            "meaning": "rigid-body dynamics: gaitsweep's own, or MJX with fixed steps",
+            "allowed": BODIES,
+        },
     )
 
     name: ClassVar[str] = "waist_quadruped"
@@ -66,15 +77,15 @@ class WaistQuadruped(Drawn, HybridModel):
         return ("float64", "mixed") if self.body == "tree" else ("float64",)
 
     @property
-    def _mover(self) -> Body:
-        return TreeBody() if self.body == "tree" else MjxQuadruped()
+    def _mover(self) -> WaistBody:
+        return WaistTreeBody() if self.body == "tree" else WaistMjxBody()
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         return PARAMETERS
 
     @property
-    def starts(self) -> tuple[Quantity, ...]:
+    def initial_conditions(self) -> tuple[Quantity, ...]:
         return (
             Quantity(
                 "delta_13", "rad", "lead of limb 1 over limb 3",
@@ -100,10 +111,10 @@ class WaistQuadruped(Drawn, HybridModel):
     def params(self, values: Mapping[str, jax.Array]) -> Params:
         v = {name: jnp.asarray(value) for name, value in values.items()}
         omega_w = TWO_PI * v["f"]
-        mechanics = Mechanics(
+        mechanics = WaistMechanics(
             kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
             sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
-            **{f.name: v[f.name] for f in dataclasses.fields(Mechanics) if f.name in v},
+            **{f.name: v[f.name] for f in dataclasses.fields(WaistMechanics) if f.name in v},
             numbers=self._mover.numbers(v),
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
@@ -115,7 +126,7 @@ class WaistQuadruped(Drawn, HybridModel):
         )
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
-        """Standing, all feet on the ground below their hips, limb 3 about to leave the AEP."""
+        """Standing, all feet on the ground below their hips, limb 3 at its AEP."""
         p, wanted = params, start["delta_13"]
         zero = jnp.zeros_like(p.omega)
         phi_3 = p.phi_AEP
@@ -127,7 +138,7 @@ class WaistQuadruped(Drawn, HybridModel):
         x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
         angles = self._angles(p, x, z)
         q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
-        # pressed in by the body's weight
+        # compression of the ground by the body's weight
         weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
         q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))
         at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
@@ -155,7 +166,7 @@ class WaistQuadruped(Drawn, HybridModel):
         )
 
     def _angles(self, p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
-        """The joints of q beyond the root that put the feet at (x, z) from their hips, the waist straight."""
+        """The joint angles (9,) at which the feet are at (x, z) from their hips and the waist is straight."""
         found = [jnp.zeros_like(p.omega)] * 9
         for i in LIMBS:
             hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
@@ -193,7 +204,7 @@ class WaistQuadruped(Drawn, HybridModel):
         return SemiImplicit(self._mover)
 
     def guards(self, params: Params, state: State) -> jax.Array:
-        """Each limb's phase against its segment's end, each foot's contact, the start's two ends: (10,)."""
+        """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
         foot = jnp.where(s.contact, height - RELEASE, -height)
@@ -207,7 +218,7 @@ class WaistQuadruped(Drawn, HybridModel):
     def guard_names(self) -> tuple[str, ...]:
         ends = (f"phase of limb {i} reaches the end of its segment" for i in range(1, 5))
         feet = (f"foot {i} touches or lifts" for i in range(1, 5))
-        return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is let go (T_hold)")
+        return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is released (T_hold)")
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:
         p, s = params, state
@@ -220,7 +231,7 @@ class WaistQuadruped(Drawn, HybridModel):
         return after_events(p, s, now, wanted_at, 0.0)
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Limb 3 lands."""
+        """Whether limb 3 lands."""
         return transitions(before, fired[:4], fired[4:8]).lands[2]
 
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
@@ -246,7 +257,7 @@ class WaistQuadruped(Drawn, HybridModel):
         }
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """The gait whose middle is nearest among those within whose width delta_13 is."""
+        """The gait with the nearest centre, among the gaits within whose width delta_13 is."""
         p, delta = params, observations["delta_13"]
         centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
         widths = jnp.stack([p.walk_width, p.trot_width, p.pace_width])
@@ -256,7 +267,7 @@ class WaistQuadruped(Drawn, HybridModel):
         return {"gait": gait}
 
     def failed(self, params: Params, state: State) -> jax.Array:
-        """The body is down, or has tilted or twisted over."""
+        """Whether the body is too low, tilted or twisted."""
         return fallen(state.q, params.H)
 
     def period(self, params: Params) -> jax.Array:

@@ -1,4 +1,4 @@
-"""Parameters of the quadruped with a waist joint; what the paper leaves open was found by search."""
+"""Parameters of the quadruped with a waist joint; values that the paper does not give come from a search."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _gain(i: int, j: int) -> Quantity:
     return Quantity(
         f"K_{i}{j}",
         "rad/s",
-        f"pull of limb {j} on limb {i} towards a difference of pi",
+        f"coupling of limb {j} to limb {i}, in antiphase",
         10.0,
         low=0.0,
         symbol=f"K_{{{i}{j}}}",
@@ -29,10 +29,10 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
     symbol = rf"\Delta_{{13}}^\mathrm{{{name}}}"
     return (
         Quantity(
-            f"{name}_centre", "rad", f"delta_13 in the middle of what is called {name}", centre,
+            f"{name}_centre", "rad", f"delta_13 at the centre of the gait {name}", centre,
             circular=True, symbol=symbol, source=_SEARCH,
         ),
-        _positive(f"{name}_width", "rad", f"how far from it is still called {name}", width,
+        _positive(f"{name}_width", "rad", f"half width of the gait {name} in delta_13", width,
                   rf"w^\mathrm{{{name}}}", _SEARCH),
     )  # fmt: skip
 
@@ -54,13 +54,13 @@ PARAMETERS = (
     _positive("sigma_2", "N m s/rad", "damping of the knees", 0.0755, r"\sigma_2", _SEARCH),
     _positive("K_TL", "N/m", "spring of the ground under a foot", 3.6e4, r"K_\mathrm{TL}", _SEARCH),
     _positive("D_TL", "N s/m", "damper of the ground under a foot", 175.0, r"D_\mathrm{TL}", _SEARCH),
-    Quantity("clamp", "1", "1: the ground cannot pull; 0: eq. (A8) to the letter", 0.0, low=0.0, high=1.0,
+    Quantity("clamp", "1", "1: the ground cannot pull; 0: eq. (A8) exactly", 0.0, low=0.0, high=1.0,
              symbol="c"),
     _positive("H", "m", "depth of the extreme positions below the hip", 0.133, "H", _SEARCH),
     Quantity("x_c", "m", "middle of the extreme positions, ahead of the hip", -0.0008, symbol="x_c",
              source=_SEARCH),
     _positive("h", "m", "height to which the swing lifts a foot", 0.0393, "h", _SEARCH),
-    _positive("dip", "m", "how far a foot that has not landed seeks below", 0.009, "d", _SEARCH),
+    _positive("dip", "m", "depth that a foot without landing reaches below", 0.009, "d", _SEARCH),
     _positive("body_mass", "kg", "mass of the front body and of the rear one", 1.0, "m_B", _TABLE_1),
     _positive("body_length", "m", "length of each body, hips in place", 0.1, "l_B", _TABLE_1),
     _positive("body_width", "m", "width of each body, hips at its sides", 0.1, "w_B", _TABLE_1),
@@ -69,7 +69,7 @@ PARAMETERS = (
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _PAPER),
     _positive("T_grow", "s", "time in which D and h grow from 0", 4.0, r"T_\mathrm{grow}", _SEARCH),
     _positive("T_hold", "s", "time for which delta_13 is held", 7.0, r"T_\mathrm{hold}", _SEARCH),
-    Quantity("K_13", "rad/s", "pull towards the wanted delta_13 while it is held", 20.0, low=0.0,
+    Quantity("K_13", "rad/s", "coupling towards the delta_13 of the start while it is held", 20.0, low=0.0,
              symbol="K_{13}", source=_SEARCH),
     *_gait("walk", 2.37, 0.24),
     *_gait("trot", 2.83, 0.22),

@@ -1,4 +1,4 @@
-"""How the quadruped's front body lies, from q: its tilt, and whether the quadruped has fallen."""
+"""The tilt of the quadruped's front body, and the test of a fall."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from gaitsweep.models.waist_quadruped.mechanics import WAIST
 
-# It has fallen below this share of H, or beyond these angles (rad).
+# Limits of a fall: height as a share of H, and angles of tilt and twist (rad).
 LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 
 
@@ -20,7 +20,7 @@ def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def fallen(q: jax.Array, H: jax.Array) -> jax.Array:
-    """True where the front body is far below `H` (m), or has tilted, or the waist has twisted over."""
+    """Whether the front body is far below `H` (m) or tilted, or the waist is twisted."""
     ahead, side, up, norm = _rises(q)
     rolled = jnp.abs(side) > math.tan(TILTED) * up
     pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
@@ -29,7 +29,7 @@ def fallen(q: jax.Array, H: jax.Array) -> jax.Array:
 
 
 def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """How far the body's own x, y and z axes point upwards, each times `norm`, the quaternion's squared."""
+    """Vertical components of the body's axes times `norm`, the quaternion's squared norm, and `norm`."""
     w, x, y, z = q[3:7]
     norm = w * w + x * x + y * y + z * z
     ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z

@@ -1,4 +1,4 @@
-"""What is read of the quadruped: on its section, and along a trace."""
+"""The observables and the signals of the quadruped."""
 
 from __future__ import annotations
 

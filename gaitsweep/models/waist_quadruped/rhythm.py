@@ -1,4 +1,4 @@
-"""The limbs' rhythm: phases that speak to each other, segments of the paths, what a landing does."""
+"""The oscillators of the limbs: coupled phases, segments of foot paths, and phase resets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gaitsweep.models.waist_quadruped.state import Params, State
 
 
 class Transitions(NamedTuple):
-    """For each limb (4,): contact, segment and lifted after the events, whether it lands, if it wraps."""
+    """For each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase."""
 
     contact: jax.Array
     segment: jax.Array
@@ -24,7 +24,7 @@ class Transitions(NamedTuple):
 
 
 def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
-    """Rates (4,) of the phases, rad/s, eq. (2) and (6); delta_13 is `held` (rad/s) to what is wanted."""
+    """Derivatives (4,) of the phases, rad/s, eq. (2), (6); `held` (rad/s) couples delta_13 to `s.wanted`."""
     left, right = jnp.sin(s.phi[0] - s.phi[1] - jnp.pi), jnp.sin(s.phi[2] - s.phi[3] - jnp.pi)
     pair_13 = held * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
     pair_24 = held * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
@@ -38,15 +38,15 @@ def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
 
 
 def corner(p: Params, segment: jax.Array) -> jax.Array:
-    """The phase (4,) at which each limb's segment ends."""
+    """The phase (4,), rad, at which each limb's segment ends."""
     early, late = segment == EARLY, segment == LATE
     return jnp.where(early, 0.5 * p.phi_AEP, jnp.where(late, p.phi_AEP, TWO_PI))
 
 
 def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transitions:
-    """What follows from limbs `at_corner` (4,) of their segment and feet whose contact has `switched` (4,).
+    """The transitions of limbs at the end of a segment, `at_corner` (4,), and of contacts, `switched` (4,).
 
-    A foot lands in the second half of its swing if it has been off the ground, and later in any case.
+    A foot in contact lands in the second half of its swing if it has been off the ground, and later always.
     """
     contact = s.contact ^ switched
     wraps = at_corner & ((s.segment == STANCE) | (s.segment == BEYOND))
@@ -59,11 +59,11 @@ def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transiti
 def after_events(
     p: Params, s: State, now: Transitions, wanted_at: tuple[jax.Array, jax.Array], over: jax.Array | float
 ) -> State:
-    """The state after its limbs' transitions, contact points apart.
+    """The state after the transitions of its limbs, without the update of anchors.
 
     Args:
-        wanted_at: x and z (4,) m of the feet's paths where the limbs landed.
-        over: phase (4,) rad that has passed since each landing.
+        wanted_at: desired x and z (4,) m of the feet at their landings.
+        over: phase (4,) rad since each landing.
     """
     reset = now.lands & (p.resetting > 0.0)
     phi = jnp.where(reset, p.phi_AEP + over, jnp.where(now.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)

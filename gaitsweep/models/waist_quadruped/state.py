@@ -1,4 +1,4 @@
-"""Parameters as the quadruped's equations read them, and what changes along a trajectory."""
+"""The parameters and the state of the quadruped."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.models.waist_quadruped.foot_path import FootPath
-from gaitsweep.models.waist_quadruped.mechanics import Mechanics
+from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 
 RHYTHM = (
     "beta", "T_sw", "K_12", "K_21", "K_34", "K_43", "resetting", "T_grow", "T_hold", "K_13", "D", "H", "x_c",
@@ -24,7 +24,7 @@ RHYTHM = (
 )
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """Parameters as the equations read them; units as in `PARAMETERS`."""
+    """Parameters as in the equations; units as in `PARAMETERS`."""
 
     beta: jax.Array
     T_sw: jax.Array
@@ -49,10 +49,10 @@ class Params:
     pace_width: jax.Array
     omega: jax.Array  # rad/s
     phi_AEP: jax.Array  # rad
-    mechanics: Mechanics
+    mechanics: WaistMechanics
 
     def path(self, clock: jax.Array, growing: jax.Array | bool) -> FootPath:
-        """The feet's path at a time (s); while it is `growing`, as at the start, it does so from nothing."""
+        """The path of the feet at a time (s); while `growing`, at the start, its size increases from zero."""
         grown = jnp.where(growing, clock / self.T_grow, 1.0)
         return FootPath(self.phi_AEP, self.x_c, self.D * grown, self.H, self.h * grown, self.dip)
 
@@ -67,16 +67,16 @@ class Params:
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True)
 class State:
-    """What changes along a trajectory; limbs in their order.
+    """The state along a trajectory; arrays (4,) are in the order of the limbs.
 
-    `q` (16,), `v` (15,) as MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether the
-    stride still grows, and `held`, whether delta_13 is held, as they do at the start; `contact` (4,) bool;
-    `anchor` (4, 2) m, where each foot touched down; `segment` (4,) of its path; `lifted` (4,): the foot has
-    been off the ground since its swing began; `landing_x`, `landing_z` (4,) m, where the foot was wanted at
-    its landing (LP); `wanted` rad, the delta_13 held at the start; `stride_x` (m) and `stride_t` (s) at limb
-    3's last landing, `speed` (m/s) and `period` (s) of the cycle before it. Of the last of the model's own
-    steps: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of the phases in it, `closed`: limb 3
-    landed in it.
+    `q` (16,) and `v` (15,) are MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether
+    the stride is still growing; `held`, whether delta_13 is held, as at the start; `contact` (4,) bool;
+    `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path; `lifted` (4,): the foot has been
+    off the ground since the beginning of its swing; `landing_x`, `landing_z` (4,) m, the desired position of
+    the foot at its landing (LP); `wanted` rad, the delta_13 that is held; `stride_x` (m) and `stride_t` (s),
+    position and time at limb 3's last landing; `speed` (m/s) and `period` (s) of the cycle before it. For the
+    last fixed step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of the phases during it,
+    `closed`: limb 3 landed in it.
     """
 
     q: jax.Array

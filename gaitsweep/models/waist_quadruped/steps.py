@@ -1,8 +1,7 @@
-"""The quadruped in steps of fixed length: semi-implicit Euler, landings interpolated inside their step.
+"""The quadruped with fixed steps: semi-implicit Euler, with landings interpolated inside a step.
 
-A step first looks at what happened in the one before it, between whose ends it finds touchdowns and corners
-of the phases, then moves on. So a crossing is seen one step after its landing, and the forward kinematics are
-worked out once a step.
+A step first detects touchdowns and ends of segments in the previous step, then integrates. So a crossing is
+detected one step after its landing, and forward kinematics are computed once a step.
 """
 
 from __future__ import annotations
@@ -16,62 +15,62 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Steps
+from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.dynamics.tree.kinematics import integrate
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import LATE
-from gaitsweep.models.waist_quadruped.mechanics import RELEASE, Mechanics, body
+from gaitsweep.models.waist_quadruped.mechanics import RELEASE, WaistMechanics, body
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
 
-# Of dt times the fastest rate, at most.
+# Largest value of dt times the fastest rate.
 STEPS_TO_RATE = 1.25
 
 
-class Body(abc.ABC):
-    """What carries the limbs: where the feet are, how it moves on, and what a row's values become for it."""
+class WaistBody(abc.ABC):
+    """The rigid-body dynamics of the quadruped: positions of the feet, a step, and values of a row."""
 
-    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` compiles
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """As `Model.on_host`."""
         return dict(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """`Mechanics.numbers` of a row's values."""
+        """`WaistMechanics.numbers` of a row's values."""
         return {}
 
     @abc.abstractmethod
-    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """As `Mechanics.feet`, in the precision of a step of `dt`."""
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """As `WaistMechanics.feet`, in the precision of a step of `dt`."""
 
     @abc.abstractmethod
     def moved(
-        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """q (16,) and v (15,) a step of `dt` (s) later, under `tau` (15,) and the ground's forces."""
+        """q (16,) and v (15,) after a step of `dt` (s) with joint forces `tau` (15,) and ground forces."""
 
 
-class TreeBody(Body):
-    """The body as gaitsweep's own articulated tree."""
+class WaistTreeBody(WaistBody):
+    """The body as gaitsweep's articulated tree."""
 
-    def feet(self, m: Mechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return worked_in(dt.dtype, Mechanics.feet)(m, s.q, s.v)
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return worked_in(dt.dtype, WaistMechanics.feet)(m, s.q, s.v)
 
     def moved(
-        self, m: Mechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        v = s.v + dt * worked_in(dt.dtype, Mechanics.accelerations)(m, s.q, s.v, tau, forces)
+        v = s.v + dt * worked_in(dt.dtype, WaistMechanics.accelerations)(m, s.q, s.v, tau, forces)
         return jnp.asarray(integrate(body()[0], s.q, v, dt)), v
 
 
 @dataclasses.dataclass(frozen=True)
-class SemiImplicit(Steps):
-    """Steps of semi-implicit Euler of a body."""
+class SemiImplicit(FixedStepDynamics):
+    """Semi-implicit Euler steps of the quadruped with a body."""
 
-    body: Body
+    body: WaistBody
 
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
         p, s, m, dt = params, state, params.mechanics, jnp.asarray(dt)
@@ -81,18 +80,18 @@ class SemiImplicit(Steps):
         past = s.phi - corner(p, s.segment)
         now = transitions(s, past >= 0.0, switched)
         touches = now.contact & ~s.contact
-        # the rest of the last step, as a share, after the foot's height was zero
+        # the share of the last step after the foot's height was zero
         sunk = s.height - height
         rest = jnp.where(touches, -height / jnp.where(sunk != 0.0, sunk, 1.0), 0.0)
-        # of a touchdown and a corner of the phase in one step, the later one made the limb land; but from the
-        # second half of the swing on, a touchdown does alone
+        # of a touchdown and a segment's end in one step, the later one is the landing; but in the second half
+        # of the swing a touchdown alone is a landing
         since_touch = jnp.where(touches, rest * s.gain, jnp.inf)
         since_corner = jnp.where((past >= 0.0) & ~(touches & (s.segment == LATE)), past, jnp.inf)
         over = jnp.where(now.lands, jnp.minimum(since_touch, since_corner), 0.0)
         landing_in = jnp.where(past > over, s.segment + 1, s.segment)
         anchor = jnp.where(touches[:, None], at[:, :2] - (rest * dt)[:, None] * speed[:, :2], s.anchor)
 
-        # where each foot is wanted; for a limb that lands, where it was wanted then, and how far it is since
+        # desired positions of the feet; for a landing limb the one at its landing, then its progress since
         path = p.path(s.clock, s.growing)
         phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
         x, z = path.target(phi, jnp.where(now.lands, landing_in, now.segment), (s.landing_x, s.landing_z))
@@ -101,9 +100,9 @@ class SemiImplicit(Steps):
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
 
         forces = m.ground_forces(at, speed, s.anchor, s.contact)
-        tau = worked_in(dt.dtype, Mechanics.torques)(m, s.q, s.v, x, z)
+        tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z)
         q, v = self.body.moved(m, s, tau, forces, dt)
-        # of the step in which delta_13 is let go of, it is held for a share
+        # in the step in which delta_13 is released, it is held for a share of the step
         share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
         gain, clock = dt * phase_rates(p, s, p.K_13 * share), s.clock + dt
         return dataclasses.replace(
@@ -119,12 +118,12 @@ class SemiImplicit(Steps):
         )
 
     def longest_step(self, params: Params) -> jax.Array:
-        """Below the limit of stability, where dt times the fastest rate is 2."""
+        """The longest step (s), below the stability limit at which dt times the fastest rate is 2."""
         rate, _ = fastest_motion(params)
         return STEPS_TO_RATE / rate
 
     def events(self, params: Params, before: State, after: State) -> jax.Array:
-        """Limb 3's landing, which the step has worked in already."""
+        """Whether limb 3 has landed; the step itself has applied the jump."""
         return after.closed[None]
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:

@@ -20,7 +20,7 @@ from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle
 
 _STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
-LOOKS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
+POLLS_PER_CHUNK = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
@@ -117,7 +117,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
     # the stability of a piece between two points is that of its end that is no bifurcation
-    plain = ~np.isin(special, list(LOOKS))
+    plain = ~np.isin(special, list(POLLS_PER_CHUNK))
     pieces = [
         "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
         for k in range(len(at) - 1)
@@ -137,7 +137,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
             look |= {"color": colour or (_STABLE if kind else _UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
         axes.plot(at[start : end + 1], value[start : end + 1], **look)
         start = end
-    for kind, mark in LOOKS.items():
+    for kind, mark in POLLS_PER_CHUNK.items():
         here = special == kind
         axes.plot(at[here], value[here], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
@@ -157,7 +157,7 @@ def _key(table: pd.DataFrame, beside: list[str], coloured: bool) -> list[Line2D 
         )
     handles += [
         Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=WORDS.get(kind, kind))
-        for kind, mark in LOOKS.items()
+        for kind, mark in POLLS_PER_CHUNK.items()
         if kind in special
     ]
     handles += [Patch(color=_BESIDE, label=name) for name in beside]

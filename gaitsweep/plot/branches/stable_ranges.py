@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
-from gaitsweep.plot.branches.continuation import LOOKS, WORDS
+from gaitsweep.plot.branches.continuation import POLLS_PER_CHUNK, WORDS
 from gaitsweep.plot.columns import PlotError, column, described
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
@@ -106,7 +106,7 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
             for mark in MARKS:
                 here = by == mark
                 look: dict[str, Any] = {"ms": 4.5, "color": colour[name], "mfc": "white", "zorder": 4}
-                axes.plot(at[here], up[here], LOOKS[mark], **look)
+                axes.plot(at[here], up[here], POLLS_PER_CHUNK[mark], **look)
 
 
 def _overlaps(areas: dict[str, pd.DataFrame]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -134,7 +134,7 @@ def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
     look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
     handles += [
         Line2D([], [], marker=mark, label=WORDS.get(kind, kind), **look)
-        for kind, mark in LOOKS.items()
+        for kind, mark in POLLS_PER_CHUNK.items()
         if kind in every
     ]
     return handles

@@ -1,13 +1,13 @@
-"""A chain's parameters, and the phases at which its legs touch down (Ambe et al. 2021, sections 3.2, 3.3).
+"""A chain's parameters, and the touchdown phases of its legs (Ambe et al. 2021, sections 3.2, 3.3).
 
-Everything follows from one balance. A leg in its landing segment touches where its tip meets the height at
-which its two springs would carry its mass alone (eq. 12). With D = 2 pi - (its phase there), and t_j the
-phase by which neighbour j has gone into its takeoff segment (0 while it stands),
+All results follow from one force balance. A leg in its landing segment touches down at the height at which
+its two springs alone carry its mass (eq. 12). With D = 2 pi - (its phase there), and t_j the phase of
+neighbour j relative to the beginning of its takeoff segment (0 in stance),
 
     D = sum of (w_j t_j) + (1 - beta) pi m_i g / (a_i sum of kappa_j),
 
-where w_j = kappa_j a_j / (a_i sum of kappa_j), over the neighbours j, kappa_j being the spring to it. In a
-uniform chain w_j is 1/2, or 1 at an end.
+where w_j = kappa_j a_j / (a_i sum of kappa_j), with sums over the neighbours j and kappa_j the spring to j.
+In a uniform chain w_j is 1/2, or 1 at an end.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Scalar = jax.Array | np.ndarray | float
 
 
 class Chain(NamedTuple):
-    """Parameters of the theory; the defaults are Table 1's. They may be traced scalars.
+    """Parameters of the theory, numbers or traced scalars; the defaults are those of Table 1.
 
-    beta: duty factor. kappa: spring between neighbours, N/m. m, m_1, m_end: mass inside, at the head and at
-    the tail, kg (the paper's m_B is m_1 = m_end). a: amplitude of the leg, m. g: gravity, m/s2. kappa_1,
-    kappa_end: the first and the last spring, a_1, a_end: amplitude of the first and the last leg, where they
-    are not those of all others.
+    `beta` is the duty factor; `kappa` the spring between neighbours, N/m; `m`, `m_1`, `m_end` the masses
+    inside, at the head and at the tail, kg (the paper's m_B is m_1 = m_end); `a` the amplitude of a leg, m;
+    `g` gravity, m/s2; `kappa_1`, `kappa_end` the first and the last spring and `a_1`, `a_end` the amplitudes
+    of the first and the last leg, if they differ from the others.
     """
 
     beta: Scalar = 0.8
@@ -55,14 +55,14 @@ def amplitudes(N: int, chain: Chain) -> jax.Array:
 
 
 def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> jax.Array:
-    """(n,): `inner`, with the ends put in where they are given."""
+    """The values (n,): `inner`, with different ends if given."""
     values = jnp.full(n, jnp.asarray(inner, float))
     values = values if first is None else values.at[0].set(first)
     return values if last is None else values.at[-1].set(last)
 
 
 def shift(chain: Chain) -> jax.Array:
-    """b, rad/kg: the phase by which a kilogram brings an inner leg's touchdown forward; below eq. (17)."""
+    """b, rad/kg: the advance of an inner leg's touchdown phase by mass; below eq. (17)."""
     return _shift(chain, chain.kappa, chain.a)
 
 
@@ -71,8 +71,10 @@ def _shift(chain: Chain, kappa: Scalar, a: Scalar) -> jax.Array:
 
 
 def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
-    """D of the first and of the last leg while their neighbours stand, rad: m b of each end's own spring and
-    amplitude; eqs. (31), (32)."""
+    """D of the first and of the last leg with neighbours in stance, rad, eqs. (31), (32).
+
+    It is m b with the spring and the amplitude of each end.
+    """
     head = _shift(chain, _or(chain.kappa_1, chain.kappa), _or(chain.a_1, chain.a))
     tail = _shift(chain, _or(chain.kappa_end, chain.kappa), _or(chain.a_end, chain.a))
     return jnp.asarray(chain.m_1 * head), jnp.asarray(chain.m_end * tail)
@@ -83,28 +85,28 @@ def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
 
 
 def reset(chain: Chain) -> jax.Array:
-    """D of every leg along a solution, rad, the paper's m_B b: that of the end which resets by more.
+    """D of every leg along a solution, rad, the paper's m_B b: the larger D of the two ends.
 
-    The other end then touches with its neighbour in takeoff.
+    The other end then touches down with its neighbour in takeoff.
     """
     return jnp.maximum(*end_resets(chain))
 
 
 def touchdown_phase(chain: Chain) -> jax.Array:
-    """Phase at which every leg touches the ground along a solution, rad; eq. (16)."""
+    """The touchdown phase of every leg along a solution, rad; eq. (16)."""
     return TWO_PI - reset(chain)
 
 
 def lag(chain: Chain) -> jax.Array:
-    """delta, rad: the lag between inner neighbours of a wave, reset aside; second row of eq. (17)."""
+    """delta, rad: the lag between inner neighbours of a wave, without the reset; eq. (17), second row."""
     return jnp.asarray(2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain))
 
 
 class Takeoffs(NamedTuple):
-    """How far (rad) into its takeoff a leg's neighbour is when the leg touches by D, its other one standing.
+    """Phases (rad) of neighbours in takeoff, relative to its beginning, when a leg touches down with D.
 
-    front, rear: (N-1,), of legs 2 .. N, for the neighbour towards the head and towards the tail. first, last:
-    of the two ends, for their one neighbour.
+    The other neighbour is in stance. `front`, `rear` (N-1,) are for legs 2 .. N, with the neighbour towards
+    the head and towards the tail; `first`, `last` are for the ends, with their only neighbour.
     """
 
     front: jax.Array
@@ -114,7 +116,7 @@ class Takeoffs(NamedTuple):
 
 
 def takeoffs(N: int, chain: Chain) -> Takeoffs:
-    """The neighbours' phases in takeoff that eq. (12) asks of each leg."""
+    """The phases of neighbours in takeoff that follow from eq. (12) for each leg."""
     k, a, D = springs(N, chain), amplitudes(N, chain), reset(chain)
     head, tail = end_resets(chain)
     weight = (1.0 - chain.beta) * jnp.pi * chain.m * chain.g

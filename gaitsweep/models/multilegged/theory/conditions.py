@@ -1,14 +1,14 @@
-"""Where the three gaits exist: what must hold for the analytic solutions to be motions of the chain.
+"""Existence conditions of the three gaits: when the analytic solutions are motions of the chain.
 
-Along a wave each inner leg touches while one neighbour stands and the other is in takeoff (eq. 12). That is
-consistent only as long as the neighbour in takeoff is a little way into it (t > 0), and still on the ground.
-At the touchdown of leg i, reset by D, its neighbour j in takeoff bears
+Along a wave each inner leg touches down while one neighbour is in stance and the other in takeoff (eq. 12).
+This is consistent only if the takeoff of that neighbour has begun (t > 0) and it is still on the ground. At
+the touchdown of leg i, reset by D, its neighbour j in takeoff has the load
 
-    m_j g - kappa_jh (l_h - l_j) - kappa_ij (l_i - l_j),   h being the leg beyond j.
+    m_j g - kappa_jh (l_h - l_j) - kappa_ij (l_i - l_j),   with h the next leg after j.
 
-In a uniform chain t > 0 is m_B > m/2. As long as h stands, a load above zero is m_B < m: together the paper's
-m/2 < m_B < m. In a soft chain legs follow one another so closely that h is in takeoff as well. A load above
-zero is then m_B < m or, just as well, (2 m_B + m) g/kappa > 2 a.
+In a uniform chain t > 0 means m_B > m/2. If h is in stance, a positive load means m_B < m: together the
+paper's m/2 < m_B < m. In a soft chain phase lags are so small that h is in takeoff as well. A positive load
+then means m_B < m or (2 m_B + m) g/kappa > 2 a.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from gaitsweep.models.multilegged.theory.chain import Chain, Scalar, amplitudes,
 
 
 class Conditions(NamedTuple):
-    """Margins of the conditions of one wave, each above 0 where it holds; scalars.
+    """Margins of the conditions of one wave, scalars; a condition is satisfied if its margin is above 0.
 
-    takeoff: the least t over the legs, as a share of the takeoff segment. load: the least load on a leg in
-    takeoff when its neighbour touches, over the inner legs' weight. landing: what is left of the landing
-    segment at a touchdown, as a share of it, so that m g/kappa < a for the mass that sets it. length: the
-    shortest leg over L, above 0 where a < L; no equation asks for it, so it is not among those that `hold`.
+    `takeoff` is the smallest t of all legs as a share of the takeoff segment; `load` the smallest load on a
+    leg in takeoff at the touchdown of its neighbour, divided by an inner leg's weight; `landing` the
+    remaining share of the landing segment at touchdown, above 0 if m g/kappa < a for the mass that determines
+    it; `length` the shortest leg length divided by L, above 0 if a < L. No equation depends on `length`, so
+    `hold` ignores it.
     """
 
     takeoff: jax.Array
@@ -37,7 +38,7 @@ class Conditions(NamedTuple):
 
     @property
     def hold(self) -> jax.Array:
-        """Whether the wave is a motion of the chain: takeoff, load and landing are above zero."""
+        """Whether the wave is a motion of the chain, with takeoff, load and landing above zero."""
         return jnp.min(jnp.stack([self.takeoff, self.load, self.landing])) > 0.0
 
 
@@ -62,8 +63,8 @@ def wave_conditions(N: int, chain: Chain, L: Scalar = 1.0) -> tuple[Conditions, 
 def source_conditions(N: int, chain: Chain, k: int, L: Scalar = 1.0) -> Conditions:
     """The conditions of the source wave with the boundary leg k, set B.
 
-    Legs 2 .. k-1 touch as in a direct wave, legs k .. N as in a retrograde one. Where all neighbours in
-    takeoff are ends, as for N = 3 and k = 3, these have one spring to lift them instead of two.
+    Legs 2 .. k-1 touch down as in a direct wave, legs k .. N as in a retrograde one. If all neighbours in
+    takeoff are ends, as for N = 3 and k = 3, one spring lifts them instead of two.
 
     Args:
         N, chain, L: as for `wave_conditions`.
@@ -76,7 +77,7 @@ def source_conditions(N: int, chain: Chain, k: int, L: Scalar = 1.0) -> Conditio
 
 
 class _Touchdowns(NamedTuple):
-    """Margins of legs 2 .. N as they touch with one neighbour in takeoff, (N-1,)."""
+    """Margins of legs 2 .. N at touchdown with one neighbour in takeoff, (N-1,)."""
 
     takeoff: jax.Array
     load: jax.Array
@@ -91,13 +92,13 @@ def _common(chain: Chain, shortening: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _ends(N: int, chain: Chain) -> tuple[jax.Array, jax.Array]:
-    """What is left of the takeoff of the first and of the last leg's neighbour as these touch, as a share."""
+    """The remaining share of takeoff of the neighbours of both ends, at the touchdowns of these."""
     into = takeoffs(N, chain)
     return 1.0 - into.first / _segment(chain), 1.0 - into.last / _segment(chain)
 
 
 def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
-    """With the neighbour towards the head in takeoff, and with that towards the tail."""
+    """The margins with the neighbour towards the head in takeoff, and with that towards the tail."""
     k, a, D, segment = springs(N, chain), amplitudes(N, chain), reset(chain), _segment(chain)
     into = takeoffs(N, chain)
     weights = jnp.full(N + 1, segment * chain.m * chain.g)
@@ -113,10 +114,10 @@ def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
 def _loads(
     t: jax.Array, k: jax.Array, a: jax.Array, weights: jax.Array, D: jax.Array, psi_B: jax.Array
 ) -> jax.Array:
-    """The loads on legs 1 .. N-1 when legs 2 .. N touch, t (N-1,) being their phases in takeoff.
+    """The loads on legs 1 .. N-1 in takeoff, with phases t (N-1,), at the touchdowns of legs 2 .. N.
 
-    Lengths in units of a leg's change over its phase: leg i is short by a_i D, its neighbour by a_j t. Leg 1
-    has nothing beyond it; the leg beyond another is behind it by psi_B less that one's own t.
+    Lengths are in units of the derivative of leg length by phase: leg i is shorter by a_i D, its neighbour by
+    a_j t. Leg 1 has no further neighbour; any other further neighbour lags by psi_B less its own t.
     """
     nothing = jnp.zeros_like(k[:1])
     short, touching = a[:-2] * t, a[1:-1] * D

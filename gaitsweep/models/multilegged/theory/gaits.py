@@ -1,4 +1,4 @@
-"""The gait of a settled state: the analytic solution that it lies nearest to on section 1."""
+"""The gait of a settled state, by the nearest analytic solution on section 1."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from gaitsweep.models.multilegged.theory.order import meetings
 from gaitsweep.models.multilegged.theory.section import TWO_PI
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    Steps,
-    all_steps,
+    LagRule,
     branches,
+    lag_rules,
     solution,
 )
 
@@ -30,14 +30,14 @@ GAITS = ("direct", "source", "retrograde", "locked", "none")
 DIRECT, SOURCE, RETROGRADE, LOCKED, NONE = range(len(GAITS))
 LOCKED_WITHIN = 0.05  # rad, from the locked state
 NONE_BEYOND = 0.2  # rad, from every analytic solution
-SHORTEST = 1e-9  # rad: what is left between two cuts that coincide up to rounding is no piece
+SHORTEST = 1e-9  # rad: shorter pieces are rounding errors between equal cuts
 
 
 class Segments(NamedTuple):
     """Straight pieces of the solution sets on a section: middle + t * direction, |t| <= half.
 
-    middle, direction: rad, shape (sets, pieces, N), direction of length 1. half: rad, shape (sets, pieces);
-    about 0 for a piece that does not exist at these parameters. The sets are in the order of `branches(N)`.
+    `middle`, `direction` (sets, pieces, N), rad, with directions of length 1; `half` (sets, pieces), rad, is
+    about 0 for a piece that does not exist for these parameters. The sets are in the order of `branches(N)`.
     """
 
     middle: jax.Array
@@ -53,15 +53,15 @@ def gait_of(branch: Branch) -> int:
 
 
 def segments(N: int, chain: Chain | None = None, section: int = 1) -> Segments:
-    """All solution sets of a chain of N + 1 legs on the section of one leg, cut where they jump."""
+    """All solution sets of a chain of N + 1 legs on the section of one leg, cut at their jumps."""
     chain = Chain() if chain is None else chain
-    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain), section))(all_steps(N, chain))
+    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain), section))(lag_rules(N, chain))
 
 
-def pieces(rule: Steps, circle: jax.Array, section: int) -> Segments:
+def pieces(rule: LagRule, circle: jax.Array, section: int) -> Segments:
     """The N + 2 pieces of one set on the section of one leg, without the leading axis.
 
-    A set jumps by m_B b where a leg touches together with the section's own.
+    A set jumps by m_B b where a leg touches down at the same time as the section's leg.
     """
     cuts = meetings(rule, circle, section)
     ends = jnp.concatenate([rule.low[None], jnp.sort(cuts), rule.high[None]])
@@ -72,9 +72,9 @@ def pieces(rule: Steps, circle: jax.Array, section: int) -> Segments:
 
 
 def distance_from(lines: Segments, psi: jax.Array) -> jax.Array:
-    """Distance on the torus of psi (N,) from the pieces of one set, rad; inf where it has none.
+    """Distance on the torus of psi (N,) from the pieces of one set, rad; inf if it has none.
 
-    Exact within about 2 rad: beyond, the slanted pieces of set A may have a nearer image than the one used.
+    It is exact up to about 2 rad; above, inclined pieces of set A may have a nearer periodic image.
     """
     away = wrapped_difference(psi[None, :] - lines.middle)
     along = jnp.sum(away * lines.direction, axis=1)
@@ -86,17 +86,17 @@ def distance_from(lines: Segments, psi: jax.Array) -> jax.Array:
 def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     """Distance on the torus of psi on section 1, rad, shape (N,), from each of `branches(N)`, rad."""
     circle = touchdown_phase(chain)
-    # one set after another, so that long chains need no more memory than one set's pieces
-    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), all_steps(N, chain))
+    # sequential, so that memory for the pieces is needed for one set at a time
+    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), lag_rules(N, chain))
 
 
 def locked_state(chain: Chain) -> jax.Array:
-    """psi on section 1 of the state of N = 3 whose legs 2 and 3 stay in phase, rad, shape (3,).
+    """psi on section 1 of the locked state for N = 3, in which legs 2 and 3 stay in phase, rad, shape (3,).
 
-    Legs 2 and 3 come down together between legs 1 and 4, which are in phase too. They carry their own weights
-    alone, so they touch at 2 pi - m b; legs 1 and 4 then do so as well, which they can only while legs 2 and
-    3 take off, at 2 beta pi + (m - m_B) b. Of unlike ends the means are taken: legs 2 and 3 do not stay in
-    phase between them.
+    Legs 2 and 3 land together between legs 1 and 4, which are in phase too. Legs 2 and 3 carry only their own
+    weights, so they touch down at 2 pi - m b. Legs 1 and 4 touch down at the same phase, which requires that
+    legs 2 and 3 are in takeoff, at 2 beta pi + (m - m_B) b. Unequal ends are replaced by their means, since
+    legs 2 and 3 then do not stay in phase.
     """
     k, a = springs(3, chain), amplitudes(3, chain)
     ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))
@@ -107,7 +107,7 @@ def locked_state(chain: Chain) -> jax.Array:
 
 
 def _locking(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
-    """How far psi is from a locked state, rad: the known one if N = 3, else any with two legs in phase."""
+    """Distance of psi from a locked state, rad: the known one if N = 3, else any two neighbours in phase."""
     if N == 3:
         return jnp.sqrt(jnp.sum(wrapped_difference(psi - locked_state(chain)) ** 2))
     return jnp.min(jnp.abs(wrapped_difference(psi)))
@@ -131,10 +131,10 @@ def classify(
     locked_within: float = LOCKED_WITHIN,
     none_beyond: float = NONE_BEYOND,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Gait of a state on section 1: that of the nearest analytic solution on the torus.
+    """The gait of a state on section 1: that of the nearest analytic solution on the torus.
 
-    `locked` where two neighbouring legs are in phase and psi lies nearer to that than to any solution; `none`
-    farther than `none_beyond` from all of them, and for psi that is not a number.
+    It is `locked` if two neighbouring legs are in phase and psi is nearer to that than to any solution;
+    `none` if psi is farther than `none_beyond` from all solutions, or NaN.
 
     Args:
         N: springs; the chain has N + 1 legs.

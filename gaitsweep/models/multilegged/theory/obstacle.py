@@ -1,4 +1,4 @@
-"""The chain at rest on its legs: the rigid obstacle problem."""
+"""Static equilibrium of the chain on its legs: the rigid obstacle problem."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ def obstacle_problem(
     kappa: jax.Array,
     g: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Lowest heights of the masses at or above their leg tips, and the load that each leg carries.
+    """Lowest heights of the masses at or above their leg tips, and the load on each leg.
 
-    Let q be the chain that hangs free, and let a leg's place be the compliance of the springs before it. Over
-    these places z = x - q bends only where a leg pushes, and there downwards, so z is the lowest concave
-    sequence above l - q whose first slope is at most 0 and whose last slope is at least -(total weight): a
-    greatest of chords, of level rays from the right, and of rays of the last slope from the left.
+    Let q be the shape of the freely hanging chain, and let a leg's coordinate be the compliance of the
+    springs before it. As a function of this coordinate z = x - q is concave and bends only where a leg
+    carries a load. So z is the lowest concave sequence above l - q whose first slope is at most 0 and whose
+    last slope is at least -(total weight): the maximum of chords, of level rays from the right, and of rays
+    of the last slope from the left.
 
     Args:
         l: leg lengths, m, shape (n,), n >= 2.
         m: masses, kg, shape (n,).
-        kappa: springs between neighbours, N/m, natural length zero, shape (n-1,) or one for all.
+        kappa: springs between neighbours, N/m, natural length zero, shape (n-1,) or a scalar.
         g: gravitational acceleration, m/s2.
 
     Returns:
-        x (m) and R (N), shape (n,): x >= l, R >= 0, and R exactly 0 where a leg does not touch.
+        x (m) and R (N), shape (n,): x >= l, R >= 0, and R exactly 0 for a leg without contact.
 
     Source: eq. (8), with the complementarity below it.
     """
@@ -43,16 +44,16 @@ def obstacle_problem(
 
     touches = z <= h
     x = jnp.where(touches, l, jnp.maximum(q + z, l))
-    pull = kappa * (x[1:] - x[:-1])  # of the next mass on each, upwards
+    pull = kappa * (x[1:] - x[:-1])  # force of the next mass on each mass, upwards
     end = jnp.zeros_like(pull[:1])
     load = m * g - jnp.concatenate([pull, end]) + jnp.concatenate([end, pull])
     return x, jnp.where(touches, jnp.maximum(load, 0.0), 0.0)
 
 
 def _springs(kappa: jax.Array, n: int) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The springs (n-1,), N/m, the middle one, and their compliances in units of its own.
+    """The springs (n-1,), N/m, the middle spring, and compliances in units of the middle spring's.
 
-    In these units chains of one spring have compliances of exactly 1.
+    In these units the compliances of a uniform chain are exactly 1.
     """
     kappa = jnp.broadcast_to(kappa, (n - 1,))
     unit = kappa[(n - 1) // 2]
@@ -60,12 +61,12 @@ def _springs(kappa: jax.Array, n: int) -> tuple[jax.Array, jax.Array, jax.Array]
 
 
 def _from_the_first(steps: jax.Array) -> jax.Array:
-    """0 and the sums of the steps (n-1,), shape (n,)."""
+    """Cumulative sums (n,) of the steps (n-1,), beginning with 0."""
     return jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
 
 
 def _highest_chord(h: jax.Array, run: jax.Array) -> jax.Array:
-    """For each i, the greatest value at i of the chords of h from j < i to k > i; -inf at both ends."""
+    """For each i, the maximum at i of the chords of h from j < i to k > i; -inf at both ends."""
     ahead = run[:, None, :]  # (i, 1, k): from i to k
     behind = -run[:, :, None]  # (i, j, 1): from j to i
     inside = (ahead > 0) & (behind > 0)
@@ -79,9 +80,9 @@ def balance(
     kappa: jax.Array,
     g: jax.Array,
 ) -> jax.Array:
-    """Load on each leg over the middle spring (m), shape (n,); negative for a leg in the air, by how far.
+    """The load on each leg divided by the middle spring (m), shape (n,); negative for a leg in the air.
 
-    The load in the form of a guard: it changes its sign where a leg touches or leaves the ground.
+    It is a guard function: its sign changes where a leg touches or leaves the ground.
 
     Args:
         l, m, kappa, g: as in `obstacle_problem`.
@@ -98,15 +99,15 @@ def balance_and_rate(
     g: jax.Array,
     rate: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """`balance`, and how it changes while the legs' lengths change at `rate` (n,).
+    """`balance` and its rate of change if the legs' lengths change at `rate` (n,).
 
-    Leg i touches where the least slope of z = x - q to a leg before it is above the greatest slope to a leg
-    behind it, the level ray to the front and the steepest one to the rear among them; the difference is its
-    load, since z bends there by as much. Of several extreme slopes any one's rate is given.
+    Leg i is in contact if the smallest slope of z = x - q to a leg before it exceeds the largest slope to a
+    leg behind it; the level ray to the front and the steepest ray to the rear are included. The difference is
+    its load, since it is the bend of z there. If several slopes are extreme, the rate is that of one of them.
 
     Args:
         l, m, kappa, g: as in `obstacle_problem`.
-        rate: of each leg's length, m in any unit of time or phase, shape (n,).
+        rate: rate of each leg's length, in m per unit of time or phase, shape (n,).
     """
     _, unit, compliance = _springs(kappa, l.shape[0])
     weights = jnp.cumsum(m * g / unit)

@@ -1,4 +1,4 @@
-"""The order in which legs touch down along a solution, the sets T_1 and T_2, and the jumps between orders."""
+"""The touchdown order of legs along a solution, the sets T_1 and T_2, and jumps between orders."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from gaitsweep.models.multilegged.theory.chain import Chain, reset, shift, touch
 from gaitsweep.models.multilegged.theory.section import Leg, touches_early
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
-    Steps,
+    LagRule,
     places,
     rule_of,
     solution,
 )
 
-APART = 1e-6  # rad of the free phase, on either side of a jump, at which psi is read
+APART = 1e-6  # rad of the free phase, distance from a jump at which psi is evaluated on both sides
 
 
 class Jump(NamedTuple):
-    """Where a set of solutions jumps on a section, because a leg comes to touch before or after its leg.
+    """A jump of a set of solutions on a section, where two legs exchange their order of touchdown.
 
-    s: the free phase, rad. leg: the leg whose touchdown passes that of the section's leg. change: of psi as
-    s rises, rad, shape (N,).
+    `s` is the free phase, rad; `leg` the leg whose touchdown passes that of the section's leg; `change` (N,)
+    the change of psi with rising s, rad.
     """
 
     s: float
@@ -37,12 +37,12 @@ class Jump(NamedTuple):
 def touchdown_order(
     N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
 ) -> tuple[int, ...]:
-    """The legs, 1 .. N+1, in the order in which they touch down in a cycle.
+    """The legs, 1 .. N+1, in their order of touchdown in a cycle.
 
     Args:
         N, branch, chain: as in `solution_set`.
         s: the free phase, rad.
-        section: the leg whose touchdown begins the cycle; the set's own k where not given.
+        section: the leg whose touchdown begins the cycle; by default the set's k.
 
     Source: Fig. 9.
     """
@@ -52,7 +52,7 @@ def touchdown_order(
 
 
 def order_of_places(theta: np.ndarray, circle: float, leg: int) -> tuple[int, ...]:
-    """The legs, 1 .. N+1, as they touch down from `leg`'s touchdown on, from their places on the circle.
+    """The touchdown order of the legs, 1 .. N+1, beginning with `leg`, from their places on the circle.
 
     Args:
         theta: places, rad, shape (N+1,).
@@ -66,9 +66,9 @@ def order_of_places(theta: np.ndarray, circle: float, leg: int) -> tuple[int, ..
 def order_sets(
     N: int, branch: Branch, s: float, chain: Chain | None = None
 ) -> tuple[frozenset[int], frozenset[int]]:
-    """T_1 and T_2: legs in front of and behind the boundary leg that touch before both of their neighbours.
+    """T_1 and T_2: legs in front of and behind the boundary leg that touch down before both neighbours.
 
-    For chains whose ends differ in their masses only.
+    The springs and amplitudes of the chain have to be uniform.
 
     Args:
         N, branch, chain: as in `solution_set`.
@@ -84,11 +84,11 @@ def order_sets(
     return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
 
 
-def meetings(rule: Steps, circle: jax.Array, section: Leg) -> jax.Array:
-    """The free phase at which each leg touches together with the section's own, rad, shape (N+1,).
+def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
+    """The free phase at which each leg touches down together with the section's leg, rad, shape (N+1,).
 
-    A leg's place on the circle moves against that of the section's leg at a rate of 0, 1 or 2 in s, and so
-    meets it once at most; `rule.high` where it does not.
+    A leg's place on the circle moves relative to that of the section's leg at the rate 0, 1 or 2 with s, and
+    so meets it at most once; `rule.high` if it does not.
     """
     start = places(rule, jnp.zeros_like(rule.low))
     rate = jnp.concatenate([jnp.zeros_like(rule.slope[:1]), jnp.cumsum(rule.slope)])
@@ -99,13 +99,13 @@ def meetings(rule: Steps, circle: jax.Array, section: Leg) -> jax.Array:
 
 
 def jumps(N: int, branch: Branch, chain: Chain | None = None, section: int | None = None) -> tuple[Jump, ...]:
-    """Where a set jumps, by rising free phase.
+    """The jumps of a set, in order of rising free phase.
 
     Args:
         N, branch, chain: as in `solution_set`.
-        section: the leg whose section psi is read on; the set's own where not given.
+        section: the leg whose section is used; by default the set's k.
 
-    Source: Fig. 11 and the text above it: each jump is one of m_B b.
+    Source: Fig. 11 and the text above it; each jump has the size m_B b.
     """
     chain = Chain() if chain is None else chain
     leg = branch.k if section is None else section

@@ -1,17 +1,17 @@
 """The analytic periodic solutions: source waves with any boundary leg, and the direct wave.
 
-Each is a line of solutions with one free relative phase s. The places of the legs on the circle of
-`section.py` step by
+Each is a line of solutions with one free relative phase s. The places of neighbouring legs on the circle of
+`section.py` differ by
 
     direct region (legs 1 .. k-1):     +delta a leg,
     retrograde region (legs k .. N+1): -delta a leg,       delta = 2 (1-beta) pi - (3 m_B - m) b,
     between legs k-1 and k:            +s,
 
-which is eq. (17) once the order of touchdowns is read from the places. In set B s runs from psi_B =
-2 (1-beta) pi - m_B b to 2 beta pi; in set A from delta to psi_B, and legs k and k+1 share what is left:
-they step by -(delta + psi_B - s) (eq. 20). The direct wave (24, 25) is the mirror image of set B with k = 2:
-all steps +delta, the last one -s. Sets A and B of k = 2 are the retrograde wave. Where an end has a spring or
-an amplitude of its own the lags are those that eq. (12) gives with it (`chain.py`).
+which is eq. (17), since the places determine the order of touchdowns. In set B s runs from psi_B =
+2 (1-beta) pi - m_B b to 2 beta pi; in set A from delta to psi_B, and the difference of legs k and k+1 is
+-(delta + psi_B - s) (eq. 20). The direct wave (24, 25) is the mirror image of set B with k = 2: all
+differences are +delta, the last one -s. Sets A and B of k = 2 are the retrograde wave. If an end has a
+different spring or amplitude, the lags follow from eq. (12) with it (`chain.py`).
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from gaitsweep.models.multilegged.theory.section import Leg, phases_on_section, 
 
 
 class Branch(NamedTuple):
-    """One set of solutions: A or B of the source wave with boundary leg k = 2 .. N, or the direct wave."""
+    """A set of solutions: A or B of the source wave with boundary leg k = 2 .. N, or the direct wave."""
 
     kind: Literal["A", "B", "direct"]
     k: int
 
 
-class Steps(NamedTuple):
-    """theta_{i+1} - theta_i = fixed + slope * s along a set, for low <= s <= high; all in rad but the slope.
+class LagRule(NamedTuple):
+    """Phase lags along a set: theta_{i+1} - theta_i = fixed + slope * s for low <= s <= high.
 
-    fixed, slope: shape (N,); low, high: scalars. For several sets each field has a leading axis.
+    `fixed` (N,) rad, `slope` (N,), `low` and `high` rad. For several sets each field has a leading axis.
     """
 
     fixed: jax.Array
@@ -48,19 +48,19 @@ class Steps(NamedTuple):
 
 
 def branches(N: int) -> tuple[Branch, ...]:
-    """All sets of a chain of N + 1 legs, along the line that they form: direct, A N, B N, ..., A 2, B 2."""
+    """All sets of a chain of N + 1 legs, in order along their line: direct, A N, B N, ..., A 2, B 2."""
     if N < 2:
         raise ArgumentError(f"N is {N}: the solutions need three legs at least, so N >= 2.")
     waves = [Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")]
     return (Branch("direct", N), *waves)
 
 
-def all_steps(N: int, chain: Chain) -> Steps:
-    """The steps of every set, in the order of `branches(N)`, shape (2 N - 1, N) and (2 N - 1,).
+def lag_rules(N: int, chain: Chain) -> LagRule:
+    """The lag rules of all sets, in the order of `branches(N)`, shape (2 N - 1, N) and (2 N - 1,).
 
-    Where the ends touch at unlike phases nothing is left of the lines but their ends: B of k = 2 then runs on
-    to the retrograde end point where the tail resets by more, the direct line to the direct one where the
-    head does. With springs or amplitudes of its own an end changes the lags of the legs beside it.
+    If the ends have different touchdown phases, only the end points of the line are solutions: B of k = 2
+    extends to the retrograde end point if the tail's reset is larger, the direct line to the direct one if
+    the head's is. A different spring or amplitude of an end changes the lags of the legs next to it.
     """
     sets = branches(N)
     pair = np.arange(1, N + 1)
@@ -73,14 +73,14 @@ def all_steps(N: int, chain: Chain) -> Steps:
     psi_B = 2.0 * (1.0 - chain.beta) * jnp.pi - reset(chain)
     stance = 2.0 * chain.beta * jnp.pi
     into = takeoffs(N, chain)
-    # lags of pairs in front of the boundary, none of the last, and of those behind it, none of the first
+    # lags of pairs in front of the boundary (never the last pair) and behind it (never the first)
     direct = psi_B - jnp.concatenate([into.front, psi_B[None]])[None]
     retrograde = psi_B - jnp.concatenate([psi_B[None], into.rear])[None]
-    # leg k of set A touches between two neighbours in takeoff, eq. (20)
+    # leg k of set A touches down between two neighbours in takeoff, eq. (20)
     ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front])[None], 0.0)
     over = jnp.zeros(len(sets)).at[0].set(into.last).at[-1].set(into.first)
     low = jnp.where(is_A, direct[0, np.maximum(k - 2, 0)], psi_B)
-    return Steps(
+    return LagRule(
         fixed=jnp.where(side > 0, direct, jnp.where(side < 0, -retrograde, 0.0)) - ratio * psi_B,
         slope=ratio + np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0),
         low=low,
@@ -97,27 +97,27 @@ def _row(N: int, branch: Branch) -> int:
     return branches(N).index(branch)
 
 
-def rule_of(N: int, branch: Branch, chain: Chain) -> Steps:
-    """The steps of one set, one of `branches(N)`.
+def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
+    """The lag rule of one set, one of `branches(N)`.
 
     Raises:
-        ValueError: the chain has no such set.
+        ArgumentError: the chain has no such set.
     """
     row = _row(N, branch)
-    rules = all_steps(N, chain)
-    return Steps(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
+    rules = lag_rules(N, chain)
+    return LagRule(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
 
 
-def places(rule: Steps, s: Scalar) -> jax.Array:
+def places(rule: LagRule, s: Scalar) -> jax.Array:
     """Places theta of the legs on the circle at the free phase s, rad, shape (N+1,); leg 1 at 0."""
     return jnp.concatenate([jnp.zeros_like(rule.fixed[:1]), jnp.cumsum(rule.fixed + rule.slope * s)])
 
 
-def solution(rule: Steps, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
+def solution(rule: LagRule, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
     """psi on the section of leg `section` at the free phase s (rad), shape (N,), rad in [0, 2 pi).
 
     Args:
-        rule: steps of the set.
+        rule: lag rule of the set.
         s: the free phase, rad; the relative phase psi_{k-1} on the set's own section, 2 pi - psi_N if direct.
         circle: the touchdown phase, rad.
         section: leg, 1 .. N+1.
@@ -135,19 +135,19 @@ def solution_sets(
         N: springs; the chain has N + 1 legs.
         chain: parameters; Table 1's if not given.
         samples: number of points of each set, both ends included.
-        section: the leg whose section they are read on; each set's own (k, or N if direct) where not given.
+        section: the leg whose section is used; by default each set's k, or N for the direct wave.
 
     Source: eqs. (16)-(20), (24), (25).
     """
     chain = Chain() if chain is None else chain
     circle = touchdown_phase(chain)
 
-    def points(rule: Steps, leg: jax.Array) -> jax.Array:
+    def points(rule: LagRule, leg: jax.Array) -> jax.Array:
         free = jnp.linspace(rule.low, rule.high, samples)
         return jax.vmap(lambda s: solution(rule, s, circle, leg))(free)
 
     legs = jnp.array([branch.k if section is None else section for branch in branches(N)])
-    return jax.vmap(points)(all_steps(N, chain), legs)
+    return jax.vmap(points)(lag_rules(N, chain), legs)
 
 
 def solution_set(

@@ -1,9 +1,9 @@
 """Stability of the analytic solutions: the linear map of a cycle, and its characteristic polynomial.
 
-A disturbance is what each leg's phase is ahead of the solution, u (N+1,). Where leg i touches, eq. (12)
-gives what its touchdown is early by, from u_i and the u of neighbours that are taking off; reset, the leg is
-ahead by just that. So every touchdown is one row of a matrix, and a cycle is their product in the order of
-touchdowns. Differences of u are the disturbances of psi.
+A perturbation u (N+1,) is the phase advance of each leg relative to the solution. At the touchdown of leg i,
+eq. (12) gives the advance of the touchdown from u_i and from the u of neighbours in takeoff; after the reset
+this is the advance of the leg. So every touchdown is one row of a matrix, and a cycle is the product of these
+matrices in touchdown order. Differences of u are the perturbations of psi.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from gaitsweep.models.multilegged.theory.solution_sets import (
 
 
 def multipliers(N: int, branch: Branch) -> np.ndarray:
-    """Eigenvalues of the Poincare map on one set of solutions, shape (N,), of a chain of one spring and one
-    amplitude: eqs. (22) and (26).
+    """Eigenvalues (N,) of the Poincare map on one set of solutions, for uniform springs and amplitudes.
 
     Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
     """
@@ -44,8 +43,8 @@ def polynomial(N: int, branch: Branch) -> np.ndarray:
 def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
     """Coefficients of det(lambda - matrix), highest power first, shape (n+1,), for a matrix (n, n).
 
-    By Faddeev and LeVerrier's recursion, without eigenvalues: the block of 2/3 is defective, so computed
-    eigenvalues scatter (by 0.02 for N = 9) while these coefficients are right to rounding.
+    By the Faddeev-LeVerrier recursion, without eigenvalues: the block of 2/3 is defective, so computed
+    eigenvalues scatter (by 0.02 for N = 9), while these coefficients are exact up to rounding.
     """
     n = len(matrix)
     coefficients = np.ones(n + 1)
@@ -60,14 +59,14 @@ def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
 def linear_map(
     N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
 ) -> np.ndarray:
-    """P_k of eq. (21), (N, N): a disturbance of psi on a section, a cycle later.
+    """P_k of eq. (21), (N, N): the linear map of a perturbation of psi on a section over a cycle.
 
-    It holds between the jumps of the set and away from the corners of the legs' phases.
+    It is valid between the jumps of the set and away from the ends of leg segments.
 
     Args:
         N, branch, chain: as in `solution_set`.
         s: the free phase, rad.
-        section: the leg whose section psi is read on; the set's own k where not given.
+        section: the leg whose section is used; by default the set's k.
 
     Source: eqs. (12), (14), (21).
     """
@@ -84,13 +83,13 @@ def linear_map(
             pull[i] = _slope(float(phi[i]), chain) * share
         ahead[leg - 1] = (ahead[leg - 1] - pull @ ahead) / (1.0 - pull.sum())
     differences = np.diff(np.eye(N + 1), axis=0)
-    # psi says nothing of a common shift: leg 1 is taken to be ahead by none
+    # psi does not determine a common shift: the advance of leg 1 is set to zero
     from_psi = np.tril(np.ones((N + 1, N)), -1)
     return differences @ ahead @ from_psi
 
 
 def _slope(phi: float, chain: Chain) -> float:
-    """Slope of a leg's length over its phase, in units of that in landing; eq. (3)."""
+    """Derivative of a leg's length by its phase, in units of that in landing; eq. (3)."""
     if phi <= 2.0 * float(chain.beta) * np.pi:
         return 0.0
     return -1.0 if phi < (1.0 + float(chain.beta)) * np.pi else 1.0

@@ -10,22 +10,22 @@ from gaitsweep.models.multilegged.theory.chain import TWO_PI, Chain, Scalar, lag
 
 
 class Speeds(NamedTuple):
-    """Speed of the wave, in leg intervals a second: as printed (eq. 28), and with the reset in the period."""
+    """The speed of the wave, leg intervals per second: as printed (eq. 28), and with the reset period."""
 
     printed: jax.Array
     exact: jax.Array
 
 
 def wavelength(chain: Chain | None = None) -> jax.Array:
-    """Legs in one wave, in units of the interval between legs; eq. (27), which is C / delta."""
+    """The wavelength, in leg intervals: C / delta, eq. (27)."""
     chain = Chain() if chain is None else chain
     return touchdown_phase(chain) / lag(chain)
 
 
 def wave_speed(omega: Scalar, chain: Chain | None = None) -> Speeds:
-    """Speeds of the wave for the basic frequency omega (rad/s).
+    """The speeds of the wave for the basic frequency omega (rad/s).
 
-    Eq. (28) takes a cycle to last 2 pi / omega; the reset cuts it to (2 pi - m_B b) / omega.
+    Eq. (28) uses the period 2 pi / omega; with the reset it is (2 pi - m_B b) / omega.
     """
     chain = Chain() if chain is None else chain
     waves = wavelength(chain)
