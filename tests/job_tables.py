@@ -24,7 +24,7 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
     rows = np.repeat(np.arange(plan.n_rows, dtype=np.int64), each)
     place = np.tile(np.arange(each), plan.n_rows)
     model, moved = plan.model, run.moved
-    known: dict[str, Quantity] = {q.name: q for q in (*model.signals, *model.traits)}
+    known: dict[str, Quantity] = {q.name: q for q in (*model.signals, *model.label_fields)}
     known |= {f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")}
     axes = plan.columns(0, plan.n_rows)
     columns: dict[str, object] = {}

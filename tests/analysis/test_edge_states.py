@@ -128,7 +128,7 @@ def test_outcomes_beside_a_third_attractor() -> None:
     assert alike.outcome.tolist() == [EdgeOutcome.same]
     round_ = edge_states(ANGLE, ANGLE.points([[a]]), ANGLE.points([[c]]), {})
     assert round_.outcome.tolist() == [EdgeOutcome.fixed]
-    np.testing.assert_allclose(ANGLE.apart(round_.points.at, np.zeros((1, 1))), 0.0, atol=4e-6)
+    np.testing.assert_allclose(ANGLE.difference(round_.points.at, np.zeros((1, 1))), 0.0, atol=4e-6)
 
 
 def test_an_edge_that_is_a_cycle() -> None:
