@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.dynamics.external_force import YieldingForce
+from gaitsweep.dynamics.tree.external_force import YieldingForce
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 
 

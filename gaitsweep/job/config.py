@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gaitsweep.job.document import Document, read_document
+from gaitsweep.job.yaml_document import Document, read_document
 from gaitsweep.kinds import diagnostics, parameter_written
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gaitsweep.effort import Effort
-from gaitsweep.job.document import Document, read_document, read_value
 from gaitsweep.job.schema import Job
+from gaitsweep.job.yaml_document import Document, read_document, read_value
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
 from gaitsweep.kinds.diagnostics import Path as FieldPath
 

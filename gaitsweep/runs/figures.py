@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import JobError, read_figures
-from gaitsweep.job.document import read_document
+from gaitsweep.job.yaml_document import read_document
 from gaitsweep.plot import draw
 from gaitsweep.table import (
     ResultDirectory,

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.plot import PlotError
+from gaitsweep.plot.limb_colours import limb_colours
 from gaitsweep.plot.movie import animation, movie_file, side_view
 from gaitsweep.plot.movie.animation import Clip, Drawn, Scene
 from gaitsweep.plot.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
@@ -90,7 +91,7 @@ def write_movie(
         _prepared(motion, times, _pace(speed), renderer, tell) as (clip, scene),
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
-        colours = side_view.limb_colours(clip.skeleton.limbs)
+        colours = limb_colours(clip.skeleton.limbs)
         _write(target, lambda: movie_file.save(target, counted(frames), fps, colours))
     return target
 

@@ -23,8 +23,8 @@ from gaitsweep.analysis.attractors.linkage import (
     linking_distance,
     spanning_tree,
 )
-from gaitsweep.analysis.attractors.matching import follow_attractors
 from gaitsweep.analysis.attractors.state_space import Space
+from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import GAITS, classify, locked_state, segments

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitsweep.dynamics.external_force import PointForce, WorldForce
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Link, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics, inverse_dynamics
 from gaitsweep.dynamics.tree.energy import (
@@ -25,6 +24,7 @@ from gaitsweep.dynamics.tree.energy import (
     momentum,
     potential_energy,
 )
+from gaitsweep.dynamics.tree.external_force import PointForce, WorldForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import quaternion_exponential, solve_positive

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gaitsweep.dynamics.compliant_foot import friction_slope, ground_force, normal_force
-from gaitsweep.dynamics.external_force import YieldingForce
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics, inverse_dynamics
+from gaitsweep.dynamics.tree.external_force import YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity, velocity_at
 

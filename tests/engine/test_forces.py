@@ -14,9 +14,9 @@ from scipy.linalg import expm
 
 from gaitsweep.dynamics import compliant_foot, compliant_ground
 from gaitsweep.dynamics.anchored_foot import anchored_force
-from gaitsweep.dynamics.external_force import PointForce, WorldForce, YieldingForce
 from gaitsweep.dynamics.spring_chain import neighbour_force
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.external_force import PointForce, WorldForce, YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.models.waist_quadruped import mechanics

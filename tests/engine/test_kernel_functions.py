@@ -14,7 +14,6 @@ import pytest
 from hypothesis import strategies as st
 from jax import lax
 
-from gaitsweep.engine.kernel import lower
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from tests.scalar_programs import executable, on_many, source_of, traced_with
 
@@ -239,8 +238,8 @@ def test_angles_of_zeros_infinities_and_no_numbers(angle: Any) -> None:
 def test_compiled_angles_know_the_sign_of_zero(angle: Any) -> None:
     dtype = angle[0]
     traced = traced_with(jnp.arctan2, dtype(1), dtype(1))
-    kind = lower.KINDS[traced.program.nodes[traced.outputs[0]].kind]
-    one = lower.straight_line(lower.CpuCalls, source_of(traced).replace("):", f') -> "{kind}":', 1))
+    kind = llvm_code.KINDS[traced.program.nodes[traced.outputs[0]].kind]
+    one = llvm_code.straight_line(llvm_code.CpuCalls, source_of(traced).replace("):", f') -> "{kind}":', 1))
     compiled = numba.njit(error_model="numpy")(lambda y, x: one(y, x))
     y, x = _odd_points(dtype)
     _same_angles(np.array([compiled(*point)[0] for point in zip(y, x, strict=True)], dtype), y, x)

@@ -30,7 +30,7 @@ class Doublings(kinds.RunKind):
     kind: Literal["doublings"] = Field(description="doublings: crossings, and twice their times")
     crossings: Count = Field(default=3, description="section crossings to record")
 
-    def recorder(self, model: Model) -> Crossings:
+    def recorder(self, model: Model) -> CrossingRecorder:
         return CrossingRecorder(model, self.crossings)
 
     def columns(self, model: Model) -> list[Column]:

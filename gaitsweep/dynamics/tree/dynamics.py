@@ -7,8 +7,8 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics.external_force import External, YieldingForce
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
+from gaitsweep.dynamics.tree.external_force import External, YieldingForce
 from gaitsweep.dynamics.tree.kinematics import Movement, Place, movements, places
 from gaitsweep.dynamics.tree.spatial import (
     EYE,

@@ -15,14 +15,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 
-from gaitsweep.engine.kernel import lower
+from gaitsweep.engine.kernel import llvm_code
 
 
 def module_of(source: str) -> ModuleType:
     """The module with this source, imported from the cache of kernels."""
     versions = [f"{name} {_version(name)}" for name in ("numba", "llvmlite", "numba-cuda")]
-    # `lower` determines the instructions as well as the source does
-    own = Path(lower.__file__).read_text()
+    # `llvm_code` determines the instructions as well as the source does
+    own = Path(llvm_code.__file__).read_text()
     digest = hashlib.sha256("\n".join([source, own, *versions, sys.version]).encode()).hexdigest()
     name = f"gaitsweep_kernel_{digest[:24]}"
     if name in sys.modules:

@@ -23,7 +23,7 @@ TILE = 16
 _PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
 
-from gaitsweep.engine.kernel.lower import CpuCalls, straight_line
+from gaitsweep.engine.kernel.llvm_code import CpuCalls, straight_line
 
 compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 """

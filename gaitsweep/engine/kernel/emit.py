@@ -1,4 +1,4 @@
-"""Python source of a scalar program, for one lane or one thread; `lower` compiles it to LLVM."""
+"""Python source of a scalar program, for one lane or one thread; `llvm_code` compiles it to LLVM."""
 
 from __future__ import annotations
 

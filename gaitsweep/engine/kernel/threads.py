@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable
 
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.emit import loaded, statements, stored
-from gaitsweep.engine.kernel.lower import KINDS
+from gaitsweep.engine.kernel.llvm_code import KINDS
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Registers of a thread: the maximum. With fewer, more threads run at once, but spilled registers cost more.
@@ -21,7 +21,7 @@ REGISTERS = 255
 _HEAD = """# Written by gaitsweep: {title}
 from numba import cuda
 
-from gaitsweep.engine.kernel.lower import CudaCalls, straight_line
+from gaitsweep.engine.kernel.llvm_code import CudaCalls, straight_line
 
 
 def lowered(source):

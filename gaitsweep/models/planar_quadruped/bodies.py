@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.compliant_foot import ground_force
-from gaitsweep.dynamics.external_force import YieldingForce
 from gaitsweep.dynamics.tree.articulated_tree import Geometry
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.external_force import YieldingForce
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
 from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.dynamics.external_force import PointForce
+from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, factors, mjcf
 from gaitsweep.models.waist_quadruped.state import State
 from gaitsweep.models.waist_quadruped.steps import WaistBody

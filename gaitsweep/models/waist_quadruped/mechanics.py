@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.dynamics.anchored_foot import anchored_force
-from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
 from gaitsweep.dynamics.two_link_limb import joint_angles

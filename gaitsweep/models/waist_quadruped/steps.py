@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import FixedStepDynamics
-from gaitsweep.dynamics.external_force import PointForce
 from gaitsweep.dynamics.single_precision import worked_in
+from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.dynamics.tree.kinematics import integrate
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import LATE

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from gaitsweep.plot.gaits.footprints import contact_intervals
-from gaitsweep.plot.movie.side_view import limb_colours
+from gaitsweep.plot.limb_colours import limb_colours
 from gaitsweep.skeleton import Limb
 
 _BAR = 0.66
