@@ -14,6 +14,7 @@ import pytest
 from hypothesis import strategies as st
 from jax import lax
 
+from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from tests.scalar_programs import executable, on_many, source_of, traced_with
 

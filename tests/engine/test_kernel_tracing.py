@@ -17,7 +17,7 @@ import pytest
 from hypothesis import strategies as st
 from jax import lax
 
-from gaitsweep.engine.kernel import arrays, control, lower, primitives
+from gaitsweep.engine.kernel import arrays, control, llvm_code, primitives
 from gaitsweep.engine.kernel import indexing as places
 from gaitsweep.engine.kernel.trace import UnsupportedError
 from tests.scalar_programs import executable, outputs_of, source_of, traced_with
@@ -316,7 +316,7 @@ KINDS = (np.float64(0), np.float32(0), np.int64(0), np.bool_(True))
 def compiled() -> Callable[..., Any]:
     """The emitted source as it is lowered to LLVM and compiled for a CPU."""
     traced = traced_with(_of_all_kinds, *KINDS)
-    kinds = "".join(lower.KINDS[traced.program.nodes[at].kind] for at in traced.outputs)
+    kinds = "".join(llvm_code.KINDS[traced.program.nodes[at].kind] for at in traced.outputs)
     source = source_of(traced).replace("):", f') -> "{kinds}":', 1)
-    run = lower.straight_line(lower.CpuCalls, source)
+    run = llvm_code.straight_line(llvm_code.CpuCalls, source)
     return numba.njit(lambda x, y, n, flag: run(x, y, n, flag))
