@@ -23,7 +23,7 @@ hypothesis.settings.register_profile("suite", deadline=None, derandomize=True, p
 hypothesis.settings.load_profile("suite")
 
 
-# Tests that take longer than about two seconds: they run with those marked `slow` in their files.
+# Tests that take longer than about a second: they run with those marked `slow` in their files.
 SLOW = set((Path(__file__).parent / "slow.txt").read_text(encoding="utf-8").splitlines())
 
 
