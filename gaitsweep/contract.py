@@ -34,6 +34,17 @@ class Verdict(enum.Enum):
     failed = "failed"  # the body fell or the integration failed: the row has no final gait
 
 
+class ResultCode(enum.IntEnum):
+    """The base of result codes: each member has a number and a sentence."""
+
+    sentence: str
+
+    def __new__(cls, number: int, sentence: str) -> Self:
+        code = int.__new__(cls, number)
+        code._value_, code.sentence = number, sentence
+        return code
+
+
 class Status(enum.IntEnum):
     """The result code of a row, with its sentence and its verdict.
 

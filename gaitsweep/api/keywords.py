@@ -64,29 +64,29 @@ def job_of(
     elif sizes:
         size = next(iter(sizes))
         raise ArgumentError(f"{size} shapes the model: give it to {type(model).__name__}, not here.")
-    subject, complaints = read_model_spec(name, structure, None, [])
-    if subject is None:
-        raise ArgumentError("\n".join(map(str, complaints)))
+    spec, diagnostics = read_model_spec(name, structure, None, [])
+    if spec is None:
+        raise ArgumentError("\n".join(map(str, diagnostics)))
     vary: dict[str, Any] = {}
     constants: dict[str, dict[str, Any]] = {"params": {}, "start": {}}
     for key, value in given.items():
         if key in sizes:
             continue
         if key in _GROUPS:
-            vary[key] = _plain(value)
+            vary[key] = plain(value)
             continue
-        _check_name(key, subject)
+        _check_name(key, spec)
         if _is_axis(key, value):
-            vary[key] = _plain(value)
+            vary[key] = plain(value)
         else:
-            constants["params" if key in subject.parameters else "start"][key] = _plain(value)
+            constants["params" if key in spec.parameters else "start"][key] = plain(value)
     if any_start:
-        for key, quantity in subject.starts.items():
+        for key, quantity in spec.starts.items():
             if key not in given and quantity.default is None:
                 constants["start"][key] = _allowed(quantity)
     return Job.model_validate(
         {
-            "name": re.sub(r"\W", "_", subject.model.name) or "model",
+            "name": re.sub(r"\W", "_", spec.model.name) or "model",
             "model": name,
             "structure": structure,
             **constants,
@@ -120,13 +120,13 @@ def _structure_of(name: str) -> list[str]:
     return [field.name for field in dataclasses.fields(found) if field.init]
 
 
-def _check_name(name: str, subject: ModelSpec) -> None:
-    if name in subject.quantities:
+def _check_name(name: str, spec: ModelSpec) -> None:
+    if name in spec.quantities:
         return
     if name in RESERVED:
         raise ArgumentError(f"{name} is a reserved keyword, which this function does not take.")
-    near = near_miss.suggestion(name, subject.quantities)
-    raise ArgumentError(f"{name} is neither a parameter nor a start value of {subject.model.name}{near}")
+    near = near_miss.suggestion(name, spec.quantities)
+    raise ArgumentError(f"{name} is neither a parameter nor a start value of {spec.model.name}{near}")
 
 
 def _allowed(quantity: Quantity) -> float:
@@ -146,10 +146,10 @@ def _is_axis(name: str, value: Any) -> bool:
     return dimensions == 1
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Lists and Python's numbers for arrays, series and NumPy's numbers, in mappings too."""
     if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
+        return {key: plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple | range):
-        return [_plain(each) for each in value]
+        return [plain(each) for each in value]
     return value.tolist() if hasattr(value, "tolist") else value

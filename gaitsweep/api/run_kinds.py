@@ -6,23 +6,21 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from gaitsweep.api.keywords import plain
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds import continuation, fixed_time, ramp, return_map, settle, staircase, trace
 from gaitsweep.kinds.diagnostics import Owner, from_pydantic
-from gaitsweep.kinds.part import Part
+from gaitsweep.kinds.part import Part, kind_of
 
 
 class _Kind(Part):
     """Lets `kind` be left out, takes NumPy's arrays and numbers, and refuses by a sentence."""
 
     def __init__(self, **fields: Any) -> None:
-        plain = {
-            name: value.tolist() if hasattr(value, "tolist") else value for name, value in fields.items()
-        }
         try:
-            super().__init__(**plain)
+            super().__init__(**plain(fields))
         except ValidationError as error:
-            kind = type(self).model_fields["kind"].default
+            kind = kind_of(type(self))
             wrong = from_pydantic(error, {kind: Owner(f"run ({kind})", type(self), "run")}, kind, ("run",))
             raise ArgumentError("\n".join(map(str, wrong))) from None
 

@@ -1,4 +1,4 @@
-"""One trajectory, one straight-line attempt: propose a step, poll at the guards, accept, shrink or jump.
+"""One trajectory, one straight-line attempt: propose a step, look at the guards, accept, shrink or jump.
 
 The same function serves every engine. All decisions are selects, so that it can be vmapped or printed as
 a scalar kernel, and each trajectory has a time and a step of its own.

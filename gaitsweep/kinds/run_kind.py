@@ -18,7 +18,7 @@ from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.kinds.columns import Column, Records
 from gaitsweep.kinds.diagnostics import Diagnostic
-from gaitsweep.kinds.part import Part
+from gaitsweep.kinds.part import Part, kind_of
 
 
 class Axis(Protocol):
@@ -118,7 +118,7 @@ class RunKind(Part):
     @property
     def kind_name(self) -> str:
         """The value of its field `kind`."""
-        return str(getattr(self, "kind"))  # noqa: B009 - each kind declares the field with its own literal
+        return kind_of(type(self))
 
     @property
     def moved(self) -> str | None:

@@ -7,7 +7,6 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,14 +46,6 @@ def part_number(name: str) -> int | None:
     """Return the block of a file name, or None if it is not the name of a part."""
     match = _NAME.fullmatch(name)
     return int(match[1]) if match and part_name(int(match[1])) == name else None
-
-
-def part_numbers(folder: Path) -> list[int]:
-    """Return the blocks with a part in a folder, in order."""
-    if not folder.is_dir():
-        return []
-    found = (part_number(path.name) for path in folder.iterdir())
-    return sorted(number for number in found if number is not None)
 
 
 def count_statuses(frame: pd.DataFrame) -> dict[str, int]:

@@ -9,13 +9,12 @@ measures the error where it is conserved only approximately (Munoz-Almaraz et al
 from __future__ import annotations
 
 import dataclasses
-import enum
 from collections.abc import Mapping, Sequence
-from typing import Self
 
 import numpy as np
 
 from gaitsweep import near_miss
+from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, wrap_difference
 from gaitsweep.errors import ArgumentError
 
@@ -29,20 +28,13 @@ PATIENCE = 4.0
 FLOOR = 0.1
 
 
-class NewtonOutcome(enum.IntEnum):
+class NewtonOutcome(ResultCode):
     """How the search for a fixed point ended, with a sentence each."""
 
     converged = 0, "A fixed point was found."
     not_converged = 1, "The search did not converge in the steps allowed."
     left = 2, "The search left the points whose trajectories return to the section."
     singular = 3, "Newton's equations are singular: constrain what the map conserves."
-
-    sentence: str
-
-    def __new__(cls, number: int, sentence: str) -> Self:
-        outcome = int.__new__(cls, number)
-        outcome._value_, outcome.sentence = number, sentence
-        return outcome
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 from collections.abc import Callable
-from typing import Self
 
 import jax
 import numpy as np
@@ -19,6 +17,7 @@ from gaitsweep.analysis.edges.attractor_mappers import (
     ended,
     fates,
 )
+from gaitsweep.contract import ResultCode
 from gaitsweep.engine.poincare.maps import Map, Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
@@ -30,7 +29,7 @@ SAME = 1e-3
 UNEVEN = 0.0557
 
 
-class EdgeOutcome(enum.IntEnum):
+class EdgeOutcome(ResultCode):
     """How the search for an edge state ended, with a sentence each."""
 
     fixed = 0, "The edge state is a fixed point of the map."
@@ -43,13 +42,6 @@ class EdgeOutcome(enum.IntEnum):
     fell = 7, "A trajectory fell."
     lost = 8, "A trajectory did not return to the section, or diverged."
     together = 9, "The two trajectories converged: the mapper separates them, not the map."
-
-    sentence: str
-
-    def __new__(cls, number: int, sentence: str) -> Self:
-        outcome = int.__new__(cls, number)
-        outcome._value_, outcome.sentence = number, sentence
-        return outcome
 
 
 @dataclasses.dataclass(frozen=True)

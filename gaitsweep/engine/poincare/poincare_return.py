@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 from functools import partial
-from typing import Self
 
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import HybridModel, Model, Params, State
+from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
 from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import Numerics, step_of
@@ -22,7 +20,7 @@ from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
 LATEST = 4.0
 
 
-class ReturnStatus(enum.IntEnum):
+class ReturnStatus(ResultCode):
     """The result code of a return, with its sentence."""
 
     crossed = 0, "The section was crossed."
@@ -31,13 +29,6 @@ class ReturnStatus(enum.IntEnum):
     lost = 3, "A state variable became NaN or infinite."
     fell = 4, "The model's own test of a fall came true."
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
-
-    sentence: str
-
-    def __new__(cls, number: int, sentence: str) -> Self:
-        status = int.__new__(cls, number)
-        status._value_, status.sentence = number, sentence
-        return status
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["carry", "stages", "limit"], meta_fields=[])
