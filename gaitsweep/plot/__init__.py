@@ -12,8 +12,27 @@ from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
 from gaitsweep.kinds.part import Registry
+from gaitsweep.plot.basins.basin import basin
+from gaitsweep.plot.basins.basin_measures import basin_measures
+from gaitsweep.plot.basins.gait_map import gait_map
+from gaitsweep.plot.basins.shock import shock
+from gaitsweep.plot.branches.branches import branches
+from gaitsweep.plot.branches.continuation import continuation
+from gaitsweep.plot.branches.cycles import cycles
+from gaitsweep.plot.branches.hysteresis import hysteresis
+from gaitsweep.plot.branches.return_map import return_map
+from gaitsweep.plot.branches.stable_ranges import stable_ranges
+from gaitsweep.plot.chain.drift_law import drift_law
+from gaitsweep.plot.chain.gait_shares import gait_shares_figure as gait_shares
+from gaitsweep.plot.chain.solution_set import solution_set
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_kind import FigureKind
+from gaitsweep.plot.gaits.footprints import footprints
+from gaitsweep.plot.gaits.gait_ramp import gait_ramp
+from gaitsweep.plot.gaits.gait_series import gait_series
+from gaitsweep.plot.gaits.loading_rule import loading_rule
+from gaitsweep.plot.gaits.nine_gaits import nine_gaits
+from gaitsweep.plot.gaits.speed_gaits import speed_gaits
 from gaitsweep.plot.schemas.basins import (
     Basin,
     BasinMeasures,
@@ -96,26 +115,6 @@ FIGURES: Registry[FigureKind] = Registry(
 )
 register = FIGURES.register
 unregister = FIGURES.unregister
-
-basin = Basin.draw
-solution_set = SolutionSet.draw
-cycles = Cycles.draw
-footprints = Footprints.draw
-hysteresis = Hysteresis.draw
-return_map = ReturnMaps.draw
-branches = Branches.draw
-continuation = Continuation.draw
-stable_ranges = StableRanges.draw
-gait_map = GaitMap.draw
-drift_law = DriftLaw.draw
-gait_shares = GaitShares.draw
-basin_measures = BasinMeasures.draw
-shock = Shock.draw
-speed_gaits = SpeedGaits.draw
-gait_series = GaitSeries.draw
-gait_ramp = GaitRamp.draw
-nine_gaits = NineGaits.draw
-loading_rule = LoadingRule.draw
 
 
 def draw(kind: str, table: pd.DataFrame, **spec: Any) -> Figure:

@@ -49,7 +49,8 @@ def _rows_there(table: pd.DataFrame, manifest: Mapping[str, Any]) -> int | None:
 
 def mark(figure: Figure, told: list[str]) -> None:
     """Write remarks into the upper right corner of a figure, in an added band."""
-    if not told:
+    text = "; ".join(told)
+    if not told or text in (each.get_text() for each in figure.texts):  # one figure may draw another
         return
     width, height = figure.get_size_inches()
     share = _BAND / (height + _BAND)
@@ -64,7 +65,7 @@ def mark(figure: Figure, told: list[str]) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - taken))  # pyright: ignore[reportCallIssue]
-    figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * share, "; ".join(told), **_LOOK)
+    figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * share, text, **_LOOK)
 
 
 def marked(figure_of: Callable[Spec, Figure]) -> Callable[Spec, Figure]:

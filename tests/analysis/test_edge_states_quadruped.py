@@ -54,7 +54,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
     )
     found = edge_states(mapping, u1, u2, {"f": stiffness}, mapper=gait, limits=limits)
     table = found.table
-    print(table[["f", "delta_13", "outcome", "residual", "growth", "one", "other", "met", "evaluations"]])
+    print(table[["f", "delta_13", "outcome", "residual", "growth", "label_1", "label_2", "met"]])
     assert table["outcome"].tolist() == ["fixed", "fixed", "third", *["fixed"] * 5]
     assert table["met"][2] in (1, 2)
     assert table[["label_1", "label_2"]][5:].to_numpy().tolist() == [[0, 1], [1, 2], [2, 3]]

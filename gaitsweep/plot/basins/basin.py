@@ -25,6 +25,7 @@ from gaitsweep.plot.columns import (
     symbol,
     written,
 )
+from gaitsweep.plot.provenance_marks import marked
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
@@ -32,6 +33,7 @@ _MOST_PANELS = 40
 _Looks = tuple[dict[str, str], dict[str, str]]  # colour and marker of each outcome, the same in all panels
 
 
+@marked
 def basin(
     table: pd.DataFrame,
     *,

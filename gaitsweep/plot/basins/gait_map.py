@@ -15,11 +15,13 @@ from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import column, described, is_angle, outcome, rows_where
+from gaitsweep.plot.provenance_marks import marked
 
 OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (NOT_SETTLED, FAILED)
 
 
+@marked
 def gait_map(table: pd.DataFrame, *, x: str, y: str, hue: str = "gait", title: str | None = None) -> Figure:
     """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
 

@@ -10,8 +10,10 @@ from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.contract import Status
 from gaitsweep.plot.basins.basin import basin
 from gaitsweep.plot.columns import column, unit_of
+from gaitsweep.plot.provenance_marks import marked
 
 
+@marked
 def shock(
     table: pd.DataFrame,
     *,

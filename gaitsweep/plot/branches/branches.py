@@ -14,10 +14,12 @@ from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, rows_where
+from gaitsweep.plot.provenance_marks import marked
 
 _COLOUR = {True: "#0072B2", False: "#D55E00"}
 
 
+@marked
 def branches(
     table: pd.DataFrame, *, y: str, x: str, bandwidth: float | None = None, title: str | None = None
 ) -> Figure:

@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle
+from gaitsweep.plot.provenance_marks import marked
 
 _STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
 POLLS_PER_CHUNK = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
@@ -28,6 +29,7 @@ WORDS = {
 }
 
 
+@marked
 def continuation(
     table: pd.DataFrame,
     *,

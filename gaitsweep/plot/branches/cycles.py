@@ -14,10 +14,12 @@ from matplotlib.lines import Line2D
 from gaitsweep.contract import Status, Verdict
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, symbol
+from gaitsweep.plot.provenance_marks import marked
 
 _NAMED_LINES = 8
 
 
+@marked
 def cycles(
     table: pd.DataFrame,
     *,

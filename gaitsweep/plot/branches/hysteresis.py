@@ -29,7 +29,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.plot.provenance_marks import marked, remarks
 from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
@@ -45,6 +45,7 @@ class _Panel(NamedTuple):
     note: str = ""
 
 
+@marked
 def hysteresis(
     table: pd.DataFrame,
     *,

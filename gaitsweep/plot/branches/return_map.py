@@ -24,6 +24,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
+from gaitsweep.plot.provenance_marks import marked
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
@@ -32,6 +33,7 @@ _FAST = 2.0  # steps larger than so many ranges of the others are left out of th
 FORMS = ("change", "next")
 
 
+@marked
 def return_map(
     table: pd.DataFrame,
     *,

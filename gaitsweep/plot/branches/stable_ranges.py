@@ -16,10 +16,12 @@ from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as range
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import POLLS_PER_CHUNK, WORDS
 from gaitsweep.plot.columns import PlotError, column, described
+from gaitsweep.plot.provenance_marks import marked
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
 
 
+@marked
 def stable_ranges(
     table: pd.DataFrame, *, y: str, x: str | None = None, hue: str = "gait", title: str | None = None
 ) -> Figure:

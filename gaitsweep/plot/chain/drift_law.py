@@ -13,6 +13,7 @@ from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.models.multilegged.theory.conserved import drift, worst_case_cycles
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, outcome, rows_where
+from gaitsweep.plot.provenance_marks import marked
 
 EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
@@ -24,6 +25,7 @@ APART = {
 }
 
 
+@marked
 def drift_law(table: pd.DataFrame, *, of: str = "m", hue: str = "gait", title: str | None = None) -> Figure:
     """Cycles until settled over the asymmetry of the ends, and the worst case of eqs. (30)-(32).
 

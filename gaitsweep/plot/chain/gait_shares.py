@@ -17,6 +17,7 @@ from gaitsweep.analysis.chain.gait_shares import GAITS, existence, gait_shares, 
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, on_grid
 from gaitsweep.plot.columns import axis_label, column, described
+from gaitsweep.plot.provenance_marks import marked
 
 _SHARES = (*GAITS, "elsewhere")
 # white around black shows on dark cells and on light ones
@@ -30,6 +31,7 @@ _LINES = {
 _PLACES = 240  # points along each axis of a map of sets that form no grid
 
 
+@marked
 def gait_shares_figure(
     table: pd.DataFrame, *, x: str, y: str | None = None, title: str | None = None
 ) -> Figure:

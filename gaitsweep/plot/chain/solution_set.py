@@ -16,10 +16,12 @@ from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, axis_label, categories, column, is_angle, outcome, rows_where
+from gaitsweep.plot.provenance_marks import marked
 
 _PSI = ("psi_1", "psi_2", "psi_3")
 
 
+@marked
 def solution_set(
     table: pd.DataFrame,
     *,

@@ -16,6 +16,7 @@ from matplotlib.ticker import MultipleLocator
 
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
+from gaitsweep.plot.provenance_marks import marked
 
 _NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
 _HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
@@ -23,6 +24,7 @@ _BAR = 0.62
 _MOST_PANELS = 24
 
 
+@marked
 def footprints(
     table: pd.DataFrame,
     *,

@@ -14,10 +14,12 @@ from gaitsweep.analysis.transitions.gait_bouts import gaits_along
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, axis_label, column, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, NAMES, ORDER
+from gaitsweep.plot.provenance_marks import marked
 
 _BAR = 0.36
 
 
+@marked
 def gait_ramp(
     table: pd.DataFrame, *, panels: str | None = None, cycles: int = 3, title: str | None = None
 ) -> Figure:

@@ -18,6 +18,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, shade_flights
+from gaitsweep.plot.provenance_marks import marked
 
 _MOST_STRIPS = 12
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
@@ -25,6 +26,7 @@ _LEAST = 3  # least number of windows of a named gait bout
 _LETTER = 0.075  # inches; width of a letter of a gait's name
 
 
+@marked
 def gait_series(
     table: pd.DataFrame,
     *,

@@ -16,10 +16,12 @@ from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, ORDER, gait_key
+from gaitsweep.plot.provenance_marks import marked
 
 _ACROSS = 3
 
 
+@marked
 def loading_rule(
     table: pd.DataFrame,
     *,

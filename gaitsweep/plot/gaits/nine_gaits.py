@@ -13,10 +13,12 @@ from gaitsweep.models.planar_quadruped.nine_gaits import CHART
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, footfalls
+from gaitsweep.plot.provenance_marks import marked
 
 _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
 
 
+@marked
 def nine_gaits(table: pd.DataFrame, *, cycles: float = 2.5, title: str | None = None) -> Figure:
     """A cell for each gait: which leg of each diagonal pair swings first, with the footfalls of one row.
 

@@ -14,11 +14,13 @@ from gaitsweep.analysis.records import UNDECIDED
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
 from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, NAMES, ORDER, gait_key
+from gaitsweep.plot.provenance_marks import marked
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
 _SAME = 0.02  # distance below which points would hide each other, as a share of the range of speeds
 
 
+@marked
 def speed_gaits(
     table: pd.DataFrame,
     *,

@@ -21,13 +21,12 @@ from gaitsweep.plot.figure_kind import (
     PlannedTable,
     Refusal,
 )
-from gaitsweep.plot.provenance_marks import marked
 
 
 class Basin(FigureKind):
     """Which gait each start leads to, over two varied quantities."""
 
-    draw: ClassVar = staticmethod(marked(basin))
+    draw: ClassVar = staticmethod(basin)
     runs: ClassVar[tuple[str, ...]] = ("settle", "fixed_time")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue", "panels")
     axis_fields: ClassVar[tuple[str, ...]] = ("x", "y")
@@ -46,7 +45,7 @@ class Basin(FigureKind):
 class GaitMap(FigureKind):
     """Which gaits are stable over two varied quantities, each from several starts."""
 
-    draw: ClassVar = staticmethod(marked(gait_map))
+    draw: ClassVar = staticmethod(gait_map)
     runs: ClassVar[tuple[str, ...]] = ("settle", "fixed_time")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue")
     axis_fields: ClassVar[tuple[str, ...]] = ("x", "y")
@@ -61,7 +60,7 @@ class GaitMap(FigureKind):
 class BasinMeasures(FigureKind):
     """Shares of starts with intervals, entropies, and uncertain starts over their error."""
 
-    draw: ClassVar = staticmethod(marked(basin_measures))
+    draw: ClassVar = staticmethod(basin_measures)
     runs: ClassVar[tuple[str, ...]] = ("settle", "fixed_time")
     column_fields: ClassVar[tuple[str, ...]] = ("hue", "panels")
     kind: Literal["basin_measures"] = Field(description="basin_measures: basins of attraction in numbers")
@@ -106,7 +105,7 @@ class BasinMeasures(FigureKind):
 class Shock(FigureKind):
     """How far each start is from one that comes out otherwise, over two varied quantities."""
 
-    draw: ClassVar = staticmethod(marked(shock))
+    draw: ClassVar = staticmethod(shock)
     runs: ClassVar[tuple[str, ...]] = ("settle", "fixed_time")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y", "hue", "panels")
     axis_fields: ClassVar[tuple[str, ...]] = ("x", "y")

@@ -25,13 +25,12 @@ from gaitsweep.plot.figure_kind import (
     PlannedTable,
     Refusal,
 )
-from gaitsweep.plot.provenance_marks import marked
 
 
 class Cycles(FigureKind):
     """Section observables against the number of the crossing."""
 
-    draw: ClassVar = staticmethod(marked(cycles))
+    draw: ClassVar = staticmethod(cycles)
     runs: ClassVar[tuple[str, ...]] = ("return_map", "ramp")
     column_fields: ClassVar[tuple[str, ...]] = ("x", "hue")
     observable_fields: ClassVar[tuple[str, ...]] = ("y",)
@@ -47,7 +46,7 @@ class Cycles(FigureKind):
 class Hysteresis(FigureKind):
     """An observable while a parameter rises and falls, the jumps on both ways marked."""
 
-    draw: ClassVar = staticmethod(marked(hysteresis))
+    draw: ClassVar = staticmethod(hysteresis)
     runs: ClassVar[tuple[str, ...]] = ("ramp", "staircase")
     column_fields: ClassVar[tuple[str, ...]] = ("panels",)
     observable_fields: ClassVar[tuple[str, ...]] = ("y",)
@@ -74,7 +73,7 @@ class Hysteresis(FigureKind):
 class ReturnMaps(FigureKind):
     """How an observable changes from one crossing to the next, with the fixed points."""
 
-    draw: ClassVar = staticmethod(marked(return_map))
+    draw: ClassVar = staticmethod(return_map)
     runs: ClassVar[tuple[str, ...]] = ("return_map",)
     column_fields: ClassVar[tuple[str, ...]] = ("panels",)
     observable_fields: ClassVar[tuple[str, ...]] = ("y",)
@@ -94,7 +93,7 @@ class ReturnMaps(FigureKind):
 class Branches(FigureKind):
     """The fixed points of return maps over a parameter."""
 
-    draw: ClassVar = staticmethod(marked(branches))
+    draw: ClassVar = staticmethod(branches)
     runs: ClassVar[tuple[str, ...]] = ("return_map",)
     column_fields: ClassVar[tuple[str, ...]] = ("x",)
     observable_fields: ClassVar[tuple[str, ...]] = ("y",)
@@ -114,7 +113,7 @@ class Branches(FigureKind):
 class Continuation(FigureKind):
     """Branches of steady gaits over a parameter, stable and unstable, with their folds."""
 
-    draw: ClassVar = staticmethod(marked(continuation))
+    draw: ClassVar = staticmethod(continuation)
     runs: ClassVar[tuple[str, ...]] = ("continuation",)
     column_fields: ClassVar[tuple[str, ...]] = ("hue",)
     observable_fields: ClassVar[tuple[str, ...]] = ("y",)
@@ -135,7 +134,7 @@ class Continuation(FigureKind):
 class StableRanges(FigureKind):
     """Where each gait is stable along the parameter, over another that differs between branches."""
 
-    draw: ClassVar = staticmethod(marked(stable_ranges))
+    draw: ClassVar = staticmethod(stable_ranges)
     runs: ClassVar[tuple[str, ...]] = ("continuation",)
     column_fields: ClassVar[tuple[str, ...]] = ("y", "hue")
     axis_fields: ClassVar[tuple[str, ...]] = ("y",)

@@ -21,7 +21,6 @@ from gaitsweep.plot.figure_kind import (
     PlannedTable,
     Refusal,
 )
-from gaitsweep.plot.provenance_marks import marked
 
 _ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
 
@@ -29,7 +28,7 @@ _ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", 
 class SolutionSet(FigureKind):
     """The settled states in three dimensions, the analytic solutions over them."""
 
-    draw: ClassVar = staticmethod(marked(solution_set))
+    draw: ClassVar = staticmethod(solution_set)
     runs: ClassVar[tuple[str, ...]] = ("settle",)
     column_fields: ClassVar[tuple[str, ...]] = ("hue",)
     observable_fields: ClassVar[tuple[str, ...]] = ("axes",)
@@ -47,7 +46,7 @@ class SolutionSet(FigureKind):
 class DriftLaw(FigureKind):
     """Cycles that chains with unequal ends take, against the law of their drift."""
 
-    draw: ClassVar = staticmethod(marked(drift_law))
+    draw: ClassVar = staticmethod(drift_law)
     runs: ClassVar[tuple[str, ...]] = ("settle",)
     column_fields: ClassVar[tuple[str, ...]] = ("hue",)
     kind: Literal["drift_law"] = Field(description="drift_law: cycles until settled over unequal ends")
@@ -71,7 +70,7 @@ class DriftLaw(FigureKind):
 class GaitShares(FigureKind):
     """Shares of the three gaits over parameters, with the edges of the conditions for them."""
 
-    draw: ClassVar = staticmethod(marked(gait_shares))
+    draw: ClassVar = staticmethod(gait_shares)
     runs: ClassVar[tuple[str, ...]] = ("settle",)
     column_fields: ClassVar[tuple[str, ...]] = ("x", "y")
     axis_fields: ClassVar[tuple[str, ...]] = ("x", "y")

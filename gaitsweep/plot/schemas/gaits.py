@@ -26,7 +26,6 @@ from gaitsweep.plot.gaits.gait_series import gait_series
 from gaitsweep.plot.gaits.loading_rule import loading_rule
 from gaitsweep.plot.gaits.nine_gaits import nine_gaits
 from gaitsweep.plot.gaits.speed_gaits import speed_gaits
-from gaitsweep.plot.provenance_marks import marked
 
 MEASURES = ("load_together", "load_late", "load_stance", "tilt_together", "tilt_late", "tilt_stance")
 _LEGS = ("LF", "RF", "LH", "RH")
@@ -35,7 +34,7 @@ _LEGS = ("LF", "RF", "LH", "RH")
 class Footprints(FigureKind):
     """Which leg is on the ground when."""
 
-    draw: ClassVar = staticmethod(marked(footprints))
+    draw: ClassVar = staticmethod(footprints)
     runs: ClassVar[tuple[str, ...]] = ("trace",)
     column_fields: ClassVar[tuple[str, ...]] = ("panels",)
     kind: Literal["footprints"] = Field(description="footprints: which leg is on the ground when")
@@ -55,7 +54,7 @@ class Footprints(FigureKind):
 class SpeedGaits(FigureKind):
     """Gaits over speed."""
 
-    draw: ClassVar = staticmethod(marked(speed_gaits))
+    draw: ClassVar = staticmethod(speed_gaits)
     runs: ClassVar[tuple[str, ...]] = ("fixed_time", "settle")
     column_fields: ClassVar[tuple[str, ...]] = ("y", "panels")
     observable_fields: ClassVar[tuple[str, ...]] = ("speed",)
@@ -75,7 +74,7 @@ class SpeedGaits(FigureKind):
 class GaitSeries(FigureKind):
     """Flexors, footfalls and pitch over time."""
 
-    draw: ClassVar = staticmethod(marked(gait_series))
+    draw: ClassVar = staticmethod(gait_series)
     runs: ClassVar[tuple[str, ...]] = ("trace",)
     kind: Literal["gait_series"] = Field(description="gait_series: flexors, footfalls and pitch over time")
     row: CountOrZero | None = Field(default=None, description="the only row to show; all if not given")
@@ -109,7 +108,7 @@ class GaitSeries(FigureKind):
 class GaitRamp(FigureKind):
     """Gaits while a parameter rises and falls."""
 
-    draw: ClassVar = staticmethod(marked(gait_ramp))
+    draw: ClassVar = staticmethod(gait_ramp)
     runs: ClassVar[tuple[str, ...]] = ("ramp", "trace")
     column_fields: ClassVar[tuple[str, ...]] = ("panels",)
     kind: Literal["gait_ramp"] = Field(description="gait_ramp: gaits while a parameter rises and falls")
@@ -129,7 +128,7 @@ class GaitRamp(FigureKind):
 class NineGaits(FigureKind):
     """The 3 x 3 table of gaits with an example of each."""
 
-    draw: ClassVar = staticmethod(marked(nine_gaits))
+    draw: ClassVar = staticmethod(nine_gaits)
     runs: ClassVar[tuple[str, ...]] = ("trace",)
     kind: Literal["nine_gaits"] = Field(
         description="nine_gaits: the 3 x 3 table of gaits, an example in each"
@@ -147,7 +146,7 @@ class NineGaits(FigureKind):
 class LoadingRule(FigureKind):
     """Shifts of diagonal pairs against loads and tilts."""
 
-    draw: ClassVar = staticmethod(marked(loading_rule))
+    draw: ClassVar = staticmethod(loading_rule)
     runs: ClassVar[tuple[str, ...]] = ("fixed_time", "settle", "trace")
     column_fields: ClassVar[tuple[str, ...]] = ("only",)
     kind: Literal["loading_rule"] = Field(
