@@ -1,0 +1,437 @@
+"""Measures of the planar quadruped: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
+from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
+from gaitsweep.analysis.gaits.loading_rule import load_prediction, loading_rule, pairs_in
+from gaitsweep.analysis.records import axes_of, require
+from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.claims.measure import measure
+from gaitsweep.claims.measures.general import MeasureError
+from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
+from gaitsweep.expression import evaluate
+from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE
+from gaitsweep.models.planar_quadruped.nine_gaits import (
+    CHART,
+    LEGS,
+    PAIRS,
+    THRESHOLD,
+    family,
+    ideal_phases,
+)
+from gaitsweep.models.planar_quadruped.parameters import PARAMETERS
+from gaitsweep.models.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swinging
+from gaitsweep.near_miss import suggestion
+
+REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions
+# The canter of each gallop's lead.
+SAME_LEAD = {"RT-gallop": "R-canter", "LT-gallop": "L-canter"}
+
+
+@measure
+def gait_share(
+    table: pd.DataFrame,
+    *,
+    gaits: Sequence[str],
+    where: str | None = None,
+    begin: float = -math.inf,
+    threshold: float = THRESHOLD,
+) -> float:
+    """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
+    found = _gaits(_part(table, where), begin, threshold)
+    return float(found["gait"].isin(gaits).mean())
+
+
+@measure
+def gaits_shown(
+    table: pd.DataFrame, *, speeds: int = 1, begin: float = -math.inf, threshold: float = THRESHOLD
+) -> float:
+    """Number of the nine gaits that occur at so many values of the swept parameters or more (1)."""
+    found = _gaits(table, begin, threshold)
+    axes = [name for name in axes_of(table) if name not in REPEATS]
+    places = found.loc[found["gait"].isin(CHART)].drop_duplicates(["gait", *axes])
+    return float((places["gait"].astype(str).value_counts() >= speeds).sum())
+
+
+@measure
+def nearest_speed(
+    table: pd.DataFrame, *, gait: str, speed: float, column: str = "speed_end", where: str | None = None
+) -> float:
+    """Speed nearest to `speed` at which a row has the gait at its end (m/s)."""
+    part = _part(table, where)
+    require(part, "gait", column)
+    speeds = part.loc[part["gait"].astype(str) == gait, column].to_numpy(float)
+    if not len(speeds):
+        raise MeasureError(f"No row of the table has the gait {gait}.")
+    return float(speeds[np.abs(speeds - speed).argmin()])
+
+
+@measure
+def speed_gap(
+    table: pd.DataFrame, *, slow: Sequence[str], fast: Sequence[str], where: str | None = None
+) -> float:
+    """Least speed of the fast families of gaits less the largest speed of the slow ones (m/s)."""
+    part = _part(table, where)
+    require(part, "gait", "speed_end")
+    kind = part["gait"].astype(str).map(family)
+    speed = part["speed_end"].to_numpy(float)
+    sides = [speed[kind.isin(each).to_numpy()] for each in (slow, fast)]
+    if not all(len(each) for each in sides):
+        raise MeasureError(f"The table lacks {' and '.join([*slow, *fast])}.")
+    return float(sides[1].min() - sides[0].max())
+
+
+@measure
+def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str | None = None) -> float:
+    """Number of parameter sets at which different starts come to each of the gaits (1)."""
+    part = _part(table, where)
+    require(part, "gait")
+    axes = [name for name in axes_of(part) if name not in REPEATS]
+    names = part.assign(gait=part["gait"].astype(str)).groupby(axes)["gait"].agg(set)
+    return float(sum(set(gaits) <= each for each in names))
+
+
+@measure
+def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
+    """Median of a column in the records of one query, over that in the records of another (1)."""
+    require(table, column)
+    return float(_part(table, where)[column].median() / _part(table, to)[column].median())
+
+
+@measure
+def difference_of_medians(table: pd.DataFrame, *, column: str, where: str, less: str) -> float:
+    """Median of a column in the records of one query, less that in the records of another (its unit)."""
+    require(table, column)
+    return float(_part(table, where)[column].median() - _part(table, less)[column].median())
+
+
+@measure
+def share_in_order(
+    table: pd.DataFrame,
+    *,
+    order: Sequence[str],
+    falling: bool = False,
+    where: str | None = None,
+    by: str = "family",
+    at: str = "all",
+) -> float:
+    """Share of the rows of a ramp with this order of gaits in one pass, all of it or its `end` (1)."""
+    sequences = _sequences(_part(table, where), falling, by).values()
+    first = -len(order) if at == "end" else 0
+    return float(np.mean([names[first:] == list(order) for names in sequences]))
+
+
+@measure
+def share_with_ends(table: pd.DataFrame, *, begin: str, end: str, where: str | None = None) -> float:
+    """Share of the rows of a ramp whose first gait, as it rises, and last gait are these (1)."""
+    up, down = (_sequences(_part(table, where), falling, "gait") for falling in (False, True))
+    return float(np.mean([(up[row][0], down[row][-1]) == (begin, end) for row in up.keys() & down.keys()]))
+
+
+@measure
+def most_frequent_order(
+    table: pd.DataFrame, *, falling: bool = False, where: str | None = None, by: str = "family"
+) -> list[str]:
+    """The sequence of gaits that most rows of a ramp show in one pass."""
+    sequences = [tuple(names) for names in _sequences(_part(table, where), falling, by).values()]
+    return list(max(sequences, key=sequences.count))
+
+
+@measure
+def acceleration(
+    table: pd.DataFrame,
+    *,
+    between: Sequence[float],
+    falling: bool = False,
+    where: str | None = None,
+) -> float:
+    """Slope of the speed over time in one pass of a ramp, of the cycles between two speeds (m/s2)."""
+    part = _moving(_part(table, where))
+    low, high = between
+    part = part.loc[(part["pass"] == int(falling)) & part["speed_n"].between(low, high)]
+    slopes = [np.polyfit(mine["t"], mine["speed_n"], 1)[0] for _, mine in part.groupby("row")]
+    return float(np.mean(slopes))
+
+
+@measure
+def narrowest_family(table: pd.DataFrame, *, where: str | None = None) -> str:
+    """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
+    bouts = _bouts(_part(table, where), False, "family")
+    widths = (bouts["speed_end"] - bouts["speed_begin"]).abs()
+    by_row = widths.groupby([bouts["row"], bouts["family"]]).sum()
+    return str(by_row.groupby("family").median().idxmin())
+
+
+@measure
+def bout_time_ratio(
+    table: pd.DataFrame, other: pd.DataFrame, *, family: str, where: str | None = None
+) -> float:
+    """Median time in a family of gaits in the rising passes of one ramp, over that of another (1)."""
+    times = []
+    for each in (table, other):
+        bouts = _bouts(_part(each, where), False, "family")
+        lasted = (bouts["end"] - bouts["begin"]).where(bouts["family"] == family, 0.0)
+        times.append(lasted.groupby(bouts["row"]).sum().median())
+    return float(times[0] / times[1])
+
+
+@measure
+def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: str | None = None) -> float:
+    """Share of the gallops of rising passes that follow the canter of the same lead, or a trot (1)."""
+    before = []
+    for _, mine in _bouts(_part(table, where), False, "gait").groupby("row"):
+        names = [str(name) for name in mine["gait"]]
+        for first, then in itertools.pairwise(names):
+            if then in SAME_LEAD:
+                before.append(first in ("trot", SAME_LEAD[then]))
+    if not before:
+        raise MeasureError("No row gallops as the parameter rises.")
+    return float(np.mean(before))
+
+
+@measure
+def swing_order(table: pd.DataFrame, *, gait: str, where: str | None = None) -> str:
+    """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
+    found = gaits_in(_part(table, where))
+    found = found.loc[found["gait"].astype(str) == gait]
+    if found.empty:
+        raise MeasureError(f"No row of the table has the gait {gait}.")
+    orders = [_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for _, row in found.iterrows()]
+    return max(orders, key=orders.count)
+
+
+@measure
+def rule_agreement(
+    table: pd.DataFrame, *, measure: str, what: str = "right", where: str | None = None
+) -> float:
+    """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1)."""
+    found = loading_rule(_part(table, where)).set_index("measure")
+    return float(found.loc[measure, what])
+
+
+@measure
+def foretold(table: pd.DataFrame, *, measure: str) -> float:
+    """Share of walks with the sign that a load or pitch of the trot without feedback foretells (1)."""
+    return float(loading_rule(load_prediction(table), repeats=()).set_index("measure").loc[measure, "right"])
+
+
+@measure
+def pair_measure(
+    table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: str | None = None
+) -> float:
+    """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait."""
+    pairs = pairs_in(_part(table, where))
+    mine = pairs.loc[(pairs["gait"].astype(str) == gait) & (pairs["pair_number"] == pair)]
+    if mine.empty:
+        raise MeasureError(f"No row of the table has the gait {gait}.")
+    return float(mine[measure].mean())
+
+
+@measure
+def pairs_measure(table: pd.DataFrame, *, gait: str, measure: str) -> list[float]:
+    """The `pair_measure` of each of the two pairs."""
+    return [pair_measure(table, gait=gait, pair=pair, measure=measure) for pair in (1, 2)]
+
+
+@measure
+def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: str) -> float:
+    """Size of the `pair_measure` of one pair, over that of the other (1)."""
+    own, other = (abs(pair_measure(table, gait=gait, pair=each, measure=measure)) for each in (pair, to))
+    return own / other
+
+
+@measure
+def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
+    """Share of the cycle by which each pair's hind foot is loaded longer than its fore foot in a gait (1)."""
+    found = gaits_in(table)
+    rows = found.loc[found["gait"].astype(str) == gait, "row"]
+    if rows.empty:
+        raise MeasureError(f"No row of the table has the gait {gait}.")
+    mine = table.loc[table["row"].isin(rows)]
+    return [
+        float((mine[f"F_{hind}"] > 0.0).mean() - (mine[f"F_{fore}"] > 0.0).mean()) for fore, hind in PAIRS
+    ]
+
+
+@measure
+def pitch_cycles(table: pd.DataFrame, *, where: str | None = None) -> float:
+    """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
+    found = body_oscillation(_part(table, where))
+    return float(np.median(np.where(found["twice"] > found["once"], 2.0, 1.0)))
+
+
+@measure
+def stance_ratio(table: pd.DataFrame, *, where: str, to: str) -> float:
+    """Mean duration of stance in the rows of one query, over that in the rows of another (1)."""
+    return _stance_time(_part(table, where)) / _stance_time(_part(table, to))
+
+
+@measure
+def largest_deviation(table: pd.DataFrame, *, column: str, value: float, where: str | None = None) -> float:
+    """Largest distance of a column from a value (its unit)."""
+    require(table, column)
+    return float((_part(table, where)[column] - value).abs().max())
+
+
+@measure
+def gaits_by_history(table: pd.DataFrame, *, gaits: Sequence[str], parameter: str) -> float:
+    """Number of stairs at which each row has one family on the way up and the other on the way down (1)."""
+    require(table, "row", "pass", "gait", parameter)
+    kinds = table.assign(kind=table["gait"].astype(str).map(family))
+    passes = [kinds.loc[kinds["pass"] == number].set_index(["row", parameter])["kind"] for number in (0, 1)]
+    both = pd.concat(passes, axis=1, keys=["up", "down"]).dropna()
+    as_said = (both["up"] == gaits[0]) & (both["down"] == gaits[1])
+    return float(as_said.groupby(level=parameter).all().sum())
+
+
+@measure
+def rise_with(
+    table: pd.DataFrame, *, parameter: str, where: str | None = None, columns: Sequence[str]
+) -> float:
+    """Spearman's correlation of the mean size of columns with a parameter as it rises (1)."""
+    part = _part(table, where)
+    part = part.loc[part["pass"] == 0]
+    sizes = part[list(columns)].abs().mean(axis=1).groupby(part[parameter]).mean()
+    return float(pd.Series(sizes.index, dtype=float).corr(sizes.reset_index(drop=True), method="spearman"))
+
+
+@measure
+def default_values(*, names: Sequence[str]) -> list[float]:
+    """Defaults of parameters of the model (their units)."""
+    values: dict[str, float] = {}
+    for quantity in PARAMETERS:
+        values[quantity.name] = evaluate(quantity.default or 0.0, values)
+    for name in names:
+        if name not in values:
+            raise MeasureError(f"{name} is no parameter of planar_quadruped{suggestion(name, values)}")
+    return [float(values[name]) for name in names]
+
+
+@measure
+def total_mass() -> float:
+    """Mass of the torso and four legs (kg)."""
+    torso, *leg = default_values(names=[f"{part}_mass" for part in ("torso", "upper", "lower", "foot")])
+    return torso + len(LEGS) * sum(leg)
+
+
+@measure
+def motors() -> float:
+    """Number of driven joints (1)."""
+    return float(len(HIP) + len(KNEE))
+
+
+@measure
+def motor_targets() -> list[float]:
+    """Forces of hip (N m) and knee (N) at the targets of swing and of stance, in these phases."""
+    names = [field.name for field in dataclasses.fields(Motors)]
+    values = dict(zip(names, default_values(names=names), strict=True))
+    driven = Motors(**{name: jnp.asarray(value) for name, value in values.items()})
+    forces = []
+    for phase, active in (("sw", 1.0), ("st", -1.0)):
+        swings = swinging(jnp.full((2, len(LEGS)), active))
+        at = [jnp.full(len(LEGS), values[f"{name}_{phase}"]) for name in ("theta", "l")]
+        forces += [float(jnp.abs(each).max()) for each in driven.forces(swings, *at)]
+    return forces
+
+
+@measure
+def load_feedback(*, F: float, k2: float) -> list[float]:
+    """Feedback of a load F (N) to extensor and flexor, over -k2 F (1)."""
+    theta = jnp.zeros(len(LEGS))
+    given = leg_feedback(theta, jnp.full(len(LEGS), F), theta0=0.0, k1=0.0, k2=k2)
+    return [float(given[half][0]) / (-k2 * F) + 0.0 for half in (EXTENSOR, FLEXOR)]
+
+
+@measure
+def diagonal_links() -> float:
+    """Number of links between the legs of the diagonal pairs (1)."""
+    between = ACROSS + BESIDE
+    return float(sum(between[LEGS.index(fore), LEGS.index(hind)] for fore, hind in PAIRS))
+
+
+@measure
+def chart_order(*, gait: str) -> str:
+    """Order in which the legs of a gait begin to swing by the rule, from LF; legs in phase joined by +."""
+    return _order(ideal_phases(gait))
+
+
+def _part(table: pd.DataFrame, where: str | None) -> pd.DataFrame:
+    if where is None:
+        return table
+    part = table.query(where, engine="python")
+    if part.empty:
+        raise MeasureError(f"No record of the table fulfils {where}.")
+    part.attrs = table.attrs
+    return part
+
+
+def _stance_time(trace: pd.DataFrame) -> float:
+    """Mean duration of stance (s)."""
+    period = gaits_in(trace).set_index("row")["period"]
+    silent = (trace[list(FLEXORS.values())] <= 0.0).groupby(trace["row"]).mean().mean(axis=1)
+    return float((period * silent).mean())
+
+
+def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:
+    """The gaits of the rows; a table of ends has its own threshold unless another one is asked for."""
+    found = gaits_in(table, window=(begin, math.inf), thresholds=(THRESHOLD, threshold))
+    if threshold != THRESHOLD:
+        found["gait"] = found[f"gait_at_{threshold:g}"]
+    return found
+
+
+def _moving(table: pd.DataFrame) -> pd.DataFrame:
+    """The records after the initial dwell of a ramp."""
+    require(table, "t", "pass", "speed_n")
+    dwell = table.attrs.get("job", {}).get("run", {}).get("initial_dwell", 0.0)
+    found = table.loc[table["t"] >= dwell]
+    found.attrs = table.attrs
+    return found
+
+
+def _bouts(table: pd.DataFrame, falling: bool, by: str) -> pd.DataFrame:
+    """The bouts of gaits in one pass of a ramp, without irregular ones."""
+    along = gaits_along(_moving(table))
+    names = along[by].astype(str)
+    steady = ~names.isin(["unsteady", "none"])
+    along = along.loc[steady & (along["pass"] == int(falling))]
+    return gait_bouts(along, by, least=3)
+
+
+def _sequences(table: pd.DataFrame, falling: bool, by: str) -> dict[object, list[str]]:
+    """The gaits of each row in one pass of a ramp, in order."""
+    bouts = _bouts(table, falling, by)
+    return {row: [str(name) for name in mine[by]] for row, mine in bouts.groupby("row")}
+
+
+def _order(phases: dict[str, float]) -> str:
+    """The legs in the order of their phases (cycles), from LF; both legs of a pair in phase are joined."""
+    mates = {leg: other for pair in PAIRS for leg, other in (pair, pair[::-1])}
+
+    def after(leg: str) -> float:
+        ahead = (phases[leg] - phases["LF"]) % 1.0
+        # a leg that swings with LF may be slightly before it
+        return ahead - 1.0 if leg == mates["LF"] and ahead > 1.0 - THRESHOLD else ahead
+
+    legs = sorted(LEGS, key=after)
+    written: list[str] = []
+    while legs:
+        leg = legs.pop(0)
+        mate = mates[leg]
+        apart = abs((phases[leg] - phases[mate] + 0.5) % 1.0 - 0.5)
+        if mate in legs and apart <= THRESHOLD:
+            legs.remove(mate)
+            leg = "+".join(sorted((leg, mate)))
+        written.append(leg)
+    at = next(i for i, leg in enumerate(written) if "LF" in leg)
+    return "-".join(written[at:] + written[:at])
