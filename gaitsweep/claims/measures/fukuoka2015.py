@@ -284,17 +284,6 @@ def largest_deviation(table: pd.DataFrame, *, column: str, value: float, where: 
 
 
 @measure
-def gaits_by_history(table: pd.DataFrame, *, gaits: Sequence[str], parameter: str) -> float:
-    """Number of stairs at which each row has one family on the way up and the other on the way down (1)."""
-    require(table, "row", "pass", "gait", parameter)
-    kinds = table.assign(kind=table["gait"].astype(str).map(family))
-    passes = [kinds.loc[kinds["pass"] == number].set_index(["row", parameter])["kind"] for number in (0, 1)]
-    both = pd.concat(passes, axis=1, keys=["up", "down"]).dropna()
-    as_said = (both["up"] == gaits[0]) & (both["down"] == gaits[1])
-    return float(as_said.groupby(level=parameter).all().sum())
-
-
-@measure
 def rise_with(
     table: pd.DataFrame, *, parameter: str, where: str | None = None, columns: Sequence[str]
 ) -> float:

@@ -1,0 +1,117 @@
+"""The measures of Fukuoka et al. 2015 on synthetic tables, and the verdicts that follow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitsweep.claims.measures import fukuoka2015 as measures
+from gaitsweep.claims.measures.general import MeasureError
+from gaitsweep.claims.paper import read_paper
+from gaitsweep.claims.verdict import ClaimVerdict, verdict
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, ideal_phases
+
+
+def trace(gait: str, *, period: float = 0.4, row: int = 0, nod: int = 2) -> pd.DataFrame:
+    """Four seconds of a gait: flexors that swing for .3 of a cycle, pitch that nods so often a cycle."""
+    t = np.arange(0.0, 4.0, 4.0e-3)
+    table = pd.DataFrame({"row": row, "t": t})
+    for leg, phase in ideal_phases(gait, shift=0.2).items():
+        # the flexor is active in the first .3 of the cycle that begins at the leg's phase
+        into = (t / period - phase) % 1.0
+        table[f"u_f_{leg}"] = np.where(into < 0.3, np.sin(np.pi * into / 0.3), -0.5)
+        table[f"F_{leg}"] = np.where(into < 0.3, 0.0, 30.0 if leg.endswith("F") else 20.0)
+    return table.assign(pitch=0.01 * np.sin(2.0 * np.pi * nod * t / period), status="complete")
+
+
+def ramp(order: list[str], *, row: int = 0) -> pd.DataFrame:
+    """Crossings of a ramp up and down, whose gaits follow each other up and, in reverse, down."""
+    period, each = 0.25, 16
+    records, t = [], 0.0
+    for falling, names in enumerate((order, order[::-1])):
+        for place, gait in enumerate(names):
+            for _ in range(each):
+                t += period
+                phases = ideal_phases(gait, shift=0.2)
+                level = place if not falling else len(names) - 1 - place
+                record = {"row": row, "crossing": len(records) + 1, "pass": falling, "t": t}
+                record |= {f"since_{leg}_n": (1.0 - phases[leg]) % 1.0 * period for leg in LEGS}
+                records.append(record | {"speed_n": 0.3 + 0.5 * level, "status": "complete"})
+    table = pd.DataFrame(records)
+    table["v_d"] = table["speed_n"]
+    table.attrs["job"] = {"run": {"parameter": "v_d", "initial_dwell": 0.0}}
+    return table
+
+
+@pytest.mark.parametrize("gait", CHART)
+def test_the_order_of_swings_is_the_charts(gait: str) -> None:
+    assert measures.swing_order(trace(gait), gait=gait) == measures.chart_order(gait=gait)
+
+
+def test_the_orders_of_the_paper() -> None:
+    assert measures.chart_order(gait="L-walk") == "LF-RH-RF-LH"
+    assert measures.chart_order(gait="R-canter") == "LF+RH-RF-LH"
+    assert measures.chart_order(gait="trot") == "LF+RH-LH+RF"
+
+
+def test_a_gait_that_no_row_has_is_refused() -> None:
+    with pytest.raises(MeasureError, match="No row"):
+        measures.swing_order(trace("trot"), gait="L-walk")
+
+
+def test_the_sequence_of_gaits_in_each_pass() -> None:
+    order = ["L-walk", "trot", "R-canter", "RT-gallop"]
+    table = pd.concat([ramp(order), ramp(["D-walk", *order[1:]], row=1)], ignore_index=True)
+    table.attrs = ramp(order).attrs
+    families = ["walk", "trot", "canter", "gallop"]
+    assert measures.most_frequent_order(table) == families
+    assert measures.share_in_order(table, order=order, by="gait") == 0.5
+    assert measures.share_in_order(table, order=families[::-1], falling=True) == 1.0
+    assert measures.share_in_order(table, order=["trot", "walk"], falling=True, at="end") == 1.0
+    assert measures.share_with_ends(table, begin="L-walk", end="L-walk") == 0.5
+    assert measures.gallops_by_their_canter_or_trot(table) == 1.0
+
+
+def test_a_gallop_after_the_other_leads_canter_counts_against_it() -> None:
+    assert measures.gallops_by_their_canter_or_trot(ramp(["trot", "L-canter", "RT-gallop"])) == 0.0
+    assert measures.gallops_by_their_canter_or_trot(ramp(["trot", "RT-gallop"])) == 1.0
+
+
+def test_pitch_cycles_and_stance() -> None:
+    both = pd.concat([trace("trot", nod=1), trace("trot", period=0.2, row=1)], ignore_index=True)
+    assert measures.pitch_cycles(both, where="row == 0") == 1.0
+    assert measures.pitch_cycles(both, where="row == 1") == 2.0
+    assert measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(2.0, rel=0.05)
+
+
+def test_loads_of_pairs() -> None:
+    table = trace("L-walk")
+    assert measures.pairs_measure(table, gait="L-walk", measure="load_stance") == pytest.approx(
+        [10.0, 10.0], abs=0.5
+    )
+    assert measures.pairs_measure(table, gait="L-walk", measure="delta") == pytest.approx(
+        [0.2, 0.2], abs=0.02
+    )
+    assert measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
+
+
+def test_values_of_the_model() -> None:
+    assert measures.total_mass() == pytest.approx(7.0)
+    assert measures.motors() == 8.0
+    assert measures.diagonal_links() == 0.0
+    assert measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
+    assert measures.motor_targets() == [0.0] * 4
+    with pytest.raises(MeasureError, match="torso_mass"):
+        measures.default_values(names=["torso_mas"])
+
+
+def test_verdicts_of_the_claims() -> None:
+    claims = {claim.id: claim for claim in read_paper("fukuoka2015").claims}
+    order = claims["fig4a_gaits"]
+    assert verdict(order, ["L-walk", "trot", "R-canter", "RT-gallop"]) == ClaimVerdict.reproduced
+    assert verdict(order, ["L-walk", "trot", "uR-canter", "LT-gallop"]) == ClaimVerdict.not_reproduced
+    assert verdict(claims["fig3d_speed"], 2.09) == ClaimVerdict.open_constants
+    assert verdict(claims["fig3f_speed"], 2.4985) == ClaimVerdict.reproduced
+    assert verdict(claims["fig2_pitch_large_at_high_speed"], 0.6) == ClaimVerdict.not_reproduced
+    assert verdict(claims["fig6a_load"], [-4.4, 4.2]) == ClaimVerdict.not_reproduced
