@@ -10,9 +10,11 @@ import pandas as pd
 from gaitsweep.analysis.attractors.attractors import agreement, attractors
 from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.analysis.chain.gait_shares import gait_shares
+from gaitsweep.analysis.gaits.gait_measures import gait_measures
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
 from gaitsweep.analysis.gaits.loading_rule import loading_rule
 from gaitsweep.analysis.gaits.repertoire import repertoire
+from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.hysteresis import (
@@ -22,6 +24,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
     transition_points_by_gait,
 )
 from gaitsweep.analysis.transitions.return_map import fixed_points
+from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
 
 __all__ = [
     "Hysteresis",
@@ -30,12 +33,15 @@ __all__ = [
     "basins",
     "fixed_points",
     "gait_bouts",
+    "gait_measures",
     "gait_shares",
     "gaits_along",
+    "gaits_by_threshold",
     "gaits_in",
     "hysteresis",
     "loading_rule",
     "repertoire",
+    "speed_transitions",
     "transition_points_by_gait",
 ]
 

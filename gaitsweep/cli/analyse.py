@@ -84,12 +84,63 @@ def loading_rule(
 
 
 @app.command()
-def body_oscillation(directory: Directory) -> None:
-    """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
-    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation
+def gait_thresholds(
+    directory: Directory,
+    window: Annotated[
+        tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
+    ] = (-math.inf, math.inf),
+) -> None:
+    """Count the rows with each gait for several thresholds of a shift, with the gaits' order of speed."""
+    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
     from gaitsweep.table import load
 
-    _print(family_oscillation(load(directory)), index=True)
+    _print(gaits_by_threshold(load(directory), window=window))
+
+
+@app.command()
+def gait_measures(
+    directory: Directory,
+    by: Annotated[
+        list[str] | None,
+        typer.Option("--by", metavar="COLUMN", help="Kept apart besides the gait; may be repeated."),
+    ] = None,
+) -> None:
+    """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
+    from gaitsweep.analysis.gaits import gait_measures as measures
+    from gaitsweep.table import load
+
+    _print(measures.gait_measures(load(directory), by or None))
+
+
+@app.command()
+def speed_transitions(
+    directory: Directory,
+    by: Annotated[
+        list[str] | None, typer.Option("--by", metavar="COLUMN", help="Kept apart; may be repeated.")
+    ] = None,
+) -> None:
+    """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
+    from gaitsweep.analysis.transitions import speed_transitions as transitions
+    from gaitsweep.table import load
+
+    _print(transitions.speed_transitions(load(directory), by or ()), 2)
+
+
+@app.command()
+def body_oscillation(
+    directory: Directory,
+    along: Annotated[
+        bool, typer.Option("--along", help="Of each gait bout along a row whose speed changes.")
+    ] = False,
+) -> None:
+    """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
+    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation, oscillation_along
+    from gaitsweep.table import load
+
+    if along:
+        _print(oscillation_along(load(directory)))
+    else:
+        _print(family_oscillation(load(directory)), index=True)
 
 
 @app.command()

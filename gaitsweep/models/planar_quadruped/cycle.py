@@ -95,7 +95,7 @@ class Average:
     data_fields=[
         "clock", "onset", "period", "stance", "late", "stance_load", "stance_pitch", "late_load",
         "late_pitch", "begin_x", "pitch_sum", "pitch_low", "pitch_high", "aloft", "speed", "flight",
-        "pitch_mean", "pitch_range", "average", "closed",
+        "pitch_mean", "pitch_range", "average", "closed", "work", "power",
     ],
     meta_fields=[],
 )  # fmt: skip
@@ -108,7 +108,8 @@ class Cycle:
     `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`,
     `pitch_high` rad, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s, `flight` (a
     share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's cycle ended in
-    the last step.
+    the last step. `work` (2,) J is the positive work of hips and of knees in LF's current cycle, `power`
+    (2,) W its mean rate in the last one.
     """
 
     clock: jax.Array
@@ -131,6 +132,8 @@ class Cycle:
     pitch_range: jax.Array
     average: Average
     closed: jax.Array
+    work: jax.Array
+    power: jax.Array
 
     def shifts(self) -> jax.Array:
         """delta_1, delta_2 and the fore legs' shift (3,), cycles in [-0.5, 0.5), at the end of LF's cycle."""
@@ -149,13 +152,13 @@ class Cycle:
 def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
     """The initial measurements, with the torso at `x` (m) and its `pitch` (rad)."""
     zero, four = jnp.zeros_like(x), jnp.zeros((4,), x.dtype)
-    three = jnp.zeros((3,), x.dtype)
+    two, three = jnp.zeros((2,), x.dtype), jnp.zeros((3,), x.dtype)
     none = Sums(four, four, four)
     return Cycle(
         clock=zero, onset=four, period=four, stance=none, late=none, stance_load=four, stance_pitch=four,
         late_load=four, late_pitch=four, begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
         aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
-        average=Average(zero, three, three, zero, zero), closed=jnp.zeros((), bool),
+        average=Average(zero, three, three, zero, zero), closed=jnp.zeros((), bool), work=two, power=two,
     )  # fmt: skip
 
 
@@ -165,6 +168,7 @@ def followed(
     load: jax.Array,
     x: jax.Array,
     pitch: jax.Array,
+    work: jax.Array,
     memory: jax.Array,
     dt: jax.Array,
 ) -> Cycle:
@@ -175,6 +179,7 @@ def followed(
         u: potentials (2, 4) before and after the step.
         load: loads (4,) N during the step.
         x, pitch: position (m) of the torso after the step, its pitch (rad) before.
+        work: positive work (2,) J of hips and of knees in the step.
         memory: memory of the averages, cycles.
     """
     c, before, after = cycle, u[0][FLEXOR], u[1][FLEXOR]
@@ -188,6 +193,7 @@ def followed(
         pitch_low=jnp.minimum(c.pitch_low, pitch),
         pitch_high=jnp.maximum(c.pitch_high, pitch),
         aloft=c.aloft + jnp.where(jnp.max(load) > 0.0, 0.0, dt),
+        work=c.work + work,
     )
     begins = stands & (after > 0.0)
     rise = after - before
@@ -225,5 +231,7 @@ def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle
         pitch_mean=c.pitch_sum / lasted,
         pitch_range=c.pitch_high - c.pitch_low,
         average=c.average.with_cycle(c.shifts(), lasted, share),
+        work=jnp.zeros_like(c.work),
+        power=c.work / lasted,
     )
     return jax.tree.map(lambda new, old: jnp.where(c.closed, new, old), ended, c)

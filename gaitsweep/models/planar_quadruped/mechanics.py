@@ -104,6 +104,10 @@ class PlanarMechanics:
         inertia = inertia + 0.4 * foot * self.foot_radius * self.foot_radius
         return mass, self.foot_radius + shin / mass * apart, inertia + shin * foot / mass * apart * apart
 
+    def total_mass(self) -> jax.Array:
+        """The mass of the torso and four legs, kg."""
+        return self.torso_mass + 4.0 * (self.upper_mass + self.lower_mass + self.foot_mass)
+
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return _along(2, -self.g)
@@ -125,6 +129,18 @@ def capsule_inertia(mass: Scalar, length: Scalar, radius: float) -> Scalar:
 def forces_on_joints(hip: jax.Array, knee: jax.Array) -> jax.Array:
     """Generalised forces (11,) from torques (4,) of the hips, N m, and forces (4,) of the knees, N."""
     return _placed(hip[0], list(hip), list(knee))
+
+
+def joint_powers(tau: jax.Array, damping: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The mechanical powers (4,) W of the hips and (4,) W of the knees: of each motor's spring and damper.
+
+    Args:
+        tau: generalised forces (11,) of the motors without damping, N m and N.
+        damping: damping (11,), N m s/rad and N s/m.
+        v: velocities (11,), rad/s and m/s.
+    """
+    power = (tau - damping * v) * v
+    return power[HIP], power[KNEE]
 
 
 def _placed(like: jax.Array, hips: list[jax.Array], knees: list[jax.Array]) -> jax.Array:

@@ -31,6 +31,7 @@ from gaitsweep.models.planar_quadruped.mechanics import (
     X,
     Z,
     forces_on_joints,
+    joint_powers,
 )
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, place
 from gaitsweep.models.planar_quadruped.parameters import PARAMETERS, STARTS
@@ -131,7 +132,10 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         tau = forces_on_joints(*p.motors.forces(swinging(s.u), theta, length))
         q, v, warm, load = self._moved_by.moved(p.mechanics, s, tau, dt)
         u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
-        read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], p.memory, dt)
+        # semi-implicit steps: q moves by dt v, with the damping at the end of the step
+        powers = joint_powers(tau, p.mechanics.damping(), v)
+        work = dt * jnp.stack([jnp.sum(jnp.maximum(power, 0.0)) for power in powers])
+        read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
         return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def longest_step(self, params: Params) -> jax.Array:
@@ -149,10 +153,10 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return fired[0]
 
     def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
-        return observed(state)
+        return observed(params, state)
 
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
-        return signalled(state)
+        return signalled(params, state)
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         """One of the nine gaits by the mean shifts; unsteady if they or the period vary."""

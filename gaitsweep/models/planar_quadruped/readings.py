@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.matsuoka import FLEXOR
 from gaitsweep.models.planar_quadruped.cycle import FORE_1, FORE_2, HIND_1, HIND_2, LF
-from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, NQ, PITCH, X, Z
+from gaitsweep.models.planar_quadruped.mechanics import (
+    HIP,
+    KNEE,
+    NQ,
+    PITCH,
+    X,
+    Z,
+    forces_on_joints,
+    joint_powers,
+)
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.models.planar_quadruped.state import State
+from gaitsweep.models.planar_quadruped.rhythm import swinging
+from gaitsweep.models.planar_quadruped.state import Params, State
+
+# A scale so large that no run waits for a quantity to settle: what it follows from has its own.
+_FOLLOWS = 1.0e9
 
 _PAIRS = {1: f"{LEGS[HIND_1]} - {LEGS[FORE_1]}", 2: f"{LEGS[HIND_2]} - {LEGS[FORE_2]}"}
 
@@ -48,6 +62,12 @@ OBSERVABLES = (
     *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
     *_of_legs("late_pitch", "rad", "mean pitch in {}'s late stance", r"\phi_\mathrm{late}", scale=1.0),
     *_of_legs("stance_pitch", "rad", "mean pitch in {}'s stance", r"\phi", scale=1.0),
+    Quantity("power_hip", "W", "mean positive mechanical power of the hips over LF's last cycle",
+             symbol=r"P_\mathrm{hip}", scale=_FOLLOWS),
+    Quantity("power_knee", "W", "mean positive mechanical power of the knees over LF's last cycle",
+             symbol=r"P_\mathrm{knee}", scale=_FOLLOWS),
+    Quantity("cost_of_transport", "1", "both powers over weight times speed", symbol="c",
+             scale=_FOLLOWS),
 )  # fmt: skip
 
 SIGNALS = (
@@ -61,10 +81,12 @@ SIGNALS = (
     *_of_legs("theta", "rad", "angle of {}'s hip, forward positive", r"\theta"),
     *_of_legs("l", "m", "length of {}'s knee", "l"),
     *(Quantity(f"q_{i}", "m or rad", f"position {i} of the tree, as MuJoCo's qpos") for i in range(NQ)),
+    *_of_legs("P_hip", "W", "mechanical power of {}'s hip", r"P_\mathrm{hip}"),
+    *_of_legs("P_knee", "W", "mechanical power of {}'s knee", r"P_\mathrm{knee}"),
 )
 
 
-def observed(state: State) -> dict[str, jax.Array]:
+def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
     shifts, mean, lengths = c.shifts(), c.average.shifts(), c.average.lengths()
@@ -75,6 +97,9 @@ def observed(state: State) -> dict[str, jax.Array]:
         "late_pitch": c.late_pitch,
         "stance_pitch": c.stance_pitch,
     }
+    weight, travelled = params.mechanics.total_mass() * params.mechanics.g, jnp.abs(c.speed)
+    moves = travelled > 0.0
+    cost = jnp.where(moves, c.power.sum() / (weight * jnp.where(moves, travelled, 1.0)), 0.0)
     between = mean[2] + 0.5 * (mean[1] - mean[0])
     return {
         "delta_1": shifts[0],
@@ -84,19 +109,25 @@ def observed(state: State) -> dict[str, jax.Array]:
         "flight": c.flight,
         "delta_1_mean": mean[0],
         "delta_2_mean": mean[1],
-        "antiphase": between - jax.numpy.floor(between),
+        "antiphase": between - jnp.floor(between),
         "length": lengths.min(),
         "variation": c.average.variation(),
         "pitch_mean": c.pitch_mean,
         "pitch_range": c.pitch_range,
         **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
+        "power_hip": c.power[0],
+        "power_knee": c.power[1],
+        "cost_of_transport": cost,
     }
 
 
-def signalled(state: State) -> dict[str, jax.Array]:
+def signalled(params: Params, state: State) -> dict[str, jax.Array]:
     """The signals of a state."""
     s = state
+    tau = forces_on_joints(*params.motors.forces(swinging(s.u), s.q[HIP], s.q[KNEE]))
+    hip, knee = joint_powers(tau, params.mechanics.damping(), s.v)
     of_legs = {"u_f": s.u[FLEXOR], "F": s.load, "theta": s.q[HIP], "l": s.q[KNEE]}
+    of_legs |= {"P_hip": hip, "P_knee": knee}
     down = (s.load > 0.0).astype(s.q.dtype)
     return {
         **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},

@@ -1,0 +1,67 @@
+"""The effect of the threshold on the gaits of a table: how many rows have each, and their order of speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.gaits.gait_tables import gaits_in
+from gaitsweep.analysis.gaits.repertoire import KINDS
+from gaitsweep.analysis.gaits.swing_onsets import GAITS
+from gaitsweep.analysis.records import AnalysisError
+
+THRESHOLDS = (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1)  # cycles
+
+
+def gaits_by_threshold(
+    table: pd.DataFrame,
+    thresholds: Sequence[float] = THRESHOLDS,
+    window: tuple[float, float] = (-math.inf, math.inf),
+) -> pd.DataFrame:
+    """The number of rows with each gait, and the kinds of gaits in the order of their median speeds.
+
+    Args:
+        table: as for `gait_tables.gaits_in`: by swing onsets where it has them.
+        thresholds: largest shifts of a pair in phase, cycles.
+        window: begin and end of the time that is used, s; not used for a settle table.
+
+    Returns:
+        One record for each threshold: threshold, gaits (how many of the nine occur), the rows with each gait
+        that occurs at any of them, and order: walk, trot, canter, unusual (canter) and gallop, in the order
+        of their median speeds, where the table has speeds.
+
+    Raises:
+        AnalysisError: the table is of another kind, or does not have a column.
+    """
+    if not len(thresholds):
+        raise AnalysisError("No threshold is given.")
+    found = gaits_in(table, window=window, thresholds=(thresholds[0], *thresholds))
+    speed = _speeds(table, window).reindex(found["row"]).to_numpy()
+    records = []
+    for threshold in thresholds:
+        gait = found[f"gait_at_{threshold:g}"].astype(str)
+        medians = {
+            kind: float(np.nanmedian(speed[gait.isin(members)]))
+            for kind, members in KINDS.items()
+            if np.isfinite(speed[gait.isin(members)]).any()
+        }
+        counts = {name: int((gait == name).sum()) for name in GAITS}
+        shown = sum(counts[name] > 0 for members in KINDS.values() for name in members)
+        order = " ".join(sorted(medians, key=lambda kind: medians[kind]))
+        records.append({"threshold": threshold, "gaits": shown, **counts, "order": order})
+    counted = pd.DataFrame(records)
+    return counted.drop(columns=[name for name in GAITS if not counted[name].any()])
+
+
+def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> pd.Series:
+    """The median speed of each row in the window, m/s; empty where the table has no speeds."""
+    if "speed_end" in table.columns:
+        return table.set_index("row")["speed_end"]
+    for name in ("speed_n", "speed"):
+        if name in table.columns:
+            inside = table.loc[table["t"].between(*window)]
+            return inside.groupby("row")[name].median()
+    return pd.Series(dtype=float)
