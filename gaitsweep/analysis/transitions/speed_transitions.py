@@ -67,7 +67,7 @@ def _after_dwell(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _up_and_down(bouts: pd.DataFrame, rank: int, turn: float) -> tuple[float, float]:
-    """The speeds (m/s) at which a row comes to families of this rank and above, and leaves them; NaN if never.
+    """The speeds (m/s) at which a row comes to families of a rank and above, and leaves them; NaN if never.
 
     Args:
         bouts: the row's gait bouts.
