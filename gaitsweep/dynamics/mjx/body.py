@@ -14,7 +14,6 @@ import copy
 import dataclasses
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not i
 Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["q", "v", "act", "warm"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class BodyState:
     """The state of a body between steps.

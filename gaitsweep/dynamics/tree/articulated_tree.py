@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import jax
@@ -45,14 +45,7 @@ class Link:
     orientation: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "mass", "com", "inertia", "position", "anchor", "reference",
-        "armature", "damping", "stiffness", "rest",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Geometry:
     """The numbers of a tree of n links and nv degrees of freedom; NumPy constants or JAX arrays.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import ClassVar
 
 import jax
@@ -73,11 +72,7 @@ PARAMETERS = (
 )
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["beta", "kappa", "sigma", "masses", "m", "a", "L", "K", "D", "omega", "tau", "g", "clamp"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
     """Parameters as in the equations; units as in `PARAMETERS`, arrays from head to tail.
@@ -100,11 +95,7 @@ class Params:
     clamp: jax.Array
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["x", "v", "phi", "y", "contact", "segment", "landed"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """Heights x (m), velocities v (m/s), phases phi (rad), lags y (rad/s), each (N+1,), and the modes.

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import ClassVar
 
 import jax
@@ -33,11 +32,7 @@ _UNREAD = ("sigma", "K", "D", "tau", "clamp")
 TOUCHING = 1e-13
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["phi", "segment", "held", "psi", "landed", "late"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """Phases phi (N+1,), rad, and the modes.

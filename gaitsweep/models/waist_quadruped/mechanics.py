@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from importlib import resources
 from typing import Any
 
@@ -29,14 +29,7 @@ RELEASE = 1e-7
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "kappa_w", "sigma_w", "kappa_1", "sigma_1", "kappa_2", "sigma_2", "K_TL", "D_TL", "clamp", "g",
-        "body_mass", "body_length", "body_width", "link_mass", "link_length", "numbers",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.

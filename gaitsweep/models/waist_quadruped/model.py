@@ -45,7 +45,7 @@ from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
 from gaitsweep.models.waist_quadruped.posture import fallen, tilt
 from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
-from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
+from gaitsweep.models.waist_quadruped.state import Params, State
 from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.near_miss import suggestion
 
@@ -119,7 +119,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
-            **{name: v[name] for name in RHYTHM},
+            **{f.name: v[f.name] for f in dataclasses.fields(Params) if f.name in v},
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
