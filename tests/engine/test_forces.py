@@ -16,13 +16,14 @@ from gaitsweep.dynamics import compliant_foot, compliant_ground
 from gaitsweep.dynamics.anchored_foot import anchored_force
 from gaitsweep.dynamics.spring_chain import neighbour_force
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
-from gaitsweep.dynamics.tree.external_force import PointForce, WorldForce, YieldingForce
+from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
 from gaitsweep.models.waist_quadruped import mechanics
 from gaitsweep.models.waist_quadruped.mechanics import WAIST
 from gaitsweep.models.waist_quadruped.model import WaistQuadruped
 from tests.sweeping import scalars
+from tests.tree_mechanics import WorldForce
 
 M, K, D = 0.7, 300.0, 4.0  # kg, N/m, N s/m
 TIMES = np.linspace(0.0, 0.35, 15)

@@ -105,10 +105,6 @@ class Tree:
                 raise ValueError(f"The axis {link.axis} of link '{link.name}' has to have length 1.")
 
     @property
-    def nq(self) -> int:
-        return sum(_NQ[link.kind] for link in self.links)
-
-    @property
     def nv(self) -> int:
         return sum(_NV[link.kind] for link in self.links)
 
@@ -198,9 +194,8 @@ def rescaled(
 
     def inertia(i: int) -> Array:
         about = geometry.inertia[i]
-        if (
-            i in larger
-        ):  # the second moments of mass, of which the inertia is trace less moment, scale by axis
+        if i in larger:
+            # the second moments of mass, of which the inertia is trace less moment, scale by axis
             moment = 0.5 * _trace(about) * EYE - about
             moment = moment * (larger[i][:, None] * larger[i][None, :])
             about = _trace(moment) * EYE - moment

@@ -1,4 +1,4 @@
-"""Forward and inverse dynamics of an articulated tree (Featherstone 2008, ch. 5 and 7)."""
+"""Forward dynamics of an articulated tree (Featherstone 2008, ch. 7)."""
 
 from __future__ import annotations
 
@@ -100,47 +100,6 @@ def forward_dynamics(
                 pieces.append(jnp.reshape(rate, 1))
         accelerations.append(a)
     return jnp.concatenate(pieces)
-
-
-def inverse_dynamics(
-    tree: Tree,
-    geometry: Geometry,
-    q: Array,
-    v: Array,
-    acceleration: Array,
-    external: External = (),
-    *,
-    gravity: Array,
-) -> Array:
-    """Generalised forces tau (nv,), N m and N, of an `acceleration` (nv,), by Newton-Euler (table 5.1).
-
-    The inverse of `forward_dynamics`, with its arguments.
-    """
-    bodies = _bodies(tree, geometry, q, v, external, gravity)
-    accelerations: list[MotionVector] = []
-    forces: list[ForceVector] = []
-    for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
-        rate = acceleration[tree.v_of[i]]
-        if link.kind == "free":
-            a = MotionVector(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
-        else:
-            a = _carried(tree, i, bodies, accelerations, gravity)
-            a = a if link.kind == "fixed" else a + body.S * rate[0]
-        accelerations.append(a)
-        forces.append(body.inertia @ a + body.bias)
-
-    pieces: list[Array] = []
-    for i in range(len(bodies) - 1, -1, -1):
-        link, place = tree.links[i], bodies[i].place
-        if link.kind == "free":
-            pieces += [forces[i].couple, place.frame @ forces[i].linear]
-        elif link.kind != "fixed":
-            pieces.append(jnp.reshape(bodies[i].S.dot(forces[i]), 1))
-        if link.parent != WORLD:
-            felt = forces[i].rotated(place.across).moved_from(place.offset)
-            forces[link.parent] = forces[link.parent] + felt
-    tau = jnp.concatenate(pieces[::-1])
-    return tau + geometry.armature * acceleration - passive_forces(tree, geometry, q, v)
 
 
 def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:

@@ -43,24 +43,6 @@ class PointForce:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class WorldForce:
-    """A spatial force in world coordinates.
-
-    `link` is the link's number; `couple` (3,) N m is about the world's origin; `force` (3,) N.
-    """
-
-    link: int = dataclasses.field(metadata={"static": True})
-    couple: Array
-    force: Array
-
-    def on(self, place: Place) -> ForceVector:
-        """The spatial force about the link's point, in the link's axes."""
-        couple = self.couple - cross(place.point, self.force)
-        return ForceVector(place.frame.T @ couple, place.frame.T @ self.force)
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class YieldingForce:
     """A force that decreases with the acceleration of its point: `force` - `yields` times the acceleration.
 
@@ -103,4 +85,4 @@ class YieldingForce:
         return place.frame.T @ (self.at - place.base) - place.reach
 
 
-External: TypeAlias = Sequence[PointForce | WorldForce | YieldingForce]
+External: TypeAlias = Sequence[PointForce | YieldingForce]
