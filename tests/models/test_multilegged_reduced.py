@@ -22,17 +22,12 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import GAITS, Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
-from gaitsweep.models.multilegged.theory.conserved import drift, total
+from gaitsweep.models.multilegged.theory.conserved import drift
 from gaitsweep.models.multilegged.theory.gaits import gait_of, locked_state
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
-from gaitsweep.models.multilegged.theory.solution_sets import (
-    Branch,
-    branches,
-    lag_rules,
-    solution_set,
-    solution_sets,
-)
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, lag_rules
 from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
+from tests.multilegged_solutions import solution_set, solution_sets, total
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 LOCATED = Numerics(method="propagator", dt=0.5)

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaitsweep.models.multilegged.theory import conserved, waves
-from gaitsweep.models.multilegged.theory.chain import Chain, lag, shift, touchdown_phase
+from gaitsweep.models.multilegged.theory import conserved
+from gaitsweep.models.multilegged.theory.chain import (
+    Chain,
+    lag,
+    shift,
+    touchdown_phase,
+    wave_speed,
+    wavelength,
+)
 from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdown_order
 from gaitsweep.models.multilegged.theory.solution_sets import branches, rule_of
 from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
@@ -19,12 +26,12 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
         omega: basic frequency, rad/s.
         chain: its parameters.
     """
-    speeds = waves.wave_speed(omega, chain)
+    speeds = wave_speed(omega, chain)
     rows = {
         "b (rad/kg)": shift(chain),
         "touchdown phase (rad), eq. (16)": touchdown_phase(chain),
         "lag of neighbours (rad), eq. (17)": lag(chain),
-        "wavelength (legs), eq. (27)": waves.wavelength(chain),
+        "wavelength (legs), eq. (27)": wavelength(chain),
         "wave speed (legs/s), eq. (28) as printed": speeds.printed,
         "wave speed (legs/s), exact": speeds.exact,
         "length of the line in E (rad)": conserved.line_length(N, chain),

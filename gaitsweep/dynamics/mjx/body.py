@@ -116,7 +116,7 @@ class MjxBody:
         forces: jax.Array | None = None,
         ctrl: jax.Array | None = None,
     ) -> tuple[BodyState, Any]:
-        """The state `dt` (s) later, by the integrator that the MJCF names, in the precision of the state before.
+        """The state `dt` (s) later in its own precision, by the integrator that the MJCF names.
 
         Args:
             numbers: fields of the model that differ from the MJCF.

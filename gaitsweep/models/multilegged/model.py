@@ -21,6 +21,7 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.models.multilegged.chart import MultileggedChart
 from gaitsweep.models.multilegged.drawing import skeleton
+from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import GAITS, classify
 from gaitsweep.models.multilegged.theory.obstacle import obstacle_problem
 from gaitsweep.skeleton import Skeleton
@@ -113,6 +114,14 @@ class State:
     landed: jax.Array
 
 
+def first_touchdown(p: Params) -> jax.Array:
+    """Touchdown phase of leg 1 with its neighbour in stance, rad, eq. (31); NaN if it has none in landing."""
+    b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
+    touchdown = TWO_PI - p.masses[0] * b
+    # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
+    return jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
+
+
 @dataclasses.dataclass(frozen=True)
 class Multilegged(HybridModel):
     """The chain of N + 1 legs."""
@@ -193,11 +202,7 @@ class Multilegged(HybridModel):
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
         p = params
         touching = jnp.isnan(start["phi_1"])
-        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
-        touchdown = TWO_PI - p.masses[0] * b  # eq. (31)
-        # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
-        touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
-        phi_1 = jnp.where(touching, touchdown, start["phi_1"])
+        phi_1 = jnp.where(touching, first_touchdown(p), start["phi_1"])
         steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
         phi = wrapped(jnp.cumsum(steps))
         segment = jnp.where(
@@ -309,21 +314,9 @@ class Multilegged(HybridModel):
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
-        gait, k, distance = classify(
-            self.N,
-            psi,
-            beta=p.beta,
-            kappa=p.kappa[1],
-            m=p.m,
-            m_1=p.masses[0],
-            m_end=p.masses[-1],
-            a=p.a[1],
-            g=p.g,
-            kappa_1=p.kappa[0],
-            kappa_end=p.kappa[-1],
-            a_1=p.a[0],
-            a_end=p.a[-1],
-        )
+        chain = Chain(p.beta, p.kappa[1], p.m, p.masses[0], p.masses[-1], p.a[1], p.g)
+        chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
+        gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
 
     def failed(self, params: Params, state: State) -> jax.Array:

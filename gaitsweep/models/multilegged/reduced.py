@@ -22,8 +22,16 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
-from gaitsweep.models.multilegged.model import LANDING, STANCE, STRICTLY, TAKEOFF, Multilegged, Params
-from gaitsweep.models.multilegged.reduced_chart import ReducedChart
+from gaitsweep.models.multilegged.chart import ReducedChart
+from gaitsweep.models.multilegged.model import (
+    LANDING,
+    STANCE,
+    STRICTLY,
+    TAKEOFF,
+    Multilegged,
+    Params,
+    first_touchdown,
+)
 from gaitsweep.models.multilegged.theory.obstacle import balance, balance_and_rate, obstacle_problem
 
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
@@ -109,10 +117,7 @@ class MultileggedReduced(Multilegged):
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
         p = params
         touching = jnp.isnan(start["phi_1"])
-        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
-        touchdown = TWO_PI - p.masses[0] * b  # eq. (31)
-        # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
-        touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
+        touchdown = first_touchdown(p)
         psi = jnp.stack([start[f"psi_{i}"] for i in range(1, self.N + 1)])
         first = jnp.where(touching, touchdown, start["phi_1"])
         phi = wrapped(jnp.concatenate([first[None], first + jnp.cumsum(psi)]))
