@@ -20,8 +20,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
-from gaitsweep.models.waist_quadruped.mechanics import WAIST
-from gaitsweep.models.waist_quadruped.posture import fallen, tilt
+from gaitsweep.models.waist_quadruped.mechanics import WAIST, fallen, tilt
 
 MODEL = WaistQuadruped()
 STEPS = Numerics(dt=2e-4, method="semi_implicit")

@@ -47,12 +47,7 @@ def gaits_along(
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
         return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="")
-    found = gait_of(
-        inside,
-        rows=range(len(windows)),
-        thresholds=thresholds,
-        steadiness=PASSING,
-    )
+    found = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=PASSING)
     named = [name for name in found.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, found[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]

@@ -1,4 +1,4 @@
-"""Coordinates on the section of the chain and of its reduced form, leg 1 just landed (Ambe 2021, sec. 3.3)."""
+"""Coordinates on the section of the chain and of its reduced form, leg 1 just landed (Ambe 2021, 3.3)."""
 
 from __future__ import annotations
 

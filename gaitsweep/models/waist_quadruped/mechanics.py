@@ -1,8 +1,9 @@
-"""The quadruped's rigid-body mechanics: its tree with a row's masses and lengths, its feet, its forces."""
+"""The quadruped's rigid-body mechanics: tree with a row's masses and lengths, feet, forces, posture."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from functools import cache
 from importlib import resources
@@ -25,6 +26,8 @@ BEND = (1.0, 1.0, -1.0, -1.0)
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
 # chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
 RELEASE = 1e-7
+# Limits of a fall: height as a share of H, and angles of tilt and twist (rad).
+LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 # Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 
@@ -120,6 +123,29 @@ class WaistMechanics:
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+
+
+def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Roll and pitch (rad) of the front body."""
+    ahead, side, up, norm = _rises(q)
+    return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
+
+
+def fallen(q: jax.Array, H: jax.Array) -> jax.Array:
+    """Whether the front body is far below `H` (m) or tilted, or the waist is twisted."""
+    ahead, side, up, norm = _rises(q)
+    rolled = jnp.abs(side) > math.tan(TILTED) * up
+    pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
+    twisted = jnp.abs(q[WAIST]) > TWISTED
+    return (q[2] < LOW * H) | rolled | pitched | twisted
+
+
+def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Vertical components of the body's axes times `norm`, the quaternion's squared norm, and `norm`."""
+    w, x, y, z = q[3:7]
+    norm = w * w + x * x + y * y + z * z
+    ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
+    return ahead, side, up, norm
 
 
 def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:

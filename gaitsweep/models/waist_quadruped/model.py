@@ -40,9 +40,10 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     WAIST,
     WaistMechanics,
     body,
+    fallen,
+    tilt,
 )
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
-from gaitsweep.models.waist_quadruped.posture import fallen, tilt
 from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
@@ -208,10 +209,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
         foot = jnp.where(s.contact, height - RELEASE, -height)
-        grown, free = (
-            jnp.where(s.growing, s.clock - p.T_grow, -1.0),
-            jnp.where(s.held, s.clock - p.T_hold, -1.0),
-        )
+        grown = jnp.where(s.growing, s.clock - p.T_grow, -1.0)
+        free = jnp.where(s.held, s.clock - p.T_hold, -1.0)
         return jnp.concatenate([s.phi - corner(p, s.segment), foot, jnp.stack([grown, free])])
 
     @property
