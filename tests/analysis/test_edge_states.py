@@ -11,13 +11,9 @@ from landscape_model import Landscape, curve
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.analysis.edges.edge_states import (
-    EdgeLimits,
-    EdgeOutcome,
-    LabelMapper,
-    ProximityMapper,
-    edge_states,
-)
+from gaitsweep.analysis.edges.attractor_mappers import LabelMapper, ProximityMapper
+from gaitsweep.analysis.edges.edge_states import edge_states
+from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus

@@ -14,20 +14,10 @@ import dataclasses
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper, LabelMapper, ProximityMapper
+from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper
 from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome, Tracking
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
-
-__all__ = [
-    "AttractorMapper",
-    "EdgeLimits",
-    "EdgeOutcome",
-    "EdgeStates",
-    "LabelMapper",
-    "ProximityMapper",
-    "edge_states",
-]
 
 
 @dataclasses.dataclass(frozen=True)
