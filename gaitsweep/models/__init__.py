@@ -162,11 +162,7 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
 
 
 def _as_written(module: ModuleType) -> ModuleType:
-    """The user's module, reloaded if one of its files has changed, for example while a notebook is open.
-
-    The modules next to it that it imports are part of it: if one has changed, all are reloaded, each after
-    those that it imports, since they contain names from each other.
-    """
+    """The user's module, reloaded with those beside it that it imports if one of their files has changed."""
     if installed(module):
         return module
     now = _stamps(module)

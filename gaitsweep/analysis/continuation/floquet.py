@@ -9,12 +9,12 @@ def multipliers(jacobian: np.ndarray, gradients: np.ndarray | None = None) -> np
     """The Floquet multipliers, in descending order of modulus.
 
     Args:
-        jacobian: of the map at its n fixed points, (n, size, size).
+        jacobian: of the map at its n fixed points, (n, size, size), or at one, (size, size).
         gradients: of constrained quantities, (n, k, size): the multipliers are then those of the map
             restricted to their level set, and k fewer.
 
     Returns:
-        Complex numbers (n, size - k).
+        Complex numbers (n, size - k), or (size,) of one point.
     """
     if gradients is not None and gradients.shape[1]:
         jacobian = np.stack([_within(a, g) for a, g in zip(jacobian, gradients, strict=True)])

@@ -240,18 +240,7 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
 
 
 def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
-    """The loads and pitch of each pair at the end of the rows of a settle table, in each leg's own stance.
-
-    Args:
-        table: row, and for each leg late_load_LF_end, stance_load_LF_end (N), late_pitch_LF_end and
-            stance_pitch_LF_end (rad).
-
-    Returns:
-        One record for each pair of a row: row, pair_number, load_late, load_stance, tilt_late, tilt_stance.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
+    """Loads (N) and pitch (rad) of each row and pair of a settle table, in each leg's own stance."""
     parts = []
     for number, (fore, hind) in enumerate(PAIRS, start=1):
         part = pd.DataFrame({"row": table["row"], "pair_number": number})
@@ -265,21 +254,7 @@ def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
-    """The loads and pitch of each pair, averaged over the complete cycles of a trace.
-
-    A leg is in stance while its flexor is silent; its late stance is the last `LATE` of the cycle before it
-    begins to swing. `together` is the same time for both legs, before the first of them swings.
-
-    Args:
-        trace: row, t (s) and for each leg u_f_LF and F_LF (N), pitch (rad, nose down positive).
-        pairs: row, pair_number and delta (cycles).
-
-    Returns:
-        One record for each pair of a row: row, pair_number, and load_ and tilt_ of together, late and stance.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
+    """Loads (N) and pitch (rad) of each row and pair, averaged over the complete cycles of a trace."""
     require(trace, "row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS))
     onsets = {key: each["t"].to_numpy(float) for key, each in onsets_of(trace).groupby(["row", "leg"])}
     shift = pairs.set_index(["row", "pair_number"])["delta"]

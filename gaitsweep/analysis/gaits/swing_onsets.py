@@ -144,7 +144,7 @@ def gait_of(
     cycles, table = _cycles(records, len(index))
     table = table.assign(**_shifts(cycles, len(index)))
     table.insert(0, "row", index)
-    lost = table["row"].isin(fell).to_numpy()
+    lost = table["row"].isin(list(fell)).to_numpy()
     table = table.assign(**_named(table, lost, thresholds, steadiness or Steadiness()))
     # by their names the deltas would be taken for radians
     table.attrs["quantities"] = {

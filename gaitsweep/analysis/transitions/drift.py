@@ -142,10 +142,7 @@ def _closed(points: Points, bandwidth: float, step: float) -> Drift:
 
 
 def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
-    """The curve through points sorted by value, in narrower windows where they bend.
-
-    It is NaN where no window fits the points, and where they lie on two branches.
-    """
+    """The curve through sorted points, in narrower windows where they bend; NaN where none fits."""
     smooth = local_polynomial(*points, at, bandwidth)
     smooth.value[_twofold(points, smooth, bandwidth)] = np.nan
     wrong = np.flatnonzero(_astray(points, smooth, bandwidth, bandwidth))
@@ -161,11 +158,7 @@ def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
 def _astray(
     points: Points, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
 ) -> np.ndarray:
-    """Whether the mean deviation of the points from the curve exceeds their scatter, bool (k,).
-
-    `width` is that of the window; points within a fifth of it belong to a position. `unknown` is the result
-    for too few points; a curve that failed in a wider window has to fit them more closely.
-    """
+    """Whether the points' mean deviation exceeds their scatter, bool (k,); `unknown` if they are few."""
     value, change, _, share = points
     wrong = np.full(len(smooth.at), unknown)
     near = width / _A_BANDWIDTH
@@ -186,10 +179,7 @@ def _astray(
 
 
 def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
-    """Whether the points lie on two separate branches, bool (k,).
-
-    This happens if the state is not one-dimensional, or if the sign of another observable is missing.
-    """
+    """Whether the points lie on two branches, bool (k,), as of a state with another dimension."""
     value, change, *_ = points
     low = np.searchsorted(value, smooth.at - bandwidth)
     high = np.searchsorted(value, smooth.at + bandwidth, "right")

@@ -149,10 +149,7 @@ class Tree:
         return tuple(written)
 
     def _planes(self) -> list[np.ndarray | None]:
-        """The common axis of the hinges of each link and its descendants, in its frame; None without one.
-
-        Zero if there is no hinge.
-        """
+        """The common axis of the hinges from each link outwards; None without one, zero without hinges."""
         planes: list[np.ndarray | None] = [
             None if link.kind == "free" else np.array(link.axis) * (link.kind == "hinge")
             for link in self.links
