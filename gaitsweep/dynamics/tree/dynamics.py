@@ -169,7 +169,8 @@ def _carried(
     parent = tree.links[i].parent
     below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place
-    return (below.shifted(place.offset) + bodies[i].c).rotated(place.outward)
+    outward = None if place.across is None else place.across.T
+    return (below.shifted(place.offset) + bodies[i].c).rotated(outward)
 
 
 def _of_free(

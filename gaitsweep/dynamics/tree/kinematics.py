@@ -46,11 +46,6 @@ class Place:
     base: Array
     reach: Array
 
-    @property
-    def outward(self) -> Array | None:
-        """The rotation from the parent's axes to the link's, None where they are equal."""
-        return None if self.across is None else self.across.T
-
     def position(self, point: Array) -> Array:
         """The position in the world (3,), m, of a `point` (3,) of the body, m in the body's frame."""
         return self.base + self.frame @ (self.reach + self.turn @ (point - self.anchor))

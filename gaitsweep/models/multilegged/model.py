@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
-from gaitsweep.dynamics.compliant_ground import ground_force
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.models.multilegged.chart import MultileggedChart
@@ -112,6 +111,37 @@ class State:
     contact: jax.Array
     segment: jax.Array
     landed: jax.Array
+
+
+def ground_force(
+    gap: jax.Array,
+    gap_rate: jax.Array,
+    contact: jax.Array,
+    K: jax.Array,
+    D: jax.Array,
+    clamp: jax.Array,
+) -> jax.Array:
+    """The force of the ground on each leg, N, shape (n,); zero without contact.
+
+    Args:
+        gap, gap_rate: height of the body over the leg's length, x - l (m), and its rate (m/s), shape (n,).
+        contact: the leg's contact flag, shape (n,).
+        K, D: spring (N/m) and damper (N s/m) of the ground.
+        clamp: if above zero, the ground cannot pull; else eq. (1) exactly, by which the ground pulls for
+            less than a millisecond at the takeoff corner.
+
+    Source: Ambe et al. 2021, eq. (1), (2).
+    """
+    # stiffness and damping are selected independently of the motion, so once for all stages of a step
+    force = -(jnp.where(contact, K, 0.0) * gap + jnp.where(contact, D, 0.0) * gap_rate)
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    return jnp.where(force < least, least, force)
+
+
+def corner_of(p: Params, segment: jax.Array) -> jax.Array:
+    """Phase at the end of each leg's segment, rad."""
+    takeoff = jnp.where(segment == TAKEOFF, (1.0 + p.beta) * jnp.pi, TWO_PI)
+    return jnp.where(segment == STANCE, 2.0 * p.beta * jnp.pi, takeoff)
 
 
 def first_touchdown(p: Params) -> jax.Array:
@@ -259,11 +289,7 @@ class Multilegged(HybridModel):
     def guards(self, params: Params, state: State) -> jax.Array:
         """Each leg's phase relative to the end of its segment, then each leg's contact, shape (2N + 2,)."""
         p, s = params, state
-        end = jnp.where(
-            s.segment == STANCE,
-            2.0 * p.beta * jnp.pi,
-            jnp.where(s.segment == TAKEOFF, (1.0 + p.beta) * jnp.pi, TWO_PI),
-        )
+        end = corner_of(p, s.segment)
         length, _ = self._leg(p, s.phi, s.segment)
         gap = s.x - length
         return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap - STRICTLY, -gap)])  # eq. (2)

@@ -30,6 +30,7 @@ from gaitsweep.models.multilegged.model import (
     TAKEOFF,
     Multilegged,
     Params,
+    corner_of,
     first_touchdown,
 )
 from gaitsweep.models.multilegged.theory.obstacle import balance, balance_and_rate, obstacle_problem
@@ -57,12 +58,6 @@ class State:
     psi: jax.Array
     landed: jax.Array
     late: jax.Array
-
-
-def corner_of(p: Params, s: State) -> jax.Array:
-    """Phase at the end of each leg's segment, rad."""
-    stance, takeoff = 2.0 * p.beta * jnp.pi, (1.0 + p.beta) * jnp.pi
-    return jnp.where(s.segment == STANCE, stance, jnp.where(s.segment == TAKEOFF, takeoff, TWO_PI))
 
 
 def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
@@ -156,7 +151,9 @@ class MultileggedReduced(Multilegged):
         length, _ = self._leg(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
         touch = jnp.where(s.held, -load - STRICTLY, load)
-        return jnp.concatenate([s.phi - corner_of(p, s), jnp.where(s.segment == LANDING, touch, -1.0)])
+        return jnp.concatenate(
+            [s.phi - corner_of(p, s.segment), jnp.where(s.segment == LANDING, touch, -1.0)]
+        )
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:  # type: ignore[override]
         corner, switched = fired[: self.N + 1], fired[self.N + 1 :]
@@ -209,7 +206,7 @@ class NextEventSteps(FixedStepDynamics):
         armed = landing & ~(s.held & ~lifts)
         due = armed & (balance >= -TOUCHING)
 
-        corner_at = corner_of(p, s)
+        corner_at = corner_of(p, s.segment)
         to_corner = corner_at - s.phi
         approaching = armed & (rise > 0.0)
         to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)

@@ -12,13 +12,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.dynamics.anchored_foot import anchored_force
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
-from gaitsweep.dynamics.two_link_limb import joint_angles
 
 LIMBS = range(4)
 # Fore knees bend one way, hind knees the other.
@@ -123,6 +121,50 @@ class WaistMechanics:
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+
+
+def anchored_force(
+    position: jax.Array,
+    velocity: jax.Array,
+    anchor: jax.Array,
+    contact: jax.Array,
+    K: jax.Array,
+    D: jax.Array,
+    clamp: jax.Array | float = 0.0,
+) -> jax.Array:
+    """Force of level ground at z = 0 on a foot (3,), N (Aoi et al. 2011, eq. A8).
+
+    Args:
+        position, velocity: of the foot in the world, (3,), m and m/s.
+        anchor: x and y at touchdown, (2,), m.
+        contact: whether the foot is on the ground, scalar bool.
+        K, D: spring, N/m, and damper, N s/m, equal in all directions.
+        clamp: if above zero, the ground cannot pull.
+    """
+    sunk = position - jnp.concatenate([anchor, jnp.zeros(1)])
+    force = -K * sunk - D * velocity
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    force = jnp.stack([force[0], force[1], jnp.maximum(force[2], least)])
+    return jnp.where(contact, force, 0.0)
+
+
+def joint_angles(
+    x: jax.Array, z: jax.Array, length: jax.Array | float, bend: jax.Array | float
+) -> tuple[jax.Array, jax.Array]:
+    """Hip and knee angles (rad) of a limb of two equal links whose foot is at (x, z) from the hip.
+
+    Rotations are about +y, zero is straight down, and the knee angle is relative to the upper link. For a
+    target out of reach the straight limb points at it.
+
+    Args:
+        x, z: position of the foot relative to the hip, m.
+        length: length of each link, m.
+        bend: sign of the knee angle, 1 or -1.
+    """
+    square = x * x + z * z
+    # half the knee angle, from an isosceles triangle
+    half = bend * jnp.arctan2(jnp.sqrt(jnp.maximum(4.0 * length * length - square, 0.0)), jnp.sqrt(square))
+    return jnp.arctan2(-x, -z) - half, 2.0 * half
 
 
 def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -25,7 +25,6 @@ import numpy as np
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree.kinematics import rates
-from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.chart import LandingChart
 from gaitsweep.models.waist_quadruped.drawing import WaistDrawing
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
@@ -41,6 +40,7 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     WaistMechanics,
     body,
     fallen,
+    joint_angles,
     tilt,
 )
 from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
@@ -137,7 +137,12 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(half, EARLY, LATE))
         path = p.path(zero, True)
         x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
-        angles = self._angles(p, x, z)
+        angles = [zero] * 9
+        for i in LIMBS:
+            angles[HIP[i] - 7], angles[KNEE[i] - 7] = joint_angles(
+                x[i], z[i], p.mechanics.link_length, BEND[i]
+            )
+        angles = jnp.stack(angles)
         q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
         # compression of the ground by the body's weight
         weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
@@ -166,29 +171,18 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             period=zero,
         )
 
-    def _angles(self, p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
-        """The joint angles (9,) at which the feet are at (x, z) from their hips and the waist is straight."""
-        found = [jnp.zeros_like(p.omega)] * 9
-        for i in LIMBS:
-            hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
-            found[HIP[i] - 7], found[KNEE[i] - 7] = hip, knee
-        return jnp.stack(found)
-
-    def _accelerations(self, p: Params, s: State) -> jax.Array:
-        m = p.mechanics
-        x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
-        forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
-        return m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
-
     @property
     def located(self) -> bool:
         return self.body == "tree"
 
     def flow(self, params: Params, state: State) -> Rates:
-        p, s = params, state
+        p, s, m = params, state, params.mechanics
+        q_rate = jnp.asarray(rates(body()[0], s.q, s.v))
+        x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
         return {
-            "q": jnp.asarray(rates(body()[0], s.q, s.v)),
-            "v": self._accelerations(p, s),
+            "q": q_rate,
+            "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces),
             "phi": phase_rates(p, s, jnp.where(s.held, p.K_13, 0.0)),
             "clock": jnp.ones_like(s.clock),
         }
