@@ -15,7 +15,7 @@ from gaitsweep.models.multilegged.theory.chain import (
 )
 from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdown_order
 from gaitsweep.models.multilegged.theory.solution_sets import branches, rule_of
-from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
+from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, multipliers
 
 
 def theory_summary(N: int, omega: float, chain: Chain) -> str:
@@ -51,7 +51,7 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
         early = ", ".join(str(sorted(legs)) for legs in order_sets(N, branch, s, chain))
         at = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
         found = characteristic_polynomial(linear_map(N, branch, s, chain))
-        error = np.abs(found - polynomial(N, branch)).max()
+        error = np.abs(found - np.poly(multipliers(N, branch))).max()
         name = branch.kind if branch.kind == "direct" else f"{branch.kind}, k = {branch.k}"
         ends = f"{float(rule.low):.4f} {float(rule.high):.4f}"
         lines.append(f"{name:12} {ends}   {order}; {early}; {', '.join(at) or 'none'}; {error:.0e}")

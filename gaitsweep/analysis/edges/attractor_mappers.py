@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.errors import ArgumentError
 
@@ -163,8 +161,3 @@ def fates(
         goes_on = images.sound & (found < 0)
         points, going = images.points[goes_on], going[goes_on]
     return labels, cycles
-
-
-def ended(label: Any) -> ReturnStatus:
-    """The `Way` in which a trajectory with this negative label ended."""
-    return ReturnStatus(-1 - int(label))

@@ -36,11 +36,6 @@ class EdgeStates:
     outcome: np.ndarray
     table: pd.DataFrame
 
-    @property
-    def found(self) -> np.ndarray:
-        """Which searches found a fixed point or a cycle, (n,)."""
-        return (self.outcome == EdgeOutcome.fixed) | (self.outcome == EdgeOutcome.periodic)
-
 
 def edge_states(
     mapping: Map,

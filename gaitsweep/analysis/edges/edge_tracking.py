@@ -14,7 +14,6 @@ from gaitsweep.analysis.edges.attractor_mappers import (
     AttractorMapper,
     ProximityMapper,
     advanced,
-    ended,
     fates,
 )
 from gaitsweep.contract import ResultCode
@@ -296,7 +295,7 @@ class Tracking:
         elif label == UNDECIDED:
             outcome = EdgeOutcome.undecided
         else:
-            outcome = EdgeOutcome.fell if ended(label) == ReturnStatus.fell else EdgeOutcome.lost
+            outcome = EdgeOutcome.fell if -1 - label == ReturnStatus.fell else EdgeOutcome.lost
         self._stop(np.array([row]), outcome)
 
     def _stop(self, rows: np.ndarray, outcome: EdgeOutcome) -> None:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from gaitsweep.analysis.gaits.swing_onsets import (
     GAITS,
+    IN_CYCLES,
     SINCE,
     Steadiness,
     gait_of,
@@ -136,7 +137,5 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         there = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
         found[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(found["steady"], there, told), list(GAITS))
     found["margin"] = margin(*shifts, thresholds[0])
-    found.attrs["quantities"] = {
-        name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
-    }
+    found.attrs["quantities"] = dict(IN_CYCLES)
     return found

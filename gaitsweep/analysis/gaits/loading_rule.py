@@ -67,14 +67,11 @@ def pairs_in(table: pd.DataFrame) -> pd.DataFrame:
     gaits = gaits_in(table)
     gaits = gaits.loc[gaits["gait"].isin(CHART)]
     axes = [name for name in axes_of(table) if name in gaits.columns]
-    parts = []
-    for pair in (1, 2):
-        part = gaits[["row", *axes, "gait"]].assign(pair_number=pair, delta=gaits[f"delta_{pair}"])
-        parts.append(part)
+    known = gaits[["row", *axes, "gait"]]
+    parts = [known.assign(pair_number=pair, delta=gaits[f"delta_{pair}"]) for pair in (1, 2)]
     pairs = pd.concat(parts, ignore_index=True)
-    measured = (
-        _loads_of_settled(table) if "late_load_LF_end" in table.columns else _loads_of_trace(table, pairs)
-    )
+    settled = "late_load_LF_end" in table.columns
+    measured = _loads_of_settled(table) if settled else _loads_of_trace(table, pairs)
     pairs = pairs.merge(measured, on=["row", "pair_number"], how="left")
     pairs = pairs.sort_values(["row", "pair_number"], ignore_index=True)
     pairs.attrs["quantities"] = gaits.attrs.get("quantities", {})

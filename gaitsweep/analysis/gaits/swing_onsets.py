@@ -17,6 +17,8 @@ from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, STR
 GAITS = (*CHART, "unsteady", "none")
 _UNSTEADY, _NONE = len(CHART), len(CHART) + 1
 SINCE = "since_{}_n"  # the column of a leg's time since its last onset
+# by their names the deltas would be taken for radians
+IN_CYCLES = {name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")}
 _SAME = 1e-6  # s; two records of one onset differ by rounding errors alone
 
 
@@ -146,10 +148,7 @@ def gait_of(
     table.insert(0, "row", index)
     lost = table["row"].isin(list(fell)).to_numpy()
     table = table.assign(**_named(table, lost, thresholds, steadiness or Steadiness()))
-    # by their names the deltas would be taken for radians
-    table.attrs["quantities"] = {
-        name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
-    }
+    table.attrs["quantities"] = dict(IN_CYCLES)
     return table
 
 

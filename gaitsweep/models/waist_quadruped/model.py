@@ -43,8 +43,7 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     joint_angles,
     tilt,
 )
-from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
-from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
+from gaitsweep.models.waist_quadruped.parameters import OBSERVABLES, PARAMETERS, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import Params, State
 from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistBody, WaistTreeBody
@@ -139,11 +138,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
         angles = [zero] * 9
         for i in LIMBS:
-            angles[HIP[i] - 7], angles[KNEE[i] - 7] = joint_angles(
-                x[i], z[i], p.mechanics.link_length, BEND[i]
-            )
-        angles = jnp.stack(angles)
-        q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
+            hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
+            angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
+        root = jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero])
+        q = jnp.concatenate([root, jnp.stack(angles)])
         # compression of the ground by the body's weight
         weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
         q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))

@@ -30,11 +30,6 @@ def multipliers(N: int, branch: Branch) -> np.ndarray:
     return values
 
 
-def polynomial(N: int, branch: Branch) -> np.ndarray:
-    """The characteristic polynomial with the roots `multipliers`, highest power first, shape (N+1,)."""
-    return np.poly(multipliers(N, branch))
-
-
 def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
     """Coefficients of det(lambda - matrix), highest power first, shape (n+1,), for a matrix (n, n).
 
