@@ -73,7 +73,6 @@ def test_the_saddle_of_a_bistable_map() -> None:
     limits = EdgeLimits(settle_cycles=40)
     found = edge_states(SADDLE, SADDLE.points(u1), SADDLE.points(u2), values, limits=limits)
     table = found.table
-    assert found.table["outcome"].isin(["fixed", "periodic"]).all()
     assert (table["outcome"] == "fixed").all()
     expected = np.stack([values["bend"] * 0.8**2, np.full(n, 0.8)], axis=1)
     np.testing.assert_allclose(found.points.at, expected, atol=4e-6)
@@ -152,7 +151,6 @@ def test_an_edge_that_does_not_come_to_rest() -> None:
     assert found.table["rounds"].tolist() == [3]
     assert found.table["residual"].min() > 1e-3
     assert abs(found.points.at[0, 0]) < 1e-6
-    assert not found.table["outcome"].isin(["fixed", "periodic"]).any()
 
 
 def test_a_map_that_jumps_has_an_edge_without_a_fixed_point() -> None:

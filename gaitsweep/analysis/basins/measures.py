@@ -84,10 +84,7 @@ def basins(
         part, mine = table.iloc[rows], labels.iloc[rows]
         apart[rows], towards[rows] = minimal_fatal_shock(part, axes, mine, scales)
         grid = find_grid(part, axes)
-        uncertain = pd.DataFrame()
-        if grid is not None:
-            given = None if sizes is None else list(sizes)
-            uncertain = uncertainty_fraction(grid, mine.to_numpy(), given)
+        uncertain = pd.DataFrame() if grid is None else uncertainty_fraction(grid, mine.to_numpy(), sizes)
         uncertainty += [{**place, **record} for record in uncertain.to_dict("records")]
         panels.append({**place, "rows": len(part), **_fractality(grid, mine.to_numpy(), uncertain, box)})
     measured = table.assign(

@@ -9,9 +9,8 @@ Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Fig. 5 and 6.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,8 +29,7 @@ _DRAWS = 4000  # draws of the bootstrap
 _AT_ONCE = 2_000_000  # cases drawn at once
 
 
-@dataclasses.dataclass(frozen=True)
-class Measure:
+class Measure(NamedTuple):
     """A measure of load or pitch in a pair's stance that the rule relates to its shift."""
 
     meaning: str

@@ -143,11 +143,9 @@ def _bodies(
                 yields = force.inertia(place)
                 inertia, bias = inertia + yields, bias + yields @ force.at_rest(place, w, gravity)
         S = MotionVector(ZERO, place.axis) if link.kind == "slide" else MotionVector(place.axis, ZERO)
-        c = (
-            MotionVector(ZERO, ZERO)
-            if link.parent == WORLD
-            else _velocity_product(link.kind, place, moving[link.parent], v[tree.v_of[i]])
-        )
+        c = MotionVector(ZERO, ZERO)
+        if link.parent != WORLD:
+            c = _velocity_product(link.kind, place, moving[link.parent], v[tree.v_of[i]])
         bodies.append(_Body(place, inertia, bias, S, c))
     return bodies
 
