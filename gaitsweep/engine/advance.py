@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Any, cast
 
 import jax
@@ -49,27 +48,7 @@ STEEPEST_CUT = 0.2
 LEAST_SHARE = 1e-9
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "state",
-        "t",
-        "h",
-        "h_max",
-        "near",
-        "far",
-        "far_guards",
-        "weight",
-        "trials",
-        "chain",
-        "attempts",
-        "stop",
-        "halt",
-        "dt",
-        "share",
-    ],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Carry:
     """The state of a trajectory's integration.

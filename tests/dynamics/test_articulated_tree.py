@@ -28,9 +28,8 @@ from gaitsweep.dynamics.tree.external_force import PointForce, WorldForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import quaternion_exponential, solve_positive
-from gaitsweep.engine.kernel.trace import trace
 from tests.random_trees import Moment, moment, tree_xml, waist_quadruped_xml
-from tests.scalar_programs import outputs_of
+from tests.scalar_programs import outputs_of, trace
 
 GRAVITY = np.array([0.3, -0.2, -9.81])
 seeds = st.integers(0, 2**31)

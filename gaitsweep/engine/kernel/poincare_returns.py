@@ -27,7 +27,7 @@ from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStat
 _POLLS = 1 << 40
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["status", "filled"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Ends:
     """Whether a lane has ended, a `Status`; no buffer is ever `filled`."""
@@ -36,7 +36,7 @@ class _Ends:
     filled: jax.Array
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["trajectory", "rate"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _LaneState:
     """A trajectory, and the tangent `rate` of its float leaves along one direction; [] without derivative."""

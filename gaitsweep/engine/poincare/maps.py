@@ -22,7 +22,7 @@ BATCH_SIZES = (1, 8, 64)
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["at", "modes"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Points:
     """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
@@ -41,20 +41,7 @@ class Points:
         return jax.tree.map(partial(_put, which), self, others)
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "points",
-        "status",
-        "observed",
-        "conserved_values",
-        "jacobian",
-        "d_parameter",
-        "conserved_jacobian",
-        "conserved_d_parameter",
-    ],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class MapEvaluation:
     """The images of n points under a map, and their derivatives.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +30,7 @@ class ReturnStatus(ResultCode):
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["carry", "stages", "limit"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class ReturnState:
     """A trajectory between two crossings.

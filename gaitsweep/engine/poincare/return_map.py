@@ -200,16 +200,3 @@ def _settler(mapping: ReturnMap, cycles: int) -> Callable[..., Any]:
         return jax.lax.fori_loop(0, cycles, turn, (begun, crossed))
 
     return jax.jit(jax.vmap(one))
-
-
-def return_map(
-    model: Model,
-    settings: Mapping[str, float | str] | None = None,
-    *,
-    numerics: Numerics | None = None,
-    engine: str = "auto",
-    cycles: int = 1,
-) -> ReturnMap:
-    """The return map of a model with these parameters, the others at their defaults; see `ReturnMap`."""
-    named = tuple((settings or {}).items())
-    return ReturnMap(model, named, numerics or Numerics(), engine, cycles)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import Readings, Record, Recorder, RowEnds, readings_at_the_end
+from gaitsweep.engine.recorders.recorder import Record, Recorder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,6 +19,7 @@ class FixedTime(Recorder):
 
     model: Model
     duration: float
+    readings = Recorder.readings_at_the_end
 
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.duration)
@@ -36,9 +37,6 @@ class FixedTime(Recorder):
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
-
-    def readings(self, block: RowEnds) -> Readings:
-        return readings_at_the_end(block)
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return t / self.duration
