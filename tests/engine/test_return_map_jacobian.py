@@ -16,9 +16,8 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
 from gaitsweep.engine.poincare.return_map import ReturnMap
-from gaitsweep.engine.poincare.section_map import crossing_of
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.waist_quadruped import WaistQuadruped

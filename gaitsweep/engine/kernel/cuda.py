@@ -16,8 +16,8 @@ from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
-from gaitsweep.engine.sweep.lane import ChunkOutput
-from gaitsweep.engine.sweep.xla import Device, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 # Threads of a block; 64, 128 and 256 are equally fast.
 THREADS = 128
@@ -53,8 +53,8 @@ class CudaLanes(KernelLanes):
 
     batch = 4096
 
-    def __init__(self, *args: Any, device: Device, **options: Any) -> None:
-        super().__init__(*args, **options)
+    def __init__(self, spec: SweepSpec, device: Device) -> None:
+        super().__init__(spec)
         _load_numba_cuda()
         from numba import cuda
 

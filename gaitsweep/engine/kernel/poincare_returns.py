@@ -8,6 +8,7 @@ kernel without derivatives takes a third of the time.
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -127,22 +128,16 @@ class KernelReturns:
     def _value(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         held, carry = self._without_tangent(*self._opened(params, state))
         ends = self._ends_of(self._plain, vector((held, carry)), self._values)
-        trajectory, at = [], 0
-        for leaf in jax.tree.leaves(self._shape):
-            size = int(np.prod(leaf.shape))
-            trajectory.append(ends[at : at + size].reshape(leaf.shape).astype(leaf.dtype))
-            at += size
+        leaves = jax.tree.leaves(self._shape)
+        trajectory = [x.astype(leaf.dtype) for x, leaf in zip(_split(ends, leaves), leaves, strict=True)]
         ended: ReturnState = jax.tree.unflatten(jax.tree.structure(self._shape), trajectory)
         return ended.carry.t, ended.carry.state, self.crossing.status(ended)
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
         params, state = primals
         along, rate = (
-            [dot for leaf, dot in zip(jax.tree.leaves(tree), jax.tree.leaves(dots), strict=True)]
-            for tree, dots in zip(primals, tangents, strict=True)
+            [dot for dot in jax.tree.leaves(dots) if dot.dtype != jax.dtypes.float0] for dots in tangents
         )
-        along = [dot for dot in along if dot.dtype != jax.dtypes.float0]
-        rate = [dot for dot in rate if dot.dtype != jax.dtypes.float0]
 
         def begun(numbers: Any, moving: Any) -> Any:
             trajectory = self.crossing.begin(
@@ -156,14 +151,8 @@ class KernelReturns:
         ends = self._ends_of(
             self._differentiated, vector(((params, along), _LaneState(trajectory, rate))), self._rates
         )
-        pieces, at = [], 0
-        for leaf in (*float_leaves(state), jnp.zeros(())):
-            size = int(np.prod(jnp.shape(leaf)))
-            pieces.append(ends[at : at + size].reshape(jnp.shape(leaf)))
-            at += size
-        value = self._function(params, state)
-        *numbers, t = pieces
-        return value, (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
+        *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
+        return self._function(params, state), (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
     def _ends_of(self, kernel: _Kernel, slots: jax.Array, read: np.ndarray) -> jax.Array:
         """The slots `read` (n,) of a lane at the end of its return, from its slots at the beginning."""
@@ -200,6 +189,13 @@ def _different(lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     seen: dict[bytes, int] = {}
     back = np.array([seen.setdefault(lane.tobytes(), len(seen)) for lane in lanes])
     return lanes[np.unique(back, return_index=True)[1]], back
+
+
+def _split(numbers: jax.Array, leaves: list[Any]) -> list[jax.Array]:
+    """A vector cut into arrays of the leaves' shapes."""
+    shapes = [jnp.shape(leaf) for leaf in leaves]
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+    return [part.reshape(shape) for part, shape in zip(jnp.split(numbers, ends[:-1]), shapes, strict=True)]
 
 
 def _slots(leaves: list[Leaf]) -> np.ndarray:

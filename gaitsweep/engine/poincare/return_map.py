@@ -21,8 +21,7 @@ from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.leaves import float_leaves, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 

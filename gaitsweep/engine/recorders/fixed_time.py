@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import Record, Recorder
+from gaitsweep.engine.recorders.recorder import Record, Recorder, Taken
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,9 +24,7 @@ class FixedTime(Recorder):
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.duration)
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         status = jnp.where(carry.halt == TIME, Status.complete, Status.running)
         taken = dataclasses.replace(

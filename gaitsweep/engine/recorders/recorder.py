@@ -66,6 +66,10 @@ class Record:
     fired: jax.Array
 
 
+# Carry and record after a poll, a row (width,) of numbers, and whether to keep that row.
+Taken = tuple[Carry, Record, jax.Array, jax.Array]
+
+
 @dataclasses.dataclass(frozen=True)
 class Readings:
     """Where gaits are read: `rows` (n,) in the block, times `t` (n,) s, `observed` (n, k), `readable` (n,).
@@ -104,9 +108,7 @@ class Recorder(abc.ABC):
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         """Record the halted or running trajectory.
 
         Returns:
@@ -155,9 +157,7 @@ class Recorder(abc.ABC):
         `typical_cycles` is the mean number of cycles of the ended rows, 0 if there are none.
         """
 
-    def poll(
-        self, params: Params, carry: Carry, record: Record, dt: jax.Array | float
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def poll(self, params: Params, carry: Carry, record: Record, dt: jax.Array | float) -> Taken:
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         taken_carry, taken, row, keep = self.take(params, carry, record)

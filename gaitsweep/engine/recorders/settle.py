@@ -12,7 +12,7 @@ import numpy as np
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder
+from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder, Taken
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -70,9 +70,7 @@ class SettleRecorder(Recorder):
         moves = jnp.zeros((2, MOST_PERIOD), record.last.dtype)
         return dataclasses.replace(record, moves=moves), row, keep
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1

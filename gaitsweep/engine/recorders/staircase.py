@@ -17,6 +17,7 @@ from gaitsweep.engine.recorders.recorder import (
     Readings,
     Record,
     Recorder,
+    Taken,
     counted,
 )
 from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, TOLERANCE, bounds, change, slowest
@@ -71,9 +72,7 @@ class StepRecorder(Recorder):
         record, row, keep = super().begin(params, carry)
         return dataclasses.replace(record, window=self._emptied(record)), row, keep
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         due = (carry.halt == TIME) & (record.filled < BUFFER)
         waits = (carry.halt == TIME) & ~due

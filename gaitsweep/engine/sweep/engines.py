@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import Any, Protocol
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
-from gaitsweep.engine.sweep.lane import ChunkOutput, RowDrive
+from gaitsweep.engine.sweep.lane import Device, RowDrive
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.engine.sweep.xla import Device, Values
 from gaitsweep.errors import UserError
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.kernel.lanes import KernelLanes
 
 # Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
 # for the end of its chunk; on a GPU the host's work after each chunk costs more.
 KERNEL_POLLS_PER_CHUNK = {"cpu": 16, "gpu": 128}
-
-
-class Lanes(Protocol):
-    """The trajectories that one device runs at a time: fills lanes, runs a chunk, returns its output."""
-
-    size: int
-
-    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None: ...
-
-    def run_chunk(self, polls: int) -> ChunkOutput: ...
 
 
 class EngineError(UserError):
@@ -89,19 +79,17 @@ def _obstacle(
     return None
 
 
-def lanes_on(device: Device, spec: SweepSpec) -> Lanes:
+def lanes_on(device: Device, spec: SweepSpec) -> xla.XlaLanes | KernelLanes:
     """The lanes of a sweep on one device."""
-    what = spec.model, spec.recorder, spec.numerics
-    options: dict[str, Any] = {"size": spec.lanes, "drive": spec.drive}
     if spec.engine == "xla":
-        return xla.XlaLanes(*what, device=device, **options)
+        return xla.XlaLanes(spec, device)
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda import CudaLanes
 
-        return CudaLanes(*what, device=device, **options)
+        return CudaLanes(spec, device)
     from gaitsweep.engine.kernel.lanes import CpuLanes
 
-    return CpuLanes(*what, **options)
+    return CpuLanes(spec)
 
 
 def polls_per_chunk(spec: SweepSpec) -> int:

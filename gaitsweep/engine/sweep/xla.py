@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -23,15 +23,13 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
+from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.
 POLLS_PER_CHUNK = 64
-
-Values = Mapping[str, np.ndarray]
-Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
 def see_all_cores() -> None:
@@ -76,29 +74,13 @@ def power_of_two(least: float) -> int:
 
 
 class XlaLanes:
-    """The trajectories that one device runs at a time.
+    """The trajectories of a sweep that one device runs at a time."""
 
-    Args:
-        model, recorder, numerics: the program.
-        size: number of lanes.
-        device: the device.
-        drive: the parameters at a time (s) from the values of a row, for ramps and staircases.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        recorder: Recorder,
-        numerics: Numerics,
-        *,
-        size: int,
-        device: Device,
-        drive: RowDrive | None = None,
-    ) -> None:
-        self.size = size
-        self._dtype = np.dtype(numerics.carried)
+    def __init__(self, spec: SweepSpec, device: Device) -> None:
+        self.size = spec.lanes
+        self._dtype = np.dtype(spec.numerics.carried)
         self._device = device
-        self._programs = _programs(model, recorder, numerics, drive)
+        self._programs = _programs(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._lanes: Any = None
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
@@ -113,7 +95,7 @@ class XlaLanes:
         else:
             self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
 
-    def run_chunk(self, polls: int = POLLS_PER_CHUNK) -> ChunkOutput:
+    def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
         self._lanes, output = self._programs.chunk(self._put(np.int32(polls)), self._lanes)
         if not np.asarray(output.record.filled).any():
