@@ -42,6 +42,11 @@ class Config:
             return diagnostic
         return self._document.locate(diagnostic)
 
+    def refuse(self, diagnostics: list[Diagnostic]) -> None:
+        """Raise JobError if there is anything to complain about."""
+        if diagnostics:
+            raise JobError([self.locate(diagnostic) for diagnostic in diagnostics])
+
     def _merge(self, data: Mapping[str, Any]) -> None:
         assert self._document is not None
         for key in data:

@@ -7,7 +7,7 @@ import functools
 import graphlib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,19 +18,11 @@ from gaitsweep.job.axes import Spread, Steps
 from gaitsweep.job.vary import Group
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import bound
-from gaitsweep.kinds.run_kind import GridAxis
+from gaitsweep.kinds.run_kind import GridAxis, PlanAxis
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
 MOST_DRAWN = 200_000  # points of an axis that are looked at for how they are drawn
 MOST_WORK = 20_000_000  # the same times the letters of all formulas that are worked out for each of them
-
-
-@dataclasses.dataclass(frozen=True)
-class PlanAxis:
-    """What moves together and how many points it has: one name, or those of a `zip` or `sample`."""
-
-    names: tuple[str, ...]
-    length: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,6 +181,15 @@ class Plan:
         """The positions of the groups on which the value of a name depends."""
         needed = self.closure([name])
         return tuple(place for place, group in enumerate(self.groups) if needed & set(group.points))
+
+    def rows_over(self, points: np.ndarray, positions: Sequence[int]) -> np.ndarray:
+        """The rows at combinations (n,) of the groups at `positions`, the others at their first point."""
+        rows = np.zeros_like(points)
+        for position in reversed(positions):
+            length = self.groups[position].length
+            rows += points % length * self.stride(position)
+            points = points // length
+        return rows
 
     def checkable(self, name: str) -> bool:
         """Whether all values of a name are few enough to be checked before the job runs.

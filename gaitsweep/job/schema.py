@@ -25,7 +25,7 @@ from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
 from gaitsweep.job.numerics import EngineChoice, Numerics
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.reading import finish, read_parts, read_rest
+from gaitsweep.job.reading import read_job
 from gaitsweep.job.vary import vary_schema
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
@@ -99,9 +99,9 @@ class Job(Part):
         if isinstance(data, Job):
             return data
         with Effort.limited():
-            reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
-            job = read_rest(reading, handler, _owners())
-            job._plan = finish(reading, job.run, job.numerics, job.figures)
+            folder = (info.context or {}).get("folder", Path.cwd())
+            job, plan = read_job(data, folder, handler, _owners())
+            job._plan = plan
         return job
 
     @property

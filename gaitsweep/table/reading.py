@@ -60,11 +60,6 @@ class Snapshot:
         return self.written is not self.job
 
     @property
-    def damaged(self) -> tuple[int, ...]:
-        """The blocks whose parts cannot be used."""
-        return tuple(sorted(self.faults))
-
-    @property
     def counts(self) -> dict[str, int]:
         """Numbers of ended rows by status."""
         return add_counts(self.footers)

@@ -25,7 +25,7 @@ from gaitsweep.engine.propose import METHODS
 from gaitsweep.engine.propose.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.steps import row_steps
+from gaitsweep.job.step_lengths import row_steps
 from gaitsweep.models.multilegged.model import Multilegged
 
 
