@@ -13,8 +13,8 @@ import jax
 import numpy as np
 from scipy import special
 
-from gaitsweep.engine.kernel.emit import statements
 from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.python_source import statements
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
 
 _TYPES = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bool_}

@@ -249,7 +249,8 @@ class ResultDirectory:
         data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts, quantities)
         with writing(
             f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}",
-            f"; {self.rows_done} of {self.n_rows} rows are safe there, and the same command continues from them",
+            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
+            "and the same command continues from them",
         ):
             self._write(part_name(number), data)
         self._footers[number] = footer

@@ -134,14 +134,14 @@ class CpuLanes(KernelLanes):
 
     def __init__(self, spec: SweepSpec) -> None:
         super().__init__(spec)
-        from gaitsweep.engine.kernel import cpu
+        from gaitsweep.engine.kernel import cpu_program
 
-        self._tile = cpu.TILE
+        self._tile = cpu_program.TILE
         tiles = -(-self.size // self._tile)
-        self._slots = _aligned((tiles, cpu.slots(self.chunk), self._tile))
+        self._slots = _aligned((tiles, cpu_program.slots(self.chunk), self._tile))
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
-        self._run = cpu.compiled(self.chunk, self.kernel.title)
+        self._run = cpu_program.compiled(self.chunk, self.kernel.title)
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         tile, lane = np.divmod(lanes, self._tile)

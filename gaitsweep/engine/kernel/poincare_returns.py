@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.kernel import cpu
+from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnState
@@ -165,22 +165,22 @@ class _Kernel:
 
     def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
-        self._run = cpu.compiled(self._chunk, f"{crossing.model.name}, {title}")
+        self._run = cpu_program.compiled(self._chunk, f"{crossing.model.name}, {title}")
         self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
         slots = np.asarray(slots)
         lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
-        tiles = -(-len(lanes) // cpu.TILE)
+        tiles = -(-len(lanes) // cpu_program.TILE)
         # the last tile is filled up with its own last lane, which costs nothing
-        order = np.minimum(np.arange(tiles * cpu.TILE), len(lanes) - 1)
-        room = np.zeros((tiles, cpu.slots(self._chunk), cpu.TILE))
-        room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu.TILE, -1).transpose(0, 2, 1)
-        kept = np.zeros((tiles * cpu.TILE, 0, 0))
+        order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
+        room = np.zeros((tiles, cpu_program.slots(self._chunk), cpu_program.TILE))
+        room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
+        kept = np.zeros((tiles * cpu_program.TILE, 0, 0))
         with ThreadPoolExecutor(_cores()) as pool:
             flat = room.reshape(tiles, -1)
             list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _POLLS), range(tiles)))
-        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu.TILE, -1)[back]
+        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[back]
         return found.reshape(*slots.shape[:-1], read.size)
 
 

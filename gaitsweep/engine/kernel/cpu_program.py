@@ -14,7 +14,7 @@ from typing import Any
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.emit import loaded, statements, stored
+from gaitsweep.engine.kernel.python_source import loaded, statements, stored
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
