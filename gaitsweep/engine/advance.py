@@ -281,11 +281,7 @@ def _controlled(
     locating: jax.Array,
     guess: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """`h_max` and the next step, for methods with step control.
-
-    `change` is the result of `_fitting_change`, `failed` whether the step of length `h` missed the tolerance;
-    the other arguments are those of an attempt.
-    """
+    """`h_max` and the next step, for methods with step control; `failed`: the step missed the tolerance."""
     least = LEAST_SHARE * dt
     # at the start the time scale of the flow is unknown
     begun = jnp.maximum(jnp.where(carry.h_max > 0.0, method.first_step * carry.h_max, 1e-3 * dt), least)

@@ -342,11 +342,7 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest from `claim`, or its error if it is damaged but the parts belong to this job.
-
-    Raises:
-        TableError: the directory is not for this job.
-    """
+    """The manifest from `claim`, or its error if it is damaged but the parts belong to this job."""
     try:
         return claim(path, job_hash, n_rows, block)
     except DamagedManifest as error:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -23,6 +22,7 @@ from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnState
+from gaitsweep.engine.sweep.xla import usable_cores
 
 # Polls in one call of the kernel: every return ends long before.
 _POLLS = 1 << 40
@@ -177,7 +177,7 @@ class _Kernel:
         room = np.zeros((tiles, cpu_program.slots(self._chunk), cpu_program.TILE))
         room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
         kept = np.zeros((tiles * cpu_program.TILE, 0, 0))
-        with ThreadPoolExecutor(_cores()) as pool:
+        with ThreadPoolExecutor(usable_cores()) as pool:
             flat = room.reshape(tiles, -1)
             list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _POLLS), range(tiles)))
         found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[back]
@@ -200,7 +200,3 @@ def _split(numbers: jax.Array, leaves: list[Any]) -> list[jax.Array]:
 
 def _slots(leaves: list[Leaf]) -> np.ndarray:
     return np.concatenate([np.arange(leaf.first, leaf.first + leaf.size) for leaf in leaves])
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 from typing import TYPE_CHECKING
 
 from gaitsweep.contract import Model
@@ -100,8 +101,16 @@ def polls_per_chunk(spec: SweepSpec) -> int:
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:
-    """Default number of lanes on each device, a function of the job, the engine and the kind of device."""
-    if engine == "kernel" and platform == "cpu":
+    """Default number of lanes on each device, a function of the number of rows, engine and kind of device.
+
+    XLA on a CPU reaches its full rate at about 256 lanes, and an attempt on a GPU costs about the same for 1
+    lane and for 16 384. With fewer lanes than rows, lanes are refilled and devices end almost together.
+    """
+    if platform != "cpu":
+        least, most, share = 256, 131072, 1.0
+    elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
-        return int(min(512, max(16, xla.power_of_two(n_rows / 8))))
-    return xla.default_lanes(n_rows, platform)
+        least, most, share = 16, 512, 8.0
+    else:
+        least, most, share = 8, 256, 4.0
+    return min(most, max(least, 2 ** math.ceil(math.log2(max(n_rows / share, 1.0)))))
