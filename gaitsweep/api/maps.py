@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.run_kinds import ReturnMap
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import return_map as map_of
+from gaitsweep.engine.poincare.return_map import ReturnMap as map_of
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -53,7 +53,11 @@ class PoincareMap:
         settings |= {name: 0.0 for name in moving if name not in plan.derived}
         self.model = plan.model
         self.mapping = map_of(
-            plan.model, settings, numerics=job.integration, engine=job.engine.name, cycles=cycles
+            plan.model,
+            tuple(settings.items()),
+            numerics=job.integration,
+            engine=job.engine.name,
+            cycles=cycles,
         )
         self._values = {name: parameters[name] for name in moving if name not in plan.derived}
         self._parameters = parameters
