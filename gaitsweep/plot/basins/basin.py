@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
-from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
+from gaitsweep.plot.basins.cells import cell_edges, check_cells, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
     PlotError,
     axis_label,
@@ -25,7 +25,7 @@ from gaitsweep.plot.columns import (
     symbol,
     written,
 )
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
@@ -33,27 +33,23 @@ _MOST_PANELS = 40
 _Looks = tuple[dict[str, str], dict[str, str]]  # colour and marker of each outcome, the same in all panels
 
 
-@marked
+@figure_kind("settle", "fixed_time", check=check_cells)
 def basin(
     table: pd.DataFrame,
     *,
-    x: str,
-    y: str,
-    hue: str = "gait",
-    panels: str | None = None,
-    title: str | None = None,
+    x: Horizontal,
+    y: Vertical,
+    hue: Hue = "gait",
+    panels: Panels = None,
+    title: Title = None,
 ) -> Figure:
-    """Cells coloured by the outcome of each start, one panel for each value of `panels`, shares in the
-    legend.
+    """Cells coloured by the outcome of each start, with the share of each outcome in the legend.
 
     Starts on a grid are drawn as cells; others as points. A numeric `hue` is drawn on a colour scale. Rows
     that failed or did not settle are hatched grey; cells without a row yet are left white.
 
     Args:
         table: a settle table; a partial table is drawn as far as it goes.
-        x, y: columns along the axes.
-        hue: column that sets the colour; panels: column; each of its values has a panel.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or a cell has several rows.

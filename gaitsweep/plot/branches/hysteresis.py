@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 from gaitsweep.analysis.circular import cut
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
+from gaitsweep.kinds.numbers import Positive, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
@@ -29,7 +30,8 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.provenance_marks import marked, remarks
+from gaitsweep.plot.figure_kind import Observed, Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
@@ -45,16 +47,24 @@ class _Panel(NamedTuple):
     note: str = ""
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if figure.parameter not in (None, table.run.moved):
+        yield ("parameter",), f"is {figure.parameter}, but this run moves {table.run.moved}: leave it out."
+
+
+@figure_kind("ramp", "staircase", check=_check)
 def hysteresis(
     table: pd.DataFrame,
     *,
-    y: str,
-    parameter: str | None = None,
-    panels: str | None = None,
-    with_table: str | pd.DataFrame | None = None,
-    least: float = LEAST,
-    title: str | None = None,
+    y: Observed,
+    parameter: Annotated[Text | None, "the parameter that the run moves; it need not be said"] = None,
+    panels: Panels = None,
+    with_table: Annotated[
+        Text | pd.DataFrame | None,
+        "a second result directory to show beside, by its path or its job's name",
+    ] = None,
+    least: Annotated[Positive, "change of y that counts as a jump, in its unit"] = LEAST,
+    title: Title = None,
 ) -> Figure:
     """An observable over the moving parameter, rising and falling passes distinguished, jumps shaded.
 
@@ -64,14 +74,7 @@ def hysteresis(
 
     Args:
         table: a ramp or staircase table.
-        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
-        parameter: the column of the parameter; by default the one that the job moves.
-        panels: column; each of its values has a panel.
-        with_table: a second table to show beside the first, such as the staircase beside the ramp: a table,
-            or the path of a result directory (relative to here, or to the parent of the first table's
-            directory).
-        least: the least change of the observable at a jump, in its unit.
-        title: text above the figure.
+        with_table: a table, or a path relative to here or to the parent of the first table's directory.
 
     Raises:
         PlotError: the table does not have a column, or no parameter moves.
