@@ -141,10 +141,7 @@ def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The stances of a leg, with short losses of contact inside them filled.
-
-    A foot leaves the ground for a moment where its leg stops extending and the mass above it does not.
-    """
+    """The stances of a leg, with short losses of contact filled, as where the leg stops extending."""
     gaps = starts[1:] - stops[:-1]
     if not len(gaps):
         return starts, stops
