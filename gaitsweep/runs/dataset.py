@@ -96,7 +96,7 @@ def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
         elif name == "zip":
             groups += [(tuple(group), _length(next(iter(group.values())))) for group in several]
         else:
-            groups.append(((name,), _length(value)))
+            groups.append(((name,), _length(vary[name])))
     points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
     return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
 

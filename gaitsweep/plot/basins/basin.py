@@ -11,13 +11,12 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, check_cells, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
     PlotError,
     axis_label,
-    categories,
     column,
     is_angle,
     outcome,
@@ -72,7 +71,7 @@ def basin(
         grid = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
         parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
         shown = outcome(table, hue)
-        names = categories(table, hue, shown)
+        names = in_order(table, hue, shown)
         looks = style.colours(names), style.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
@@ -130,8 +129,16 @@ def _cells(
     across, up = np.unique(part[x]), np.unique(part[y])
     regular = on_grid(across) and on_grid(up) and len(part) >= 0.02 * len(across) * len(up)
     shown = shown.loc[part.index]
+    palette, marker = looks
     if not regular:
-        return _points(axes, part, x, y, hue, shown, limits, looks)
+        size = float(np.clip(4e3 / len(part), 2.0, 30.0))
+        if limits is not None:
+            low, high = limits
+            return axes.scatter(part[x], part[y], c=part[hue], s=size, cmap="viridis", vmin=low, vmax=high)
+        for name in shown.unique():
+            mine = rows_where(part, shown == name)
+            axes.scatter(mine[x], mine[y], c=palette[name], marker=marker[name], s=size, linewidths=0.6)
+        return None
     if part.duplicated([x, y]).any():
         raise PlotError(
             f"Several rows have the same {x} and {y}: another quantity varies too. Name it as `panels`, or "
@@ -148,32 +155,8 @@ def _cells(
         cells[at] = part[hue].where(~shown.isin([FAILED]))
         return axes.pcolormesh(*edges, cells, cmap="viridis", vmin=limits[0], vmax=limits[1], rasterized=True)
     cells = np.zeros((len(up), len(across), 4))
-    cells[at] = np.array([to_rgba(looks[0][name]) for name in shown])
+    cells[at] = np.array([to_rgba(palette[name]) for name in shown])
     axes.pcolormesh(*edges, cells, rasterized=True)
-    return None
-
-
-def _points(
-    axes: Axes,
-    part: pd.DataFrame,
-    x: str,
-    y: str,
-    hue: str,
-    shown: pd.Series,
-    limits: tuple | None,
-    looks: _Looks,
-):
-    """Starts that form no grid, one point each."""
-    size = float(np.clip(4e3 / len(part), 2.0, 30.0))
-    if limits is not None:
-        colour = part[hue]
-        return axes.scatter(
-            part[x], part[y], c=colour, s=size, cmap="viridis", vmin=limits[0], vmax=limits[1]
-        )
-    palette, marker = looks
-    for name in shown.unique():
-        mine = rows_where(part, shown == name)
-        axes.scatter(mine[x], mine[y], c=palette[name], marker=marker[name], s=size, linewidths=0.6)
     return None
 
 

@@ -20,7 +20,7 @@ from pydantic import Field
 
 from gaitsweep.kinds.numbers import Real, Text
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described, is_angle
+from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
 from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
 
 _STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
@@ -59,7 +59,7 @@ def continuation(
         PlotError: the table does not have a column.
     """
     name = column(table, y, ("_n", ""))
-    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    x = x or moved_parameter(table) or "parameter"
     for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
         column(table, each)
     table = table.dropna(subset=[name]).sort_values(["row", "point"], kind="stable")

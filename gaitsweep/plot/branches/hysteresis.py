@@ -25,6 +25,7 @@ from gaitsweep.plot.columns import (
     column,
     described,
     is_angle,
+    moved_parameter,
     rows_where,
     symbol,
     unit_of,
@@ -79,7 +80,12 @@ def hysteresis(
     Raises:
         PlotError: the table does not have a column, or no parameter moves.
     """
-    parameter = parameter or _moving(table)
+    parameter = parameter or moved_parameter(table)
+    if parameter is None:
+        raise PlotError(
+            "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
+            "for another table name the column as `parameter`."
+        )
     shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
     if len(shown) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(shown)} panels)".strip()
@@ -110,22 +116,6 @@ def hysteresis(
         drawn = {str(line.get_color()) for axes in grid for line in axes.lines}
         figure.legend(handles=_key(shown, table, parameter, drawn), loc="outside lower center", ncols=3)
     return figure
-
-
-def _moving(table: pd.DataFrame) -> str:
-    run = _run_of(table)
-    if "parameter" not in run:
-        raise PlotError(
-            "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
-            "for another table name the column as `parameter`."
-        )
-    return str(run["parameter"])
-
-
-def _run_of(table: pd.DataFrame) -> Mapping[str, Any]:
-    job = table.attrs.get("job")
-    run = job.get("run") if isinstance(job, Mapping) else None
-    return run if isinstance(run, Mapping) else {}
 
 
 def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
@@ -163,7 +153,7 @@ def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
 
 def _pace(table: pd.DataFrame) -> str:
     """How a table's parameter moves, in words, with its speed if the job gives it."""
-    run = _run_of(table)
+    run = table.attrs.get("job", {}).get("run", {})
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
         return f"held {run['dwell']:g} s at each value" if "dwell" in run else "held at each value"
@@ -244,17 +234,8 @@ def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[st
     for colour, marker, words in ((UP, "^", "rises"), (DOWN, "v", "falls")):
         if colour not in drawn:
             continue
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=colour,
-                lw=1.0,
-                marker=marker if stairs else "",
-                ms=4,
-                label=f"{symbol(table, parameter)} {words}",
-            )
-        )
+        look: dict[str, Any] = {"color": colour, "lw": 1.0, "marker": marker if stairs else "", "ms": 4}
+        handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **look))
     if any("settled" in each.columns and not each["settled"].to_numpy(bool).all() for each in stairs):
         handles.append(
             Line2D([], [], ls="", marker="^", ms=4, mfc="white", color="#555555", label="hold not settled")

@@ -133,20 +133,11 @@ def _panel(
         axes.plot(place, place * (form == "next"), mfc=_POINT if stable else "white", **look)
         seen.add("stable" if stable else "unstable")
     for place, least in zip(_on_axis(ghost["value"], origin), ghost["drift"], strict=True):
-        axes.plot(
-            place, least + place * (form == "next"), "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6
-        )
+        at = place, least + place * (form == "next")
+        axes.plot(*at, "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6)
         offset = (0, -14) if least > 0 else (0, 8)  # beyond zero, where fewer points are
-        told = f"{least:+.2g}".replace("-", "−")
-        axes.annotate(
-            told,
-            (place, least + place * (form == "next")),
-            offset,
-            textcoords="offset points",
-            ha="center",
-            fontsize=7,
-            color=_GHOST,
-        )
+        look = {"textcoords": "offset points", "ha": "center", "fontsize": 7, "color": _GHOST}
+        axes.annotate(f"{least:+.2g}".replace("-", "−"), at, offset, **look)
         seen.add("ghost")
     return seen
 

@@ -15,7 +15,7 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import POLLS_PER_CHUNK, WORDS
-from gaitsweep.plot.columns import PlotError, column, described
+from gaitsweep.plot.columns import PlotError, column, described, moved_parameter
 from gaitsweep.plot.figure_kind import AlongAxis, GaitColumn, Title, figure_kind
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
@@ -44,7 +44,7 @@ def stable_ranges(
     Raises:
         PlotError: a column is not there, y is not numeric, or a gait's ranges at one value of y are disjoint.
     """
-    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    x = x or moved_parameter(table) or "parameter"
     for name in (x, y, hue, "row", "point", "stable", "special", "end"):
         column(table, name)
     if not pd.api.types.is_numeric_dtype(table[y]):

@@ -13,12 +13,12 @@ from matplotlib.lines import Line2D
 from pydantic import Field
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.kinds.numbers import Flag, Real, Text
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, categories, column, is_angle, outcome, rows_where
+from gaitsweep.plot.columns import PlotError, axis_label, column, is_angle, outcome, rows_where
 from gaitsweep.plot.figure_kind import Hue, Observable, Title, figure_kind
 
 _Three = Field(min_length=3, max_length=3)
@@ -85,7 +85,7 @@ def _scatter(
     table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, low: Any, high: Any
 ) -> int:
     """The settled rows in all three panels; how many there are."""
-    order = categories(table, hue, shown)
+    order = in_order(table, hue, shown)
     colour, marker = style.colours(order), style.markers(order)
     kept = 0
     for name in order:
@@ -139,7 +139,7 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, low: Any, high: An
 def _legend(
     figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: bool, remark: str | None
 ) -> None:
-    order = categories(table, hue, shown)
+    order = in_order(table, hue, shown)
     colour, marker = style.colours(order), style.markers(order)
     handles = []
     for name in order:

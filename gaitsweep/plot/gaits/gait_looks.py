@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.columns import PlotError, written
 from gaitsweep.plot.figure_kind import PlannedTable, Refusal
 from gaitsweep.plot.gaits.footprints import contact_intervals
 
@@ -69,6 +69,17 @@ def has_swing_onsets(table: PlannedTable) -> bool:
         or table.missing([f"since_{leg}_n" for leg in LEGS]) is None
         or table.missing(list(FLEXORS.values())) is None
     )
+
+
+def in_words(table: pd.DataFrame, found: pd.Series, samples: pd.DataFrame) -> list[str]:
+    """The mean speed of a row's samples, and the values of its swept axes, from its entry of `gaits_in`."""
+    told = []
+    if "x" in samples.columns:
+        t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
+        told.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
+    names = list(map(str, found.index))
+    axes = [name for name in names[1 : names.index("cycles")] if name not in ("seed", "pair")]
+    return told + [written(table, name, found[name]) for name in axes]
 
 
 def gait_key(gaits: Iterable[str]) -> list[Line2D]:

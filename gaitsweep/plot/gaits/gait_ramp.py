@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.transitions.gait_bouts import gaits_along
 from gaitsweep.kinds.numbers import Count
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, column, rows_where, written
+from gaitsweep.plot.columns import PlotError, axis_label, column, moved_parameter, rows_where, written
 from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
 from gaitsweep.plot.gaits.gait_looks import COLOURS, NAMES, ORDER, check_gaits
 
@@ -45,8 +45,8 @@ def gait_ramp(
     Raises:
         PlotError: the table does not have a column, or no parameter moves.
     """
-    parameter = str(table.attrs.get("job", {}).get("run", {}).get("parameter"))
-    if parameter not in table.columns or "pass" not in table.columns:
+    parameter = moved_parameter(table)
+    if parameter is None or parameter not in table.columns or "pass" not in table.columns:
         raise PlotError("The table's job moves no parameter: take a ramp, or a trace with run.parameter.")
     if panels is not None:
         column(table, panels)

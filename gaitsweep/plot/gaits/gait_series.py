@@ -21,9 +21,9 @@ from gaitsweep.kinds.numbers import CountOrZero, Flag, Positive, Real, Text
 from gaitsweep.kinds.trace import Trace
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, rows_where, written
+from gaitsweep.plot.columns import column, rows_where
 from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, shade_flights
+from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, in_words, shade_flights
 
 _MOST_STRIPS = 12
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
@@ -114,18 +114,7 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
         return titles[number] if number < len(titles) else ""
     row = part["row"].iloc[0]
     found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
-    names = [
-        name for name in found.index[1 : list(found.index).index("cycles")] if name not in ("seed", "pair")
-    ]
-    told = [str(found["gait"])]
-    if "x" in part.columns:
-        told.append(f"{_speed(part):.2f} m/s")
-    return ", ".join([*told, *(written(table, str(name), found[name]) for name in names)])
-
-
-def _speed(part: pd.DataFrame) -> float:
-    t, x = part["t"].to_numpy(float), part["x"].to_numpy(float)
-    return float((x[-1] - x[0]) / (t[-1] - t[0]))
+    return ", ".join([str(found["gait"]), *in_words(table, found, part)])
 
 
 def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str) -> None:

@@ -13,9 +13,9 @@ from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
 from gaitsweep.kinds.numbers import Positive
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, rows_where, written
+from gaitsweep.plot.columns import column, rows_where
 from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, footfalls
+from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, footfalls, in_words
 
 _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
 
@@ -76,15 +76,7 @@ def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: 
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
-    told = []
-    if "x" in samples.columns:
-        t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
-        told.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
-    names = list(of.index)
-    for name in names[1 : names.index("cycles")]:
-        if name not in ("seed", "pair"):
-            told.append(written(table, str(name), of[name]))
-    _name(axes, gait, ", ".join(told))
+    _name(axes, gait, ", ".join(in_words(table, of, samples)))
 
 
 def _empty(axes: Axes, gait: str) -> None:
