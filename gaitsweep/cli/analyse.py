@@ -134,7 +134,8 @@ def body_oscillation(
     ] = False,
 ) -> None:
     """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
-    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation, oscillation_along
+    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation
+    from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
     from gaitsweep.table import load
 
     if along:

@@ -39,14 +39,15 @@ def gaits_by_threshold(
     if not len(thresholds):
         raise AnalysisError("No threshold is given.")
     found = gaits_in(table, window=window, thresholds=(thresholds[0], *thresholds))
-    speed = _speeds(table, window).reindex(found["row"]).to_numpy()
+    speeds = _speeds(table, window)
+    speed = np.array([speeds.get(row, np.nan) for row in found["row"].to_numpy()], float)
     records = []
     for threshold in thresholds:
-        gait = found[f"gait_at_{threshold:g}"].astype(str)
+        gait = np.asarray(found[f"gait_at_{threshold:g}"], str)
         medians = {
-            kind: float(np.nanmedian(speed[gait.isin(members)]))
+            kind: float(np.nanmedian(speed[np.isin(gait, members)]))
             for kind, members in KINDS.items()
-            if np.isfinite(speed[gait.isin(members)]).any()
+            if np.count_nonzero(np.isfinite(speed[np.isin(gait, members)]))
         }
         counts = {name: int((gait == name).sum()) for name in GAITS}
         shown = sum(counts[name] > 0 for members in KINDS.values() for name in members)
@@ -56,12 +57,12 @@ def gaits_by_threshold(
     return counted.drop(columns=[name for name in GAITS if not counted[name].any()])
 
 
-def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> pd.Series:
+def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> dict[object, float]:
     """The median speed of each row in the window, m/s; empty where the table has no speeds."""
-    if "speed_end" in table.columns:
-        return table.set_index("row")["speed_end"]
-    for name in ("speed_n", "speed"):
+    for name in ("speed_end", "speed_n", "speed"):
         if name in table.columns:
-            inside = table.loc[table["t"].between(*window)]
-            return inside.groupby("row")[name].median()
-    return pd.Series(dtype=float)
+            inside = table if name == "speed_end" else table.loc[table["t"].between(*window)]
+            return {
+                row: float(np.nanmedian(mine[name].to_numpy(float))) for row, mine in inside.groupby("row")
+            }
+    return {}

@@ -27,7 +27,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import (
     PAIRS,
     THRESHOLD,
     family,
-    ideal_phases,
+    signs,
 )
 from gaitsweep.models.planar_quadruped.parameters import PARAMETERS
 from gaitsweep.models.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swinging
@@ -49,7 +49,7 @@ def gait_share(
 ) -> float:
     """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
     found = _gaits(_part(table, where), begin, threshold)
-    return float(found["gait"].isin(gaits).mean())
+    return float(np.mean(found["gait"].isin(gaits).to_numpy()))
 
 
 @measure
@@ -105,14 +105,14 @@ def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str
 def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
     """Median of a column in the records of one query, over that in the records of another (1)."""
     require(table, column)
-    return float(_part(table, where)[column].median() / _part(table, to)[column].median())
+    return _median(_part(table, where), column) / _median(_part(table, to), column)
 
 
 @measure
 def difference_of_medians(table: pd.DataFrame, *, column: str, where: str, less: str) -> float:
     """Median of a column in the records of one query, less that in the records of another (its unit)."""
     require(table, column)
-    return float(_part(table, where)[column].median() - _part(table, less)[column].median())
+    return _median(_part(table, where), column) - _median(_part(table, less), column)
 
 
 @measure
@@ -167,9 +167,12 @@ def acceleration(
 def narrowest_family(table: pd.DataFrame, *, where: str | None = None) -> str:
     """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
     bouts = _bouts(_part(table, where), False, "family")
-    widths = (bouts["speed_end"] - bouts["speed_begin"]).abs()
-    by_row = widths.groupby([bouts["row"], bouts["family"]]).sum()
-    return str(by_row.groupby("family").median().idxmin())
+    bouts["width"] = np.abs(bouts["speed_end"].to_numpy(float) - bouts["speed_begin"].to_numpy(float))
+    widths = {
+        str(name): np.median([mine["width"].sum() for _, mine in part.groupby("row")])
+        for name, part in bouts.groupby("family")
+    }
+    return min(widths, key=lambda name: widths[name])
 
 
 @measure
@@ -180,8 +183,10 @@ def bout_time_ratio(
     times = []
     for each in (table, other):
         bouts = _bouts(_part(each, where), False, "family")
-        lasted = (bouts["end"] - bouts["begin"]).where(bouts["family"] == family, 0.0)
-        times.append(lasted.groupby(bouts["row"]).sum().median())
+        mine = (bouts["family"] == family).to_numpy()
+        lasted = (bouts["end"] - bouts["begin"]).to_numpy(float) * mine
+        row = bouts["row"].to_numpy()
+        times.append(np.median([lasted[row == each_row].sum() for each_row in np.unique(row)]))
     return float(times[0] / times[1])
 
 
@@ -280,7 +285,7 @@ def stance_ratio(table: pd.DataFrame, *, where: str, to: str) -> float:
 def largest_deviation(table: pd.DataFrame, *, column: str, value: float, where: str | None = None) -> float:
     """Largest distance of a column from a value (its unit)."""
     require(table, column)
-    return float((_part(table, where)[column] - value).abs().max())
+    return float(np.nanmax(np.abs(_part(table, where)[column].to_numpy(float) - value)))
 
 
 @measure
@@ -351,7 +356,11 @@ def diagonal_links() -> float:
 @measure
 def chart_order(*, gait: str) -> str:
     """Order in which the legs of a gait begin to swing by the rule, from LF; legs in phase joined by +."""
-    return _order(ideal_phases(gait))
+    phases = {}
+    for middle, sign, (fore, hind) in zip((0.0, 0.5), signs(gait), PAIRS, strict=True):
+        # both legs are shifted alike, in opposite directions (Fig. 5a)
+        phases |= {fore: middle - 0.125 * sign, hind: middle + 0.125 * sign}
+    return _order(phases)
 
 
 def _part(table: pd.DataFrame, where: str | None) -> pd.DataFrame:
@@ -366,9 +375,16 @@ def _part(table: pd.DataFrame, where: str | None) -> pd.DataFrame:
 
 def _stance_time(trace: pd.DataFrame) -> float:
     """Mean duration of stance (s)."""
-    period = gaits_in(trace).set_index("row")["period"]
-    silent = (trace[list(FLEXORS.values())] <= 0.0).groupby(trace["row"]).mean().mean(axis=1)
-    return float((period * silent).mean())
+    period = gaits_in(trace).set_index("row")["period"].to_dict()
+    times = [
+        period[row] * np.mean(samples[list(FLEXORS.values())].to_numpy(float) <= 0.0)
+        for row, samples in trace.groupby("row")
+    ]
+    return float(np.mean(times))
+
+
+def _median(table: pd.DataFrame, column: str) -> float:
+    return float(np.nanmedian(table[column].to_numpy(float)))
 
 
 def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:

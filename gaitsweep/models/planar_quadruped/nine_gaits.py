@@ -25,6 +25,7 @@ CHART = (
     "uL-canter", "trot", "L-canter",
     "RT-gallop", "R-canter", "L-walk",
 )  # fmt: skip
+FAMILIES = ("walk", "trot", "canter", "gallop")  # in the order of speed
 THRESHOLD = 0.07  # cycles
 STRICT = 0.05  # cycles: a second threshold, reported beside the first
 
