@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from gait_traces import ideal_phases
 
 from gaitsweep.claims.measures import fukuoka2015 as measures
 from gaitsweep.claims.measures.general import MeasureError
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, ideal_phases
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS
 
 
 def trace(gait: str, *, period: float = 0.4, row: int = 0, nod: int = 2) -> pd.DataFrame:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pandas as pd
 import pytest
-from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, followed
+from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, begun, followed
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from sweeping import complete, run_rows
 
@@ -26,7 +26,7 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.models.planar_quadruped import PlanarQuadruped
 from gaitsweep.models.planar_quadruped.bodies import edited, page_values
-from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, mjcf
+from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf
 from gaitsweep.models.planar_quadruped.model import perturbation
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 
@@ -184,6 +184,63 @@ def test_crossings_tell_what_a_trace_shows(
         shift = (before[hind][-1] - before[fore][-1]) / last["period_n"]
         assert last[name] == pytest.approx((shift + 0.5) % 1.0 - 0.5, abs=1e-9)
     _check_means(trace, before, last, (begin, end))
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_joint_powers_are_those_of_the_motors(
+    traces: list[pd.DataFrame], crossings: pd.DataFrame, row: int
+) -> None:
+    """Powers from the page's gains and differences of positions, and their means over a cycle."""
+    trace = traces[row]
+    columns = dict(zip(SPEED, [np.interp(SIGMA[row], [0.0, 0.5, 1.0], c) for c in COLUMNS.T], strict=True))
+    total = {"hip": 0.0, "knee": 0.0}
+    for leg in LEGS:
+        swings = trace[f"u_f_{leg}"].to_numpy() > 0.0
+        theta, length = trace[f"theta_{leg}"].to_numpy(), trace[f"l_{leg}"].to_numpy()
+        hip = np.where(swings, 7.6 * (1.312 - theta), columns["Kp_hip_st"] * (columns["theta_st"] - theta))
+        knee = np.where(
+            swings,
+            columns["Kp_knee_sw"] * (columns["l_sw"] - length),
+            columns["Kp_knee_st"] * (0.13 - length),
+        )
+        # semi-implicit steps: the velocity after a step is the difference of positions over it
+        for joint, at, force, damping in (("hip", theta, hip, 1.0), ("knee", length, knee, 40.0)):
+            rate = np.diff(at) / DT
+            power = trace[f"P_{joint}_{leg}"].to_numpy()[1:]
+            np.testing.assert_allclose(power, (force[1:] - damping * rate) * rate, atol=1e-6)
+            # in a step the motor's spring is that at its begin, its damper that at its end
+            total[joint] = total[joint] + np.maximum((force[:-1] - damping * rate) * rate, 0.0)
+    last = crossings.loc[crossings["row"] == row].iloc[-1]
+    end, t = last["t"] - last["since_LF_n"], trace["t"].to_numpy()[1:]
+    inside = (t > end - last["period_n"]) & (t <= end + DT)
+    for joint, power in total.items():
+        # a step more or less at the ends of the cycle
+        error = 2.0 * DT / last["period_n"] * power[inside].max()
+        assert last[f"power_{joint}_n"] == pytest.approx(power[inside].mean(), abs=error)
+    both = last["power_hip_n"] + last["power_knee_n"]
+    assert last["cost_of_transport_n"] == pytest.approx(both / (7.0 * 9.81 * last["speed_n"]), rel=1e-12)
+
+
+def test_in_the_air_the_joints_work_is_mujocos_change_of_energy() -> None:
+    reference = InMujoco(mujoco.MjModel.from_xml_string(mjcf()), 0.5, begun())
+    model, data = reference.model, reference.data
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    reference.dt = model.opt.timestep = 1e-5
+    data.qpos[1] += 1.0
+    mujoco.mj_forward(model, data)
+    before, tau, v = float(data.energy.sum()), [], []
+    for _ in range(3000):
+        reference.step()
+        tau.append(data.qfrc_applied.copy())
+        v.append(data.qvel.copy())
+    damping = jnp.asarray(model.dof_damping)
+    powers = jax.vmap(lambda tau, v: joint_powers(tau, damping, v))(np.array(tau), np.array(v))
+    work = reference.dt * float(sum(power.sum() for power in powers))
+    mujoco.mj_forward(model, data)
+    change = float(data.energy.sum()) - before
+    assert max(reference.load) == 0.0
+    assert abs(change) > 0.1
+    assert work == pytest.approx(change, rel=5e-3)
 
 
 def _check_means(

@@ -54,7 +54,7 @@ def gaits_by_threshold(
         order = " ".join(sorted(medians, key=lambda kind: medians[kind]))
         records.append({"threshold": threshold, "gaits": shown, **counts, "order": order})
     counted = pd.DataFrame(records)
-    return counted.drop(columns=[name for name in GAITS if not counted[name].any()])
+    return counted.drop(columns=[name for name in GAITS if not np.any(counted[name].to_numpy(int))])
 
 
 def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> dict[object, float]:

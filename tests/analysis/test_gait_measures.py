@@ -1,0 +1,104 @@
+"""Measures of gaits, the effect of the threshold, transition speeds and pitch along a row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from gait_traces import crossings_of, ends, ideal_phases, trace_of
+
+from gaitsweep.analysis.gaits.gait_measures import gait_measures
+from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
+from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+
+
+def ramp_of(up: list[tuple[str, int]], down: list[tuple[str, int]], *, row: int = 0) -> pd.DataFrame:
+    """Crossings of a ramp whose speed changes by 0.01 m/s a cycle: gaits with their numbers of cycles."""
+    period, records, speed = 0.25, [], 0.5
+    for falling, course in enumerate((up, down)):
+        for gait, cycles in course:
+            phases = ideal_phases(gait, 0.2)
+            for _ in range(cycles):
+                speed += -0.01 if falling else 0.01
+                record = {"row": row, "crossing": len(records) + 1, "pass": falling, "speed_n": speed}
+                record |= {"t": period * (len(records) + 1) + 1e-4, "status": "complete"}
+                record |= {f"since_{leg}_n": (-phases[leg] % 1.0) * period + 1e-4 for leg in LEGS}
+                records.append(record)
+    table = pd.DataFrame(records)
+    table.attrs["job"] = {"run": {"parameter": "v_d", "initial_dwell": 0.0}}
+    return table
+
+
+def test_a_gait_has_the_medians_of_its_rows() -> None:
+    table = ends(
+        np.array([-0.2, -0.2, -0.2, 0.0]), np.zeros(4), np.zeros(4), axes={"sigma": [0.1, 0.1, 0.1, 0.5]}
+    )
+    table = table.assign(flight_end=[0.0, 0.1, 0.3, 0.2], cost_of_transport_end=[1.0, 2.0, 4.0, 3.0])
+    found = gait_measures(table, ["sigma"]).set_index("gait")
+    assert list(found["rows"]) == [3, 1]
+    assert found.loc["D-walk", "flight"] == 0.1
+    assert found.loc["D-walk", "cost_of_transport"] == 2.0
+    assert found.loc["trot", "speed"] == 1.0
+    fell = table.assign(status=["fell", "complete", "complete", "complete"])
+    assert gait_measures(fell, ["sigma"])["rows"].sum() == 3
+
+
+def test_a_table_without_measures_is_refused() -> None:
+    with pytest.raises(AnalysisError, match="none of speed"):
+        gait_measures(pd.DataFrame({"row": [0], "gait": ["trot"], "status": ["complete"]}), [])
+
+
+def test_gaits_by_threshold_come_from_onsets() -> None:
+    parts = [
+        crossings_of("D-walk", 0.2),
+        crossings_of("L-walk", 0.06, row=1),
+        crossings_of("RT-gallop", 0.08, row=2),
+    ]
+    table = pd.concat(parts, ignore_index=True)
+    table["speed_n"] = table["row"].map({0: 0.4, 1: 1.2, 2: 2.0})
+    found = gaits_by_threshold(table, (0.05, 0.07, 0.09)).set_index("threshold")
+    assert list(found["gaits"]) == [3, 3, 2]
+    assert list(found["trot"]) == [0, 1, 2]
+    assert list(found["L-walk"]) == [1, 0, 0]
+    assert found.loc[0.07, "order"] == "walk trot gallop"
+    assert found.loc[0.05, "order"] == "walk gallop"
+    with pytest.raises(AnalysisError, match="No threshold"):
+        gaits_by_threshold(table, ())
+
+
+def test_transitions_up_and_down_with_their_hysteresis() -> None:
+    up = [("L-walk", 30), ("trot", 30), ("R-canter", 30)]
+    # the gallop begins after the turn; then straight to the trot
+    table = ramp_of(up, [("RT-gallop", 50), ("trot", 30), ("D-walk", 30)])
+    found = speed_transitions(table).set_index("slower")
+    assert list(found.index) == ["walk", "trot", "canter"]
+    assert found.loc["walk", "up"] == pytest.approx(0.80, abs=0.03)
+    assert found.loc["trot", "up"] == pytest.approx(1.10, abs=0.03)
+    assert found.loc["canter", "up"] == pytest.approx(1.40, abs=0.03)
+    assert found.loc["canter", "down"] == pytest.approx(0.90, abs=0.03)
+    assert found.loc["trot", "down"] == pytest.approx(0.90, abs=0.03)
+    assert found.loc["walk", "down"] == pytest.approx(0.60, abs=0.03)
+    assert found.loc["walk", "width"] == pytest.approx(0.20, abs=0.04)
+
+
+def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
+    found = speed_transitions(ramp_of([("trot", 30)], [("trot", 30)]))
+    assert found["up"].isna().all()
+    assert (found["rows"] == 0).all()
+    with pytest.raises(AnalysisError, match="no passes"):
+        speed_transitions(crossings_of("trot"))
+
+
+def test_pitch_along_a_row() -> None:
+    first, second = trace_of("L-walk", duration=6.0), trace_of("RT-gallop", duration=6.0)
+    table = pd.concat([first, second.assign(t=second["t"] + 6.0, x=second["x"] + 6.0)], ignore_index=True)
+    t = table["t"].to_numpy()
+    # once and twice in a gait cycle of 0.5 s, on a slow drift
+    pitch = np.where(t < 6.0, 0.01 * np.sin(8.0 * np.pi * t), 0.03 * np.sin(4.0 * np.pi * t))
+    found = oscillation_along(table.assign(pitch=pitch + 0.05 * t)).set_index("family")
+    assert list(found.loc[["walk", "gallop"], "body_cycles"]) == [2, 1]
+    assert found.loc["walk", "twice"] == pytest.approx(0.01, rel=0.05)
+    assert found.loc["gallop", "once"] == pytest.approx(0.03, rel=0.05)
