@@ -123,7 +123,7 @@ def speed_transitions(
     from gaitsweep.analysis.transitions import speed_transitions as transitions
     from gaitsweep.table import load
 
-    _print(transitions.speed_transitions(load(directory), by or ()), 2)
+    _print(transitions.speed_transitions(load(directory), by or ()), 3)
 
 
 @app.command()

@@ -72,6 +72,15 @@ def test_the_sequence_of_gaits_in_each_pass() -> None:
     assert measures.share_in_order(table, order=["trot", "walk"], falling=True, at="end") == 1.0
     assert measures.share_with_ends(table, begin="L-walk", end="L-walk") == 0.5
     assert measures.gallops_by_their_canter_or_trot(table) == 1.0
+    beginning = ["RT-gallop", "R-canter"]
+    assert measures.share_beginning(table, order=beginning, falling=True, by="gait") == 1.0
+
+
+def test_a_row_of_left_leads_counts_as_its_mirror_image() -> None:
+    left = ramp(["L-walk", "trot", "L-canter", "LT-gallop"])
+    assert measures.most_frequent_order(left, by="right") == ["L-walk", "trot", "R-canter", "RT-gallop"]
+    mixed = ramp(["trot", "L-canter", "RT-gallop"])
+    assert measures.most_frequent_order(mixed, by="right") == ["trot", "R-canter", "LT-gallop"]
 
 
 def test_a_gallop_after_the_other_leads_canter_counts_against_it() -> None:

@@ -16,6 +16,7 @@ from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
 from gaitsweep.analysis.gaits.loading_rule import load_prediction, loading_rule, pairs_in
 from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
 from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import MeasureError
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
@@ -34,6 +35,8 @@ from gaitsweep.models.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swi
 from gaitsweep.near_miss import suggestion
 
 REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions
+# The mirror images of gaits with a left lead.
+RIGHT = {"L-canter": "R-canter", "LT-gallop": "RT-gallop", "uL-canter": "uR-canter"}
 # The canter of each gallop's lead.
 SAME_LEAD = {"RT-gallop": "R-canter", "LT-gallop": "L-canter"}
 
@@ -129,6 +132,15 @@ def share_in_order(
     sequences = _sequences(_part(table, where), falling, by).values()
     first = -len(order) if at == "end" else 0
     return float(np.mean([names[first:] == list(order) for names in sequences]))
+
+
+@measure
+def share_beginning(
+    table: pd.DataFrame, *, order: Sequence[str], falling: bool, by: str, where: str | None = None
+) -> float:
+    """Share of the rows of a ramp that begin one pass with these gaits in this order (1)."""
+    sequences = _sequences(_part(table, where), falling, by).values()
+    return float(np.mean([names[: len(order)] == list(order) for names in sequences]))
 
 
 @measure
@@ -276,6 +288,21 @@ def pitch_cycles(table: pd.DataFrame, *, where: str | None = None) -> float:
 
 
 @measure
+def body_cycles_along(
+    table: pd.DataFrame, *, families: Sequence[str], where: str | None = None
+) -> list[float]:
+    """Pitch oscillations in a gait cycle, 1 or 2, of each family's longest bout along a ramp (1)."""
+    bouts = oscillation_along(_part(table, where))
+    found = []
+    for name in families:
+        mine = bouts.loc[bouts["family"] == name]
+        if mine.empty:
+            raise MeasureError(f"No row of the table has the family {name}.")
+        found.append(float(mine["body_cycles"].to_numpy()[np.argmax(mine["windows"].to_numpy())]))
+    return found
+
+
+@measure
 def stance_ratio(table: pd.DataFrame, *, where: str, to: str) -> float:
     """Mean duration of stance in the rows of one query, over that in the rows of another (1)."""
     return _stance_time(_part(table, where)) / _stance_time(_part(table, to))
@@ -414,9 +441,23 @@ def _bouts(table: pd.DataFrame, falling: bool, by: str) -> pd.DataFrame:
 
 
 def _sequences(table: pd.DataFrame, falling: bool, by: str) -> dict[object, list[str]]:
-    """The gaits of each row in one pass of a ramp, in order."""
-    bouts = _bouts(table, falling, by)
-    return {row: [str(name) for name in mine[by]] for row, mine in bouts.groupby("row")}
+    """The gaits of each row in one pass of a ramp, in order.
+
+    `by` is a column of `gaits_along`, or `right`: gaits, rows whose first lead is a left one mirrored.
+    """
+    column = "gait" if by == "right" else by
+    bouts = _bouts(table, falling, column)
+    found = {row: [str(name) for name in mine[column]] for row, mine in bouts.groupby("row")}
+    return {row: _mirrored(names) for row, names in found.items()} if by == "right" else found
+
+
+def _mirrored(names: list[str]) -> list[str]:
+    """A sequence of gaits whose first canter or gallop has a right lead; else its mirror image."""
+    leads = [name for name in names if name in RIGHT or name in RIGHT.values()]
+    if not leads or leads[0] not in RIGHT:
+        return names
+    mirror = RIGHT | {right: left for left, right in RIGHT.items()}
+    return [mirror.get(name, name) for name in names]
 
 
 def _order(phases: dict[str, float]) -> str:
