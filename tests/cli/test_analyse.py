@@ -54,6 +54,36 @@ def test_pitch_goes_with_the_gait(show: Show) -> None:
     assert "trot" in printed
 
 
+def test_gaits_have_their_measures(show: Show) -> None:
+    delta = np.array([-0.2, 0.0])
+    table = ends(delta, delta, delta, axes={"k2": [0.0, 0.08]}).assign(flight_end=[0.0, 0.1])
+    lines = show(table, "gait-measures", "--by", "k2").splitlines()
+    assert [line.split()[1] for line in lines[1:]] == ["D-walk", "trot"]
+
+
+def test_gaits_at_several_thresholds(show: Show) -> None:
+    lines = show(traces(("trot", "D-walk")), "gait-thresholds", "--window", "1", "20").splitlines()
+    assert lines[0].split()[:2] == ["threshold", "gaits"]
+    assert len(lines) == 9
+
+
+def test_transitions_have_their_speeds(show: Show) -> None:
+    trace = traces(("trot",))
+    table = trace.assign(**{"pass": (trace["t"] > 3.0).astype(int)})
+    lines = show(table, "speed-transitions").splitlines()
+    assert [line.split()[:2] for line in lines[1:]] == [
+        ["walk", "trot"],
+        ["trot", "canter"],
+        ["canter", "gallop"],
+    ]
+
+
+def test_pitch_along_a_row(show: Show) -> None:
+    trace = traces(("trot",))
+    printed = show(trace.assign(pitch=0.1 * np.sin(8.0 * np.pi * trace["t"])), "body-oscillation", "--along")
+    assert printed.splitlines()[1].split()[2] == "trot"
+
+
 def test_sets_have_their_repertoire(show: Show) -> None:
     rows = [(0.1, "trot", 1.0, "settled"), (0.1, "L-walk", 0.4, "settled"), (0.2, "trot", 1.2, "settled")]
     table = pd.DataFrame(rows, columns=["com_x", "gait", "speed_end", "status"])

@@ -12,6 +12,8 @@ import gaitsweep as gs
 from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
 from gaitsweep.analysis.gaits.loading_rule import load_prediction, loading_rule, pairs_in
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
+from gaitsweep.claims.measures.fukuoka2015 import share_in_order
 from gaitsweep.expression import evaluate
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"
@@ -24,7 +26,7 @@ def _table(tmp_path: Path, name: str, *overrides: str) -> pd.DataFrame:
     return gs.load(gs.run(job, tmp_path / name).path)
 
 
-@pytest.mark.parametrize("name", ["ramp", "ramp_trace"])
+@pytest.mark.parametrize("name", ["ramp", "ramp_trace", "ramp_offset", "ramp_slow", "ramp_fast"])
 def test_sigma_follows_the_wanted_speed(name: str) -> None:
     formula = gs.load_job(SWEEPS / f"planar_quadruped_{name}.yaml").params["sigma"]
     for speed, sigma in KNOTS.items():
@@ -47,6 +49,28 @@ def test_gaits_follow_each_other_as_the_speed_rises_and_falls(tmp_path: Path) ->
         # canters begin at 1.7 to 1.95 m/s as it rises and end at 1.47 as it falls: hysteresis
         assert up > mine["speed_end"].iloc[-3] + 0.1
         assert mine["speed_end"].iloc[-3] == pytest.approx(1.47, abs=0.1)
+
+
+@pytest.mark.slow
+def test_natural_canters_on_the_ramp_of_a_torso_heavy_behind(tmp_path: Path) -> None:
+    table = _table(tmp_path, "ramp_offset", "vary.com_x=[-0.02]", "vary.zip={seed: [30, 31], pair: [0, 1]}")
+    order = ["L-walk", "trot", "R-canter", "RT-gallop"]
+    assert share_in_order(table, order=order, by="right") == 1.0
+    found = speed_transitions(table).set_index("faster")
+    # 1.67, 1.91 and 2.05 m/s from the page's starts
+    assert found.loc["trot", "up"] == pytest.approx(1.67, abs=0.1)
+    assert found.loc["canter", "up"] == pytest.approx(1.95, abs=0.15)
+    assert found.loc["gallop", "width"] > 0.5
+
+
+@pytest.mark.slow
+def test_history_decides_between_small_and_large_shifts(tmp_path: Path) -> None:
+    stairs = ["run.path=[0.83, 0.95, 0.83]", "vary.zip={seed: [30, 31], pair: [0, 1]}"]
+    table = _table(tmp_path, "bistable", *stairs)
+    larger = table[["delta_1_mean_n", "delta_2_mean_n"]].abs().max(axis=1)
+    there = np.isclose(table["sigma"], 0.87)
+    assert larger[there & (table["pass"] == 0)].max() < 0.13
+    assert larger[there & (table["pass"] == 1)].min() > 0.2
 
 
 @pytest.mark.slow
