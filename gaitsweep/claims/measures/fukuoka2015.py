@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -440,7 +441,7 @@ def _bouts(table: pd.DataFrame, falling: bool, by: str) -> pd.DataFrame:
     return gait_bouts(along, by, least=3)
 
 
-def _sequences(table: pd.DataFrame, falling: bool, by: str) -> dict[object, list[str]]:
+def _sequences(table: pd.DataFrame, falling: bool, by: str) -> dict[Any, list[str]]:
     """The gaits of each row in one pass of a ramp, in order.
 
     `by` is a column of `gaits_along`, or `right`: gaits, rows whose first lead is a left one mirrored.
