@@ -170,7 +170,19 @@ class Chart(abc.ABC):
         return jnp.zeros((0,))
 
 
-class Model(abc.ABC):
+class Jumps(abc.ABC):
+    """What events do, in a model or in a scheme of its own steps."""
+
+    @abc.abstractmethod
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
+
+    @abc.abstractmethod
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
+
+
+class Model(Jumps):
     """The properties and functions of every model; a concrete model is a frozen dataclass.
 
     Its fields are its structure (number of legs, kind of body): they shape the arrays and cannot vary inside
@@ -246,10 +258,6 @@ class Model(abc.ABC):
         """The observables by name, of the state just after the jump that closes a cycle."""
 
     @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
-
-    @abc.abstractmethod
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
         """The signals by name, at a state."""
 
@@ -290,12 +298,8 @@ class Model(abc.ABC):
         """An MJCF of the body: its qpos are the signals q_0, q_1, ..., its feet the sites foot_1, ..."""
         return None
 
-    @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
-        """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
 
-
-class FixedStepDynamics(abc.ABC):
+class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
     @abc.abstractmethod
@@ -309,14 +313,6 @@ class FixedStepDynamics(abc.ABC):
     @abc.abstractmethod
     def events(self, params: Params, before: State, after: State) -> jax.Array:
         """A bool for each event: whether it happened during the step."""
-
-    @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
-        """The state after the events `fired`."""
-
-    @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
 
     def longest_step(self, params: Params) -> jax.Array | None:
         """The longest accurate step (s) with these parameters; None: a job has to set `numerics.dt`."""

@@ -100,18 +100,15 @@ def run(
 @contextlib.contextmanager
 def _shown_progress() -> Iterator[Progress]:
     """How a run's progress is shown, and its stop by Ctrl-C obeyed, while it is under way."""
-    from gaitsweep.cli.progress import ProgressBar
-    from gaitsweep.cli.stop import StopRequest
+    from gaitsweep.cli.progress import progress_bar
+    from gaitsweep.cli.stop import stop_requests
 
-    bar = ProgressBar() if sys.stderr.isatty() else None
-    asked = StopRequest()
+    with stop_requests() as obey, progress_bar() as bar:
 
-    def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        asked.obey()
-        if bar is not None:
+        def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+            obey()
             bar(done, total, rate, fraction, note)
 
-    with asked, bar or contextlib.nullcontext():
         yield progress
 
 

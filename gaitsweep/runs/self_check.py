@@ -230,7 +230,7 @@ def _compare_ends(
 def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> None:
     """Compare the starting points of rows (n,)."""
     model = ready.plan.model
-    once, half = ready.job.run.starting_points(ready.plan, rows, ready.work.numerics, ready.engine)
+    once, half = ready.job.run.starting_points(ready.plan, ready.work, rows)
     both = once.found & half.found
     check.status_differs = int(np.sum(once.found != half.found))
     change = changes(model, once.observed, half.observed)

@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 from gaitsweep.cli import main
-from gaitsweep.cli.progress import ProgressBar
+from gaitsweep.cli.progress import progress_bar
 from gaitsweep.cli.show import duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
@@ -271,7 +271,7 @@ def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys:
 
 def test_the_bar_shows_rows_rate_and_note() -> None:
     screen = io.StringIO()
-    with ProgressBar(Console(file=screen, force_terminal=True, width=100)) as bar:
+    with progress_bar(console=Console(file=screen, force_terminal=True, width=100)) as bar:
         bar(2000, 10000, 0.0, 0.2, "compiling")
         bar(2500, 10000, 123.456, 0.26, "2.4 M attempts/s")
     shown = screen.getvalue()
