@@ -35,7 +35,7 @@ class Verdict(enum.Enum):
 
 
 class ResultCode(enum.IntEnum):
-    """The base of result codes: each member has a number, a sentence, and for some codes a verdict."""
+    """The base of result codes: a number, a sentence, and a verdict, by default undecided."""
 
     sentence: str
     verdict: Verdict
@@ -52,9 +52,9 @@ class Status(ResultCode):
     Tables store the numbers: existing numbers must not change, and new ones are added at the end.
     """
 
-    running = 0, "The row has not ended yet.", Verdict.undecided
+    running = 0, "The row has not ended yet."
     settled = 1, "The section's state stopped moving, or repeats every 2 to 8 crossings.", Verdict.sound
-    cycle_limit = 2, "The row reached run.max_cycles without settling.", Verdict.undecided
+    cycle_limit = 2, "The row reached run.max_cycles without settling."
     fell = 3, "The model's own test of a fall came true.", Verdict.failed
     diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
     not_a_number = 5, "A state variable became NaN.", Verdict.failed
@@ -63,15 +63,11 @@ class Status(ResultCode):
         "Events followed each other at one instant without end (stalled_by names them).",
         Verdict.failed,
     )
-    time_limit = (
-        7,
-        "Time ran out: run.max_time, or four nominal periods for each cycle allowed.",
-        Verdict.undecided,
-    )
+    time_limit = 7, "Time ran out: run.max_time, or four nominal periods for each cycle allowed."
     complete = 8, "The row recorded all that was asked of it.", Verdict.sound
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
-    step_limit = 10, "The row needed more steps than its limit allows.", Verdict.undecided
-    no_fixed_point = 11, "No fixed point was found from which to follow a branch.", Verdict.undecided
+    step_limit = 10, "The row needed more steps than its limit allows."
+    no_fixed_point = 11, "No fixed point was found from which to follow a branch."
 
     @classmethod
     def of(cls, *verdicts: Verdict) -> frozenset[str]:

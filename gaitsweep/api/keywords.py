@@ -111,7 +111,6 @@ def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
 
 
 def _structure_of(name: str) -> list[str]:
-    """The names of a model's structure."""
     try:
         found = models.find(name)
     except models.ModelError as error:

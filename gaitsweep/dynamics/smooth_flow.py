@@ -58,9 +58,7 @@ class SmoothFlow(HybridModel):
     def observables(self) -> tuple[Quantity, ...]:
         return self.variables
 
-    @property
-    def signals(self) -> tuple[Quantity, ...]:
-        return self.variables
+    signals = observables
 
     def params(self, values: Values) -> dict[str, jax.Array]:
         return {quantity.name: jnp.asarray(values[quantity.name]) for quantity in self.parameters}
@@ -92,8 +90,7 @@ class SmoothFlow(HybridModel):
     def observe(self, params: Values, state: State) -> dict[str, jax.Array]:
         return {q.name: state.x[i] for i, q in enumerate(self.variables)}
 
-    def signal(self, params: Values, state: State) -> dict[str, jax.Array]:
-        return {q.name: state.x[i] for i, q in enumerate(self.variables)}
+    signal = observe
 
     def label(self, params: Values, observations: Values) -> dict[str, Any]:
         return {"gait": jnp.zeros((), jnp.int32)}

@@ -201,8 +201,6 @@ def _gaits(
 
 
 def _state_size(rows: Rows) -> int:
-    """The numbers in a row's state."""
-
     def begin(values: Any, start: Any) -> Any:
         return rows.model.init(rows.model.params(values), start)
 

@@ -76,7 +76,11 @@ def run_job(
         checked = _self_checked(ready, directory, progress)
         if figures:
             draw_of_complete(directory, resolved["figures"], progress, tell)
-    _tell_of_self_check(checked, work.numerics.dt, tell, strict)
+    if checked.get("verdict") == "warned":
+        text = f"{sentence(checked)} {advice(checked, work.numerics.dt)}"
+        if strict:
+            raise SelfCheckError(text)
+        tell(f"Warning: {text}")
     return path
 
 
@@ -94,18 +98,6 @@ def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progres
     found = self_check(ready, asked, tell)
     directory.update_manifest(self_check=found)
     return found
-
-
-def _tell_of_self_check(
-    found: dict[str, Any], dt: float | None, tell: Callable[[str], None], strict: bool
-) -> None:
-    """Warn where a self-check did; its own line is shown with the outcome."""
-    if found.get("verdict") != "warned":
-        return
-    text = f"{sentence(found)} {advice(found, dt)}"
-    if strict:
-        raise SelfCheckError(text)
-    tell(f"Warning: {text}")
 
 
 def _run_missing(ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress) -> None:
