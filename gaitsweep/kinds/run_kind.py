@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
@@ -108,6 +109,12 @@ class RunKind(Part):
 
     # so that pydantic does not call it for a job, whose errors are gathered and told with their lines
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        shown = inspect.signature(cls)  # what a notebook shows: `kind` may be left out
+        known = [each for name, each in shown.parameters.items() if name != "kind"]
+        cls.__signature__ = shown.replace(parameters=known)
 
     @classmethod
     def moves(cls) -> bool:

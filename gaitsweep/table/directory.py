@@ -113,9 +113,8 @@ class ResultDirectory:
         for folder in (self.path, self.path / TABLE, self.path / FIGURES):
             remove_partials(folder)
         plain = json.loads(json.dumps(dict(job), default=_plain))
-        if (
-            new or self.manifest.get("job") != plain
-        ):  # first, since a directory without a manifest is not recognised
+        # first, since a directory without a manifest is not recognised
+        if new or self.manifest.get("job") != plain:
             self.manifest["job"] = plain
             self._write_manifest()
         own_folder(self.path / TABLE)

@@ -193,9 +193,8 @@ class Lock:
                 raise TableError(f"{path} is a link, which is not followed: remove it.") from None
             raise
         found = os.fstat(self._descriptor)
-        if (
-            not stat.S_ISREG(found.st_mode) or found.st_nlink > 1
-        ):  # a hard link: another file would be changed too
+        # of a hard link, another file would be changed too
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
             self.release()
             raise TableError(f"{path} is no lock file of gaitsweep: remove it.")
         try:

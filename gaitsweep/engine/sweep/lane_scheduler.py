@@ -124,9 +124,8 @@ class LaneScheduler:
             number = self._waiting.pop()
             self._newest = Block(self.spec, number, self._restored.pop(number, None))
             self.open[number] = self._newest
-            if (
-                self._newest.missing == 0
-            ):  # the earlier run was killed after its last row and before its part was written
+            # the earlier run was killed after its last row and before its part was written
+            if self._newest.missing == 0:
                 self.complete.append(number)
         return self._newest
 
