@@ -46,7 +46,7 @@ def animate(
     ] = None,
 ) -> None:
     """Show one row of a trace walking: a movie, or a strip of poses."""
-    from gaitsweep.cli.progress import progress_bar
+    from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.runs import movie
 
@@ -63,10 +63,10 @@ def animate(
         )
         return
     began = time.monotonic()
-    with progress_bar("pictures") as bar:
+    with shown_progress("pictures") as shown:
 
         def progress(done: int, total: int) -> None:
-            bar(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
+            shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
 
         path = movie.write_movie(
             directory,

@@ -100,14 +100,14 @@ def run(
 @contextlib.contextmanager
 def _shown_progress() -> Iterator[Progress]:
     """How a run's progress is shown, and its stop by Ctrl-C obeyed, while it is under way."""
-    from gaitsweep.cli.progress import progress_bar
+    from gaitsweep.cli.progress import shown_progress
     from gaitsweep.cli.stop import stop_requests
 
-    with stop_requests() as obey, progress_bar() as bar:
+    with stop_requests() as obey, shown_progress() as shown:
 
         def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             obey()
-            bar(done, total, rate, fraction, note)
+            shown(done, total, rate, fraction, note)
 
         yield progress
 

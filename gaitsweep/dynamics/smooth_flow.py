@@ -58,7 +58,9 @@ class SmoothFlow(HybridModel):
     def observables(self) -> tuple[Quantity, ...]:
         return self.variables
 
-    signals = observables
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return self.variables
 
     def params(self, values: Values) -> dict[str, jax.Array]:
         return {quantity.name: jnp.asarray(values[quantity.name]) for quantity in self.parameters}
