@@ -10,11 +10,9 @@ stored = gs.run("sweeps/quick_basins.yaml")
 
 from __future__ import annotations
 
-import ast
 import importlib
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that they are public
@@ -62,13 +60,25 @@ if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", os.environ["JAX_ENABLE_X64"] not in ("0", "false"))
 
 if not TYPE_CHECKING:  # a type checker would take any name for one of ours
-    # The module of each name above, imported when one is first used, so that `gaitsweep --help` needs no JAX.
-    _MODULES = {
-        alias.name: node.module
-        for node in ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom) and node.module.startswith("gaitsweep")
-        for alias in node.names
+    # The names above by module, imported when one is first used, so that `gaitsweep --help` needs no JAX.
+    _NAMES = {
+        "": ("contract", "models", "plot"),
+        "analysis.basins.measures": ("basins",),
+        "api": ("analyses", "theory"),
+        "api.analyses": ("hysteresis",),
+        "api.maps": ("PoincareMap", "return_map"),
+        "api.trajectories": ("simulate", "sweep"),
+        "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
+        "errors": ("ArgumentError", "UserError"),
+        "job": ("Job", "JobError", "load_job"),
+        "kinds": ("Continuation", "FixedTime", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
+        "runs.movie": ("write_movie", "write_still"),
+        "runs.prepare": ("RunError",),
+        "runs.result": ("Result", "run"),
+        "runs.self_check": ("SelfCheckError",),
+        "table": ("TableError", "load"),
     }
+    _MODULES = {name: f"gaitsweep.{room}".rstrip(".") for room, names in _NAMES.items() for name in names}
     __all__ = sorted([*_MODULES, "__version__"])
 
     def __getattr__(name: str) -> Any:
