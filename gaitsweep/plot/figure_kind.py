@@ -159,7 +159,7 @@ class FigureKind(Part):
     def _titles(self) -> Iterator[Refusal]:
         """What Matplotlib cannot set between dollar signs."""
         texts: list[tuple[Path, str]] = []
-        for field in ("title", "titles", "points", "intervals"):
+        for field in ("title", "titles", "points", "intervals", "ticks"):
             written: Any = getattr(self, field, None)
             if isinstance(written, str):
                 texts.append(((field,), written))

@@ -108,8 +108,10 @@ def gait_series(
         if not parts:
             style.message(outer[0].subplots(), "nothing was recorded")
         handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
-        flight = Patch(color=FLIGHT, label="flight: no foot on the ground")
-        figure.legend(handles=[*handles, flight], loc="outside lower center", ncols=5)
+        flight = (
+            [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
+        )
+        figure.legend(handles=[*handles, *flight], loc="outside lower center", ncols=5)
     return figure
 
 
@@ -128,6 +130,11 @@ def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | 
             if len(part) > 1:
                 parts.append(part)
     return parts
+
+
+def _flies(part: pd.DataFrame) -> bool:
+    """Whether there is an instant without a foot on the ground."""
+    return bool((part[list(CONTACTS.values())].max(axis=1) < 0.5).any())
 
 
 def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Sequence[str] | None) -> str:
