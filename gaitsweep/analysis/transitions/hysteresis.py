@@ -67,9 +67,8 @@ def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: f
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
     found = jumps(table, observable, parameter, least)
     apart = irregular_passes(table, observable, parameter, least)
-    steady = found.loc[
-        ~pd.MultiIndex.from_frame(found[["row", "pass"]]).isin(pd.MultiIndex.from_frame(apart))
-    ]
+    keys, apart = (pd.MultiIndex.from_frame(each[["row", "pass"]]) for each in (found, apart))
+    steady = found.loc[~keys.isin(apart)]
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 

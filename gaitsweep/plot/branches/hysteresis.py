@@ -135,13 +135,8 @@ def hysteresis(
             handles = _draw(axes, panel, branches, name, parameter, least, origin)
             if strips:
                 _strip(strip, irregular, panel.table, name, parameter, origin)
-            _mark(
-                axes,
-                strip if strips else None,
-                ticks,
-                origin,
-                named=number % across == across - 1 or number == len(shown) - 1,
-            )
+            last = number % across == across - 1 or number == len(shown) - 1
+            _mark(axes, strip if strips else None, ticks, origin, named=last)
             if number % across == 0:
                 axes.set_ylabel(described(table, name, 30))
             else:
@@ -260,7 +255,7 @@ def _colour_of(part: pd.DataFrame, x: str, number: int) -> str:
 def _mark(
     axes: Axes, strip: Axes | None, ticks: Mapping[str, float], origin: float | None, *, named: bool
 ) -> None:
-    """Thin lines at named values of y, with their names at the right side; in the strip those nearest to it."""
+    """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
     values = np.array(list(ticks.values()), float)
     values = values if origin is None else on_line(values, origin)
     below = np.zeros(len(values), bool)
