@@ -18,6 +18,8 @@ from gaitsweep.plot import PlotError
 from gaitsweep.plot.branches.passes import DOWN, UP
 from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
 
+RISES, FALLS = "/" * 4, "\\" * 4  # hatches of the two bands
+
 
 def texts(figure: Figure) -> list[str]:
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
@@ -86,8 +88,8 @@ def test_irregular_passes_stand_apart_with_the_ticks_near_them() -> None:
 def test_arrows_stand_where_the_passes_differ_and_nowhere_else() -> None:
     axes = plot.hysteresis(staircase_table(), y="delta_13").axes[0]
     for arrow in (patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)):
-        ends = arrow.get_path().vertices[:, 0]
-        assert -FOLD < ends.min() < ends.max() < FOLD
+        ends = [x for x, _ in arrow._posA_posB]  # type: ignore[attr-defined]
+        assert -FOLD < min(ends) < max(ends) < FOLD
     same = staircase_table()
     same["delta_13_n"] = delta(0.2 * same["f"].to_numpy())  # one branch, the same both ways
     axes = plot.hysteresis(same, y="delta_13").axes[0]
@@ -98,7 +100,7 @@ def test_the_two_bands_differ_in_hatch_and_their_overlap_is_explained() -> None:
     table = staircase_table()
     figure = plot.hysteresis(table, y="delta_13")
     handles = figure.axes[0].get_legend().get_patches()
-    assert [handle.get_hatch() for handle in handles] == ["////", "\\\\"]
+    assert [handle.get_hatch() for handle in handles] == [RISES, FALLS]
     late = table["pass"] == 0  # the way up jumps where the way down does
     values = table["delta_13_n"].to_numpy()
     low = (table["f"] < -0.35).to_numpy()
@@ -124,7 +126,7 @@ def test_hysteresis_over_a_measured_observable() -> None:
         return found
 
     speeds, values = edges(axes), edges(plain)
-    for here, there in (("////", "\\\\"), ("\\\\", "////")):
+    for here, there in ((RISES, FALLS), (FALLS, RISES)):
         assert speeds[here] == pytest.approx(sorted(0.2 - 0.05 * f for f in values[there]))
     thin = [line for line in axes.lines if len(line.get_xdata()) > 900]
     assert [line.get_color() for line in thin] == [DOWN, UP]

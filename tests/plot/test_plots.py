@@ -14,7 +14,8 @@ from gaitsweep import models, plot
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.chain.solution_set import chain_of
-from gaitsweep.plot.columns import axis_label, written
+from gaitsweep.plot.columns import axis_label, row_names, written
+from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.style import COLOURS
 
 
@@ -211,7 +212,11 @@ def test_rows_are_named_by_what_differs_between_them() -> None:
     table = trace_table(rows=3)
     table.insert(1, "beta", 0.8)
     table.insert(2, "psi_1", table["row"] * np.pi / 2)
-    assert row_names(table) == {0: r"$\psi_{1}$ = $0$", 1: r"$\psi_{1}$ = $0.5\,\pi$", 2: r"$\psi_{1}$ = $\pi$"}
+    assert row_names(table) == {
+        0: r"$\psi_{1}$ = $0$",
+        1: r"$\psi_{1}$ = $0.5\,\pi$",
+        2: r"$\psi_{1}$ = $\pi$",
+    }
     assert row_names(table, without=["psi_1"]) == {0: "row 0", 1: "row 1", 2: "row 2"}
 
 
