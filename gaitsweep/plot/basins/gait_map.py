@@ -28,9 +28,9 @@ def gait_map(
     """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
 
     A gait belongs to a cell's set if any start of the cell settles in it. Cells in which another start failed
-    have a darker colour of their own, those in which another did not settle a lighter one, since they may have
-    more gaits. A cell without a named gait is `another gait`, `not settled` or `failed`: the first of these
-    that occurs among its starts. The legend gives each set's share of the cells.
+    have a darker colour of their own, those in which another did not settle a lighter one: they may have more
+    gaits. A cell without a named gait is `another gait`, `not settled` or `failed`, the first of these that
+    occurs among its starts. The legend gives each set's share of the cells.
 
     Args:
         table: a settle table, several starts for each pair of x and y; a partial table is drawn as far as it
