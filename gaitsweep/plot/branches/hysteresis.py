@@ -18,13 +18,13 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import (
+from gaitsweep.analysis.transitions.jumps import where_it_moves
+from gaitsweep.analysis.transitions.transition_points import (
     LEAST,
     irregular_passes,
     largest_jumps,
     transition_points,
 )
-from gaitsweep.analysis.transitions.jumps import where_it_moves
 from gaitsweep.kinds.numbers import Positive, Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
