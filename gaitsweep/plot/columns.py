@@ -112,12 +112,13 @@ def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str
         without: axes that are named elsewhere, such as that of the panels.
     """
     firsts = table.drop_duplicates("row")
-    differ = [name for name in axes_of(table) if name not in without and firsts[name].nunique() > 1]
-    return {
-        row: ", ".join(written(table, name, value) for name, value in zip(differ, values, strict=True))
-        or f"row {row}"
-        for row, *values in firsts[["row", *differ]].itertuples(index=False, name=None)
-    }
+    axes = [name for name in axes_of(table) if name not in without]
+    differ = [name for name in axes if len(firsts[name].unique()) > 1]
+    names = {}
+    for record in firsts[["row", *differ]].to_dict("records"):
+        told = ", ".join(written(table, name, record[name]) for name in differ)
+        names[record["row"]] = told or f"row {record['row']}"
+    return names
 
 
 def outcome(table: pd.DataFrame, hue: str) -> pd.Series:

@@ -96,7 +96,7 @@ def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     """The colour of each set: a single gait's own, another for sets of several, greys for none."""
     whole = list(dict.fromkeys(map(_whole, sets)))
     alone = style.colours(dict.fromkeys(name for each in whole for name in each if name != OTHER))
-    colour = {
+    colour: dict[tuple[str, ...], str] = {
         each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]]
         for each in whole
         if len(each) == 1
@@ -113,7 +113,8 @@ def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
 
 def _mixed(colour: str, other: str) -> str:
     """Half way between two colours."""
-    return to_hex(0.5 * np.array(to_rgb(colour)) + 0.5 * np.array(to_rgb(other)))
+    red, green, blue = 0.5 * (np.array(to_rgb(colour)) + np.array(to_rgb(other)))
+    return to_hex((float(red), float(green), float(blue)))
 
 
 def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:

@@ -221,7 +221,7 @@ def _parted(
     """The records on branches, and those of irregular passes."""
     if table is None:
         return None, pd.DataFrame()
-    keys = pd.MultiIndex.from_frame(table[["row", "pass"]])
+    keys = pd.MultiIndex.from_arrays([table["row"], table["pass"]])
     apart = keys.isin(pd.MultiIndex.from_frame(irregular_passes(table, name, parameter, least)))
     return rows_where(table, ~apart), rows_where(table, apart)
 
@@ -247,8 +247,8 @@ def _strip(
 
 def _colour_of(part: pd.DataFrame, x: str, number: int) -> str:
     """The colour of a pass, by whether x rises along most of its rows."""
-    ends = part.groupby("row")[x].agg(["first", "last"])
-    change = float((ends["last"] - ends["first"]).median())
+    first, last = (part.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
+    change = float(np.median(last - first))
     return (UP if change > 0.0 else DOWN) if change else (UP, DOWN)[number % 2]
 
 

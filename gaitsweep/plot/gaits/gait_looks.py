@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -18,6 +18,7 @@ from gaitsweep.plot.columns import PlotError, written
 from gaitsweep.plot.figure_kind import PlannedTable, Refusal
 from gaitsweep.plot.gaits.footprints import contact_intervals
 from gaitsweep.plot.limbs import limb_colours, name_limbs
+from gaitsweep.skeleton import LimbLook
 
 # A colour for each family of gaits, a marker for its side, in the order of speed.
 COLOURS = MappingProxyType(
@@ -52,8 +53,8 @@ MARKERS = MappingProxyType(
 )
 ORDER = tuple(COLOURS)
 NAMES = MappingProxyType({"none": "none of them, or fallen"})
-LIMBS = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
-LEG_COLOURS = MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
+LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
+LEG_COLOURS: Mapping[str, str] = MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
 CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
 FLIGHT = "#E6E6E6"
 _BAR = 0.62

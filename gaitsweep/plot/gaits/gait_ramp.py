@@ -80,7 +80,7 @@ def gait_ramp(
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, value, each in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
-            names = row_names(rows_where(table, table["row"].isin(each)), [panels] if panels else [])
+            names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
             _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
         grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
         handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
