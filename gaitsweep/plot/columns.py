@@ -114,10 +114,11 @@ def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str
     firsts = table.drop_duplicates("row")
     axes = [name for name in axes_of(table) if name not in without]
     differ = [name for name in axes if len(firsts[name].unique()) > 1]
+    values = [firsts[name].tolist() for name in differ]
     names = {}
-    for record in firsts[["row", *differ]].to_dict("records"):
-        told = ", ".join(written(table, name, record[name]) for name in differ)
-        names[record["row"]] = told or f"row {record['row']}"
+    for at, row in enumerate(firsts["row"].tolist()):
+        told = [written(table, name, value[at]) for name, value in zip(differ, values, strict=True)]
+        names[row] = ", ".join(told) or f"row {row}"
     return names
 
 
