@@ -273,13 +273,13 @@ def _mark(
 
 
 def _distance(axes: Axes, values: np.ndarray) -> np.ndarray:
-    """How far values are from the data of axes, (n,)."""
-    low, high = axes.dataLim.intervaly
-    return (
-        np.maximum(np.maximum(low - values, values - high), 0.0)
-        if high >= low
-        else np.full(len(values), np.inf)
-    )
+    """How far values are from the bulk of the data of axes, (n,)."""
+    data = np.concatenate([[], *(np.asarray(line.get_ydata(), float) for line in axes.lines)])
+    data = data[np.isfinite(data)]
+    if not len(data):
+        return np.full(len(values), np.inf)
+    low, high = np.quantile(data, (0.02, 0.98))  # a row that falls may leave single points far away
+    return np.maximum(np.maximum(low - values, values - high), 0.0)
 
 
 def _draw(
