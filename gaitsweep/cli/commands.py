@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +20,7 @@ from gaitsweep.version import version
 
 if TYPE_CHECKING:
     from gaitsweep.job import Job
+    from gaitsweep.runs.figures import Progress
 
 STOPPED = 130  # by Ctrl-C
 
@@ -72,8 +74,6 @@ def run(
 ) -> None:
     """Run a job, or continue it where it stopped: its table and its figures."""
     from gaitsweep.cli import show
-    from gaitsweep.cli.progress import ProgressBar
-    from gaitsweep.cli.stop import StopRequest
     from gaitsweep.job import load_job
     from gaitsweep.table import Snapshot
 
@@ -88,6 +88,21 @@ def run(
         return
     from gaitsweep.runs.execute import run_job
 
+    try:
+        with _shown_progress() as progress:
+            path = run_job(job, out, progress=progress, tell=_tell, strict=strict)
+    except KeyboardInterrupt as error:
+        print(_stopped(job, out), file=sys.stderr)
+        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
+    print(show.outcome(Snapshot.of(path)))
+
+
+@contextlib.contextmanager
+def _shown_progress() -> Iterator[Progress]:
+    """How a run's progress is shown, and its stop by Ctrl-C obeyed, while it is under way."""
+    from gaitsweep.cli.progress import ProgressBar
+    from gaitsweep.cli.stop import StopRequest
+
     bar = ProgressBar() if sys.stderr.isatty() else None
     asked = StopRequest()
 
@@ -96,13 +111,8 @@ def run(
         if bar is not None:
             bar(done, total, rate, fraction, note)
 
-    try:
-        with asked, bar or contextlib.nullcontext():
-            path = run_job(job, out, progress=progress, tell=_tell, strict=strict)
-    except KeyboardInterrupt as error:
-        print(_stopped(job, out), file=sys.stderr)
-        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
-    print(show.outcome(Snapshot.of(path)))
+    with asked, bar or contextlib.nullcontext():
+        yield progress
 
 
 def _tell(sentence: str) -> None:
@@ -190,6 +200,43 @@ def report(directory: Directory) -> None:
     from gaitsweep.runs.report import write_report
 
     print(write_report(directory))
+
+
+@app.command()
+def reproduce(
+    paper: Annotated[
+        str, typer.Argument(metavar="PAPER", help="ambe2021, aoi2011, fukuoka2015, or a table of claims.")
+    ],
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="Fewer rows and wider tolerances: minutes instead of half an hour."),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="results/reproduce_PAPER by default.")
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with code 3 where a verdict is `not`.")
+    ] = False,
+) -> None:
+    """Run the jobs of a paper where they are missing, and put its claims beside what they give."""
+    from gaitsweep.claims.paper import read_paper
+
+    table_of_claims = read_paper(paper)
+    from gaitsweep.claims.reproduce import reproduce as run_and_judge
+    from gaitsweep.claims.verdict import ClaimVerdict
+    from gaitsweep.errors import FAILED
+    from gaitsweep.runs.self_check import SelfCheckError
+
+    with _shown_progress() as progress:
+        found = run_and_judge(table_of_claims, out, quick=quick, progress=progress, tell=_tell)
+    counts = found.counts
+    judged = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
+    print(f"{len(found.table)} claims: {judged}.")
+    print(f"Page: {found.page}")
+    if found.failed:
+        raise typer.Exit(FAILED)
+    if strict and counts[ClaimVerdict.not_reproduced.value]:
+        raise typer.Exit(SelfCheckError.exit_code)
 
 
 @app.command(name="schema")

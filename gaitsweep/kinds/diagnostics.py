@@ -145,7 +145,7 @@ class Owner:
 
     @property
     def fields(self) -> list[str]:
-        return list(self.part.model_fields)
+        return [field.alias or name for name, field in self.part.model_fields.items()]
 
 
 def from_pydantic(

@@ -1,0 +1,120 @@
+"""The page of a paper's claims: one HTML file with the figures inside."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from gaitsweep.claims.verdict import ClaimVerdict
+from gaitsweep.version import version
+
+if TYPE_CHECKING:
+    from gaitsweep.claims.reproduce import JobRun
+
+_COLOURS = {
+    ClaimVerdict.reproduced: "#0072B2",
+    ClaimVerdict.not_reproduced: "#D55E00",
+    ClaimVerdict.open_constants: "#B8860B",
+    ClaimVerdict.not_run: "#666666",
+}
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
+article { border-left: 5px solid var(--colour); padding: .2rem 0 .2rem 1rem; margin: 1.4rem 0; }
+article h3 { font-size: 1rem; margin: 0; } article p { margin: .3rem 0; }
+.verdict { color: var(--colour); font-weight: 700; } .small { color: #555; font-size: .9rem; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; margin: .3rem 0; }
+dt { color: #555; } dd { margin: 0; overflow-wrap: anywhere; }
+code { background: #f3f3f3; padding: 0 .2rem; overflow-wrap: anywhere; }
+figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { color: #555; }
+table { border-collapse: collapse; } td { vertical-align: top; padding: .2rem 1rem .2rem 0; }
+@media (max-width: 40rem) { dl { grid-template-columns: 1fr; } dt { margin-top: .3rem; } }
+"""
+
+
+def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool) -> str:
+    """The page as text.
+
+    Args:
+        paper: authors, year, journal.
+        table: a row a claim, as `reproduce` makes it.
+        runs: the jobs that ran.
+        quick: say that these are the quick jobs.
+    """
+    sections = [_head(paper, table, quick)]
+    shown: set[str] = set()
+    for where, claims in table.groupby("where", sort=False):
+        sections.append(f"<h2>{html.escape(str(where))}</h2>")
+        for claim in claims.to_dict("records"):
+            sections.append(_claim({str(key): value for key, value in claim.items()}))
+        for file in dict.fromkeys(claims["figure"]):
+            if file and file not in shown:
+                shown.add(file)
+                sections.append(_figure(Path(file)))
+    sections.append(_jobs(runs))
+    title = html.escape(paper)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{_STYLE}</style></head><body>\n{''.join(sections)}\n</body></html>\n"
+    )
+
+
+def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
+    lines = "".join(
+        f'<tr style="--colour: {_COLOURS[each]}"><td class="verdict">{html.escape(each.value)}</td>'
+        f"<td>{int((table["verdict"] == each.value).sum())}</td><td>{html.escape(each.sentence)}</td></tr>"
+        for each in ClaimVerdict
+    )
+    how = " These are the quick jobs: fewer rows, wider tolerances." if quick else ""
+    return (
+        f"<h1>{html.escape(paper)}</h1><p>{len(table)} claims beside what gaitsweep "
+        f"{html.escape(version())} finds.{how}</p><table>{lines}</table>"
+    )
+
+
+def _claim(claim: dict[str, object]) -> str:
+    found = ClaimVerdict(str(claim["verdict"]))
+    unit = "" if claim["unit"] in ("", "1") else f" {claim['unit']}"
+    fields = {
+        "paper": f"{claim['paper']}{unit}",
+        "gaitsweep": f"{claim['ours']}{unit}" if claim["ours"] else "",
+    }
+    fields["allowed"] = f"{claim['allowed']}{unit}: {claim['because']}"
+    for key, words in (
+        ("why", "why"),
+        ("chosen", "chosen here"),
+        ("tried", "tried"),
+        ("open", "not in the paper"),
+    ):
+        if claim[key] and (key not in ("tried", "open") or found is not ClaimVerdict.reproduced):
+            fields[words] = str(claim[key])
+    listed = "".join(
+        f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in fields.items() if text
+    )
+    return (
+        f'<article id="{html.escape(str(claim["id"]))}" style="--colour: {_COLOURS[found]}">'
+        f'<h3><span class="verdict">{html.escape(found.value)}</span> {html.escape(str(claim["claim"]))}</h3>'
+        f'<dl>{listed}</dl><p class="small"><code>{html.escape(str(claim["command"]))}</code></p></article>'
+    )
+
+
+def _figure(file: Path) -> str:
+    image = base64.b64encode(file.read_bytes()).decode()
+    name = html.escape(f"{file.parents[1].name}: {file.stem}")
+    shown = f'<img alt="{name}" src="data:image/png;base64,{image}">'
+    return f"<figure>{shown}<figcaption>{name}</figcaption></figure>"
+
+
+def _jobs(runs: Sequence[JobRun]) -> str:
+    lines = "".join(
+        f"<dt>{html.escape(run.name)}</dt><dd><code>{html.escape(run.command)}</code><br>"
+        f'<span class="small">{html.escape(run.notes)}</span></dd>'
+        for run in runs
+    )
+    return f"<h2>Jobs</h2><dl>{lines}</dl>" if runs else ""

@@ -1,0 +1,225 @@
+"""The table of a paper's claims: what `configs/claims/PAPER.yaml` holds."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+from pydantic import Field, ValidationError
+
+from gaitsweep import near_miss
+from gaitsweep.claims.measure import MEASURES
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job.yaml_document import Document, read_document
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
+from gaitsweep.kinds.part import Part
+from gaitsweep.shipped import shipped
+
+_Numbers = list[float]
+_Words = list[str]
+
+
+class PaperJob(Part):
+    """A sweep that claims are measured from."""
+
+    job: str = Field(description="file of the job, in sweeps/ or beside the table of claims")
+    quick: dict[str, Any] | Literal[False] = Field(
+        default={}, description="fields of the job that --quick replaces, dotted; false leaves the job out"
+    )
+
+
+class Quick(Part):
+    """What `--quick` replaces in a claim."""
+
+    tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
+    between: tuple[float, float] | None = Field(default=None, description="allowed interval")
+    above: float | None = Field(default=None, description="lower bound")
+    below: float | None = Field(default=None, description="upper bound")
+    because: str | None = Field(default=None, description="why this tolerance")
+
+
+class Claim(Part):
+    """A figure, table, equation or sentence of a paper, and how it is judged."""
+
+    id: str = Field(pattern=r"^[a-z][a-z0-9_]*$", description="name of the claim in the table")
+    where: str = Field(description="figure, table, equation or section of the paper")
+    claim: str = Field(description="what the paper says, in our words")
+    measure: str = Field(description="name of the measure")
+    of: list[str] = Field(default=[], description="jobs whose tables the measure takes, in this order")
+    with_: dict[str, Any] = Field(default={}, alias="with", description="keyword arguments of the measure")
+    paper: float | str | _Numbers | _Words = Field(description="the paper's value")
+    unit: str = Field(default="", description="unit of the value; 1 for a number without, empty for texts")
+    tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
+    between: tuple[float, float] | None = Field(default=None, description="allowed interval")
+    above: float | None = Field(default=None, description="lower bound of the value")
+    below: float | None = Field(default=None, description="upper bound of the value")
+    equals: str | _Words | None = Field(
+        default=None, description="the text or texts; those of paper if left out"
+    )
+    because: str = Field(description="why this tolerance")
+    chosen: str = Field(default="", description="what was chosen where the paper is silent")
+    open: str = Field(default="", description="constants that the paper does not give, where these decide")
+    tried: str = Field(default="", description="what was tried where the paper's value is not reached")
+    figure: str = Field(default="", description="figure of the first job that shows it")
+    command: str = Field(default="", description="the command; the run of the first job if left out")
+    quick: Quick | Literal[False] = Field(
+        default=Quick(), description="what --quick replaces; false: not judged"
+    )
+
+    def as_quick(self) -> Claim | None:
+        """The claim as `--quick` judges it, None where it does not."""
+        if self.quick is False:
+            return None
+        replaced = self.quick.model_dump(exclude_none=True)
+        if replaced.keys() & {"tolerance", "between", "above", "below"}:
+            replaced = {"tolerance": None, "between": None, "above": None, "below": None} | replaced
+        return self.model_copy(update=replaced)
+
+
+class Paper(Part):
+    """A paper, the jobs that reproduce it, and its claims."""
+
+    name: str = Field(description="name of the table of claims")
+    paper: str = Field(description="authors, year, journal")
+    file: Path = Field(description="the table's file")
+    jobs: dict[str, PaperJob] = Field(description="jobs by name")
+    claims: list[Claim] = Field(description="the claims")
+
+    def job_file(self, name: str) -> Path:
+        """The file of one of the jobs."""
+        written = self.jobs[name].job
+        beside = self.file.parent / written
+        return beside if beside.is_file() else self.file.parents[2] / "sweeps" / written
+
+
+def known_papers() -> list[str]:
+    """The papers whose claims come with gaitsweep."""
+    return sorted(file.stem for file in shipped("configs/claims").glob("*.yaml"))
+
+
+def read_paper(name: str | Path) -> Paper:
+    """The table of claims of a paper.
+
+    Args:
+        name: one of `known_papers()`, or a YAML file.
+
+    Raises:
+        ArgumentError: there is no such paper.
+        JobError: all that is wrong in the file, with its line.
+    """
+    file = Path(name)
+    if file.suffix not in (".yaml", ".yml"):
+        known = known_papers()
+        if str(name) not in known:
+            raise ArgumentError(
+                f"{name} is no paper with a table of claims{near_miss.suggestion(str(name), known)}"
+            )
+        file = shipped("configs/claims") / f"{name}.yaml"
+    document = read_document(file)
+    import gaitsweep.claims.measures  # noqa: F401 - registers the measures, which import JAX
+
+    wrong: list[Diagnostic] = []
+    data = document.data
+    for key in data:
+        if key not in ("paper", "jobs", "claims"):
+            wrong.append(Diagnostic((key,), "is not a field of a table of claims: paper, jobs, claims are."))
+    jobs = {
+        str(key): read
+        for key, each in _mapping(data.get("jobs"), "jobs", wrong).items()
+        if (read := _read(PaperJob, each, ("jobs", str(key)), wrong)) is not None
+    }
+    claims = [
+        read
+        for at, each in enumerate(_list(data.get("claims"), wrong))
+        if (read := _read(Claim, each, ("claims", at), wrong)) is not None
+    ]
+    if not isinstance(data.get("paper"), str):
+        wrong.append(Diagnostic(("paper",), "is missing: authors, year, journal."))
+    if not wrong:
+        paper = Paper(name=file.stem, paper=data["paper"], file=file, jobs=jobs, claims=claims)
+        wrong += _checked(paper)
+        if not wrong:
+            return paper
+    raise _located(document, wrong)
+
+
+def _located(document: Document, wrong: Iterable[Diagnostic]) -> JobError:
+    return JobError([document.locate(each) for each in wrong])
+
+
+def _mapping(value: Any, field: str, wrong: list[Diagnostic]) -> Mapping[str, Any]:
+    if value is None or isinstance(value, Mapping):
+        return value or {}
+    wrong.append(Diagnostic((field,), "takes fields (key: value)."))
+    return {}
+
+
+def _list(value: Any, wrong: list[Diagnostic]) -> list[Any]:
+    if isinstance(value, list) and value:
+        return value
+    wrong.append(Diagnostic(("claims",), "is missing: a list of claims."))
+    return []
+
+
+def _read(part: type[Any], value: Any, path: tuple[str | int, ...], wrong: list[Diagnostic]) -> Any:
+    try:
+        return part.model_validate(value)
+    except ValidationError as error:
+        noun = "a claim" if part is Claim else "a job of a paper"
+        owners = {"": Owner(noun, part), "quick": Owner("quick", Quick)}
+        wrong.extend(from_pydantic(error, owners, "", path))
+        return None
+
+
+def _checked(paper: Paper) -> Iterator[Diagnostic]:
+    """What no field shows by itself: names that must exist, and how each claim is judged."""
+    before: dict[str, int] = {}
+    for at, claim in enumerate(paper.claims):
+        path = ("claims", at)
+        if before.setdefault(claim.id, at) != at:
+            yield Diagnostic((*path, "id"), f"is {claim.id}, the name of claims[{before[claim.id]}] too.")
+        for number, name in enumerate(claim.of):
+            if name not in paper.jobs:
+                near = near_miss.suggestion(name, paper.jobs)
+                yield Diagnostic((*path, "of", number), f"is {name}, which is no job here{near}")
+        if claim.measure not in MEASURES:
+            near = near_miss.suggestion(claim.measure, MEASURES)
+            yield Diagnostic((*path, "measure"), f"is {claim.measure}, which is no measure{near}")
+        elif (text := _misfit(claim)) is not None:
+            yield Diagnostic((*path, "with"), text)
+        if not claim.of and not claim.command:
+            yield Diagnostic((*path, "command"), "is missing: a claim without jobs names its command.")
+        text = _unjudged(claim)
+        if text is not None:
+            yield Diagnostic(path, text)
+    for name in paper.jobs:
+        if not paper.job_file(name).is_file():
+            yield Diagnostic(
+                ("jobs", name, "job"), f"is {paper.jobs[name].job}, which is no file in sweeps/."
+            )
+
+
+def _misfit(claim: Claim) -> str | None:
+    """Why a measure does not take the tables and arguments of a claim."""
+    try:
+        inspect.signature(MEASURES[claim.measure]).bind(*[pd.DataFrame()] * len(claim.of), **claim.with_)
+    except TypeError as error:
+        return f"does not fit the measure {claim.measure}: {error}."
+    return None
+
+
+def _unjudged(claim: Claim) -> str | None:
+    """Why no verdict could follow from a claim's fields."""
+    first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
+    numeric = isinstance(first, float)
+    bounds = [claim.between, claim.above, claim.below]
+    if claim.tolerance is not None:
+        return None if numeric else "has a tolerance, but paper is no number: give between, above or below."
+    if any(bound is not None for bound in bounds):
+        return None
+    if numeric:
+        return "needs a tolerance, or between, above or below."
+    return None

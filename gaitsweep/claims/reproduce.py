@@ -1,0 +1,251 @@
+"""A paper reproduced: its jobs run where they are missing, its claims measured and judged."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import yaml
+
+from gaitsweep.claims.measure import MEASURES, Value
+from gaitsweep.claims.page import page
+from gaitsweep.claims.paper import Claim, Paper
+from gaitsweep.claims.verdict import ClaimVerdict, verdict
+from gaitsweep.errors import UserError
+from gaitsweep.job import load_job
+from gaitsweep.runs.execute import RESULTS, run_job
+from gaitsweep.runs.figures import FigureError, Progress
+from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.table import Snapshot, load, not_written, reason, replace_file
+
+TABLE, PAGE = "claims.parquet", "index.html"
+
+
+@dataclasses.dataclass(frozen=True)
+class JobRun:
+    """A job of a paper after its run: its directory, or why it has no table."""
+
+    name: str
+    command: str
+    path: Path | None
+    failure: str = ""
+    seconds: float = 0.0
+
+    @property
+    def notes(self) -> str:
+        """Rows by status and the self-check, as a sentence each."""
+        if self.path is None:
+            return self.failure
+        snapshot = Snapshot.of(self.path)
+        counts = ", ".join(f"{number} {status}" for status, number in snapshot.counts.items())
+        check = snapshot.manifest.get("self_check")
+        told = f"{counts}. {sentence(check)}" if isinstance(check, dict) else f"{counts}."
+        return f"{told} {self.failure}".strip()
+
+    def figure(self, stem: str) -> Path | None:
+        """The file of one of its figures, None where it is not drawn."""
+        file = None if self.path is None else self.path / "figures" / f"{stem}.png"
+        return file if file is not None and file.is_file() else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Reproduction:
+    """What became of a paper's claims: `table` has a row each, `page` shows them."""
+
+    table: pd.DataFrame
+    folder: Path
+    failed: bool  # a job failed
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of claims with each verdict."""
+        return {each.value: int((self.table["verdict"] == each.value).sum()) for each in ClaimVerdict}
+
+    @property
+    def page(self) -> Path:
+        return self.folder / PAGE
+
+
+def reproduce(
+    paper: Paper,
+    out: str | Path | None = None,
+    *,
+    quick: bool = False,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Reproduction:
+    """Run a paper's jobs where their tables are missing, and judge its claims.
+
+    Args:
+        paper: its table of claims.
+        out: the folder of `claims.parquet`, `index.html` and the jobs' directories;
+            `results/reproduce_PAPER` by default.
+        quick: take fewer rows and wider tolerances, as the table of claims says.
+        progress: told how far the job under way is.
+        tell: told, in a sentence each, which job runs and what goes wrong.
+
+    Returns:
+        A row a claim. A job that fails leaves its claims `not run`, and the others go on.
+
+    Raises:
+        TableError: the folder cannot be written.
+    """
+    folder = RESULTS / f"reproduce_{paper.name}" if out is None else Path(out)
+    say = tell or (lambda sentence: None)
+    asked = [(claim, claim.as_quick() if quick else claim) for claim in paper.claims]
+    needed = [name for name in paper.jobs if any(judged and name in judged.of for _, judged in asked)]
+    left_out = [name for name in needed if quick and paper.jobs[name].quick is False]
+    runs: dict[str, JobRun] = {}
+    for number, name in enumerate(needed, 1):
+        if name not in left_out:
+            say(f"{paper.name}: job {number} of {len(needed)}, {name}")
+            runs[name] = _run(
+                paper, name, folder / ("quick" if quick else "jobs") / name, quick, progress, say
+            )
+    tables: dict[str, pd.DataFrame] = {}
+
+    def table_of(name: str) -> pd.DataFrame:
+        if name not in tables:
+            path = runs[name].path
+            assert path is not None
+            tables[name] = load(path)
+        return tables[name]
+
+    rows = []
+    for written, judged in asked:
+        began = time.perf_counter()
+        ours, found, why = _judge(judged, runs, table_of)
+        rows.append(_row(paper, judged or written, runs, ours, found, why, time.perf_counter() - began))
+    table = pd.DataFrame(rows)
+    _write(folder, TABLE, lambda file: table.to_parquet(file, index=False))
+    text = page(paper.paper, table, list(runs.values()), quick=quick)
+    _write(folder, PAGE, lambda file: file.write(text.encode()))
+    return Reproduction(table, folder, failed=any(run.path is None for run in runs.values()))
+
+
+def _run(
+    paper: Paper,
+    name: str,
+    path: Path,
+    quick: bool,
+    progress: Progress | None,
+    say: Callable[[str], None],
+) -> JobRun:
+    """Run one job, or continue it; a failure becomes a sentence."""
+    job = paper.jobs[name]
+    file = paper.job_file(name)
+    overrides = [f"{key}={_inline(value)}" for key, value in job.quick.items()] if quick and job.quick else []
+    command = " ".join([f"gaitsweep run {_short(file)}", *(f"--set '{each}'" for each in overrides)])
+    began = time.perf_counter()
+    try:
+        run_job(load_job(file, overrides), path, progress=progress, tell=say)
+    except FigureError as error:  # the table is complete
+        say(error.sentence)
+        return JobRun(name, command, path, error.sentence, time.perf_counter() - began)
+    except UserError as error:
+        say(f"{name} failed: {error.sentence}")
+        return JobRun(name, command, None, error.sentence)
+    return JobRun(name, command, path, seconds=time.perf_counter() - began)
+
+
+def _inline(value: object) -> str:
+    return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
+
+
+def _short(file: Path) -> str:
+    """A shipped job as its folder in a checkout, since that is what a reader types."""
+    return f"sweeps/{file.name}" if file.parent.name == "sweeps" else str(file)
+
+
+def _judge(
+    claim: Claim | None, runs: dict[str, JobRun], table_of: Callable[[str], pd.DataFrame]
+) -> tuple[Value | None, ClaimVerdict, str]:
+    """What a claim's measure found, the verdict, and why there is none."""
+    if claim is None:
+        return None, ClaimVerdict.not_run, "left out by --quick"
+    for name in claim.of:
+        if name not in runs:
+            return None, ClaimVerdict.not_run, f"--quick leaves the job {name} out"
+        if runs[name].path is None:
+            return None, ClaimVerdict.not_run, f"the job {name} failed: {runs[name].failure}"
+    try:
+        ours = MEASURES[claim.measure](*[table_of(name) for name in claim.of], **claim.with_)
+    except UserError as error:  # the tables are there, and do not show it
+        missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
+        return None, missed, error.sentence
+    return ours, verdict(claim, ours), ""
+
+
+def _row(
+    paper: Paper,
+    claim: Claim,
+    runs: dict[str, JobRun],
+    ours: Value | None,
+    found: ClaimVerdict,
+    why: str,
+    seconds: float,
+) -> dict[str, object]:
+    first = claim.of[0] if claim.of else None
+    run = runs.get(first) if first is not None else None
+    figure = run.figure(claim.figure) if run is not None and claim.figure else None
+    command = claim.command or (run.command if run is not None else "")
+    if not command and first is not None:
+        command = f"gaitsweep run {_short(paper.job_file(first))}"
+    return {
+        "id": claim.id,
+        "where": claim.where,
+        "claim": claim.claim,
+        "paper": written(claim.paper),
+        "ours": "" if ours is None else written(ours),
+        "value": float(ours) if isinstance(ours, (int, float)) else float("nan"),
+        "unit": claim.unit,
+        "allowed": allowed(claim),
+        "verdict": found.value,
+        "why": why,
+        "because": claim.because,
+        "chosen": claim.chosen,
+        "open": claim.open,
+        "tried": claim.tried,
+        "measure": claim.measure,
+        "jobs": ", ".join(claim.of),
+        "figure": "" if figure is None else str(figure),
+        "command": command,
+        "seconds": seconds,
+    }
+
+
+def written(value: Value) -> str:
+    """A value as a reader sees it: six digits a number, lists with commas."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, float)):
+        return f"{value:.6g}"
+    return ", ".join(written(each) for each in value)
+
+
+def allowed(claim: Claim) -> str:
+    """What a claim allows of our value, as text."""
+    if claim.tolerance is not None:
+        return f"± {claim.tolerance:g}"
+    parts = []
+    if claim.between is not None:
+        parts.append(f"{claim.between[0]:g} to {claim.between[1]:g}")
+    if claim.above is not None:
+        parts.append(f"at least {claim.above:g}")
+    if claim.below is not None:
+        parts.append(f"at most {claim.below:g}")
+    if parts:
+        return ", ".join(parts)
+    return "equal" if claim.equals is None else f"equal to {written(claim.equals)}"
+
+
+def _write(folder: Path, name: str, write: Callable) -> None:
+    target = folder / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_file(target, write)
+    except OSError as error:
+        raise not_written(f"{target} could not be written: {reason(error)}.", error) from error

@@ -1,0 +1,147 @@
+"""`gaitsweep reproduce`: jobs run once, claims judged, one page; a failing job harms no other claim."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from gaitsweep.claims.measure import MEASURES
+from gaitsweep.claims.measures.general import MeasureError, share, texts, value
+from gaitsweep.claims.paper import known_papers, read_paper
+from gaitsweep.cli import main
+from gaitsweep.errors import ArgumentError
+from gaitsweep.kinds.diagnostics import JobError
+
+JOB = """\
+name: small
+model: multilegged_reduced
+vary:
+  psi_1: {linspace: [0, 2*pi, 4], at: centre}
+  psi_2: {linspace: [0, 2*pi, 4], at: centre}
+start: {psi_3: 3.0}
+run: {kind: settle, max_cycles: 150, tolerance: 1.0e-3}
+figures:
+  - {kind: basin, x: psi_1, y: psi_2}
+"""
+CLAIMS = """\
+paper: Nobody (2026)
+jobs:
+  basins: {job: small.yaml, quick: {vary.psi_1.linspace: [0, 2*pi, 2]}}
+  lost: {job: bad.yaml, quick: false}
+claims:
+  - {id: all_settle, where: Fig. 1, claim: All starts settle., measure: share, of: [basins],
+     with: {where: "status == 'settled'"}, paper: 1, tolerance: 0, unit: "1", because: exact, figure: basin}
+  - {id: far_off, where: Fig. 1, claim: Nothing settles., measure: share, of: [basins],
+     with: {where: "status == 'settled'"}, paper: 0, tolerance: 0.1, because: exact, tried: two ways}
+  - {id: not_there, where: Fig. 2, claim: A word., measure: texts, of: [basins],
+     with: {column: nothing}, paper: a, because: exact}
+  - {id: of_lost, where: Fig. 2, claim: A number., measure: value, of: [lost], with: {column: psi_1},
+     paper: 1, tolerance: 1, because: exact}
+  - {id: long, where: Fig. 3, claim: Whole only., measure: share, of: [basins],
+     with: {where: "status == 'settled'"}, paper: 1, tolerance: 0, because: exact, quick: false}
+"""
+
+
+@pytest.fixture
+def table_of_claims(tmp_path: Path) -> Path:
+    (tmp_path / "small.yaml").write_text(JOB)
+    (tmp_path / "bad.yaml").write_text("name: bad\nmodel: multilegged_reduced\nrun: {kind: settled}\n")
+    file = tmp_path / "nobody2026.yaml"
+    file.write_text(CLAIMS)
+    return file
+
+
+@pytest.mark.slow
+def test_every_claim_has_a_verdict(
+    table_of_claims: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    out = tmp_path / "out"
+    assert main(["reproduce", str(table_of_claims), "--quick", "--out", str(out)]) == 0
+    found = pd.read_parquet(out / "claims.parquet").set_index("id")
+    assert found["verdict"].to_dict() == {
+        "all_settle": "reproduced",
+        "far_off": "not",
+        "not_there": "not",
+        "of_lost": "not run",
+        "long": "not run",
+    }
+    assert found["ours"]["all_settle"] == "1"
+    assert "no column nothing" in found["why"]["not_there"]
+    assert found["command"]["all_settle"].startswith("gaitsweep run ")
+    assert "5 claims: 1 reproduced, 2 not, 2 not run." in capsys.readouterr().out
+    page = (out / "index.html").read_text()
+    assert page.count("<article") == 5
+    assert page.count("data:image/png") == 1
+    assert "two ways" in page
+    assert "http" not in page
+    made = (out / "quick" / "basins" / "manifest.json").stat().st_mtime_ns
+    assert main(["reproduce", str(table_of_claims), "--quick", "--out", str(out), "--strict"]) == 3
+    assert (out / "quick" / "basins" / "manifest.json").stat().st_mtime_ns == made
+
+
+@pytest.mark.slow
+def test_a_job_that_fails_harms_no_other(
+    table_of_claims: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    out = tmp_path / "out"
+    assert main(["reproduce", str(table_of_claims), "--out", str(out)]) == 1
+    found = pd.read_parquet(out / "claims.parquet").set_index("id")
+    assert found["verdict"].to_dict()["all_settle"] == "reproduced"
+    assert found["verdict"].to_dict()["long"] == "reproduced"
+    assert found["verdict"].to_dict()["of_lost"] == "not run"
+    assert "settled" in found["why"]["of_lost"]
+    assert "lost failed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            "tolerance: 0, unit",
+            "tolerence: 0, unit",
+            "tolerence is not a field of a claim; did you mean tolerance?",
+        ),
+        ("measure: texts", "measure: text", "which is no measure"),
+        ("of: [lost]", "of: [lsot]", "which is no job here"),
+        ("with: {column: nothing}", "with: {colum: nothing}", "does not fit the measure texts"),
+        ("id: far_off", "id: all_settle", "the name of claims[0] too"),
+        ("bad.yaml", "worse.yaml", "no file in sweeps/"),
+        ("paper: 0, tolerance: 0.1", "paper: 0", "needs a tolerance"),
+        ("paper: Nobody (2026)", "papers: Nobody (2026)", "papers is not a field"),
+        ("because: exact, tried", "tried", "because is missing"),
+    ],
+)
+def test_a_bad_table_of_claims_is_refused(table_of_claims: Path, old: str, new: str, told: str) -> None:
+    table_of_claims.write_text(CLAIMS.replace(old, new, 1))
+    with pytest.raises(JobError) as refused:
+        read_paper(table_of_claims)
+    assert told in str(refused.value)
+    assert "nobody2026.yaml, line " in str(refused.value) or "papers" in told
+
+
+def test_papers() -> None:
+    for name in known_papers():
+        paper = read_paper(name)
+        assert {claim.measure for claim in paper.claims} <= set(MEASURES)
+    with pytest.raises(ArgumentError, match="is no paper"):
+        read_paper("ambe2012")
+
+
+def test_general_measures() -> None:
+    table = pd.DataFrame({"gait": ["walk", "trot", "walk", None], "speed": [1.0, 2.0, 4.0, 8.0]})
+    assert share(table, where="gait == 'walk'") == 0.5
+    assert share(table, where="gait == 'walk'", of="speed < 3") == 0.5
+    assert value(table, column="speed", where="gait == 'walk'", take="mean") == 2.5
+    assert value(table, column="speed", where="gait == 'pace'", take="count") == 0
+    assert texts(table, column="gait") == ["walk", "trot"]
+    for wrong in (
+        lambda: share(table, where="gait == 'walk'", of="speed > 9"),
+        lambda: share(table, where="gaits == 'walk'"),
+        lambda: value(table, column="speeds"),
+        lambda: value(table, column="speed", take="mode"),
+        lambda: texts(table, column="gait", where="speed > 9"),
+    ):
+        with pytest.raises(MeasureError):
+            wrong()

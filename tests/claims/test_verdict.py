@@ -1,0 +1,60 @@
+"""Verdicts follow from a claim's fields and what was measured, and from nothing else."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gaitsweep.claims.paper import Claim
+from gaitsweep.claims.verdict import ClaimVerdict, verdict
+
+REPRODUCED, NOT, OPEN = ClaimVerdict.reproduced, ClaimVerdict.not_reproduced, ClaimVerdict.open_constants
+
+
+def claim(**fields: Any) -> Claim:
+    given = {"id": "one", "where": "Fig. 1", "claim": "It is so.", "measure": "value", "because": "read off"}
+    return Claim.model_validate(given | fields)
+
+
+@pytest.mark.parametrize(
+    ("fields", "ours", "expected"),
+    [
+        ({"paper": 0.43, "tolerance": 0.01}, 0.4399, REPRODUCED),
+        ({"paper": 0.43, "tolerance": 0.01}, 0.4401, NOT),
+        ({"paper": 0.43, "tolerance": 0.01}, math.nan, NOT),
+        ({"paper": 0.43, "tolerance": 0.01}, "0.43", NOT),
+        ({"paper": 3, "tolerance": 0}, 3, REPRODUCED),
+        ({"paper": [1, 2], "tolerance": 0.1}, [1.05, 1.95], REPRODUCED),
+        ({"paper": [1, 2], "tolerance": 0.1}, [1.05, 1.85], NOT),
+        ({"paper": [1, 2], "tolerance": 0.1}, [1.0], NOT),
+        ({"paper": [1, 2], "tolerance": 0.1}, 1.0, NOT),
+        ({"paper": "grows with f", "above": 0}, 0.1, REPRODUCED),
+        ({"paper": "grows with f", "above": 0}, -0.1, NOT),
+        ({"paper": "grows with f", "above": 0}, math.nan, NOT),
+        ({"paper": "about one", "between": [0.9, 1.1]}, [0.95, 1.05], REPRODUCED),
+        ({"paper": "about one", "between": [0.9, 1.1]}, [0.95, 1.15], NOT),
+        ({"paper": "about one", "between": [0.9, 1.1], "below": 1.0}, 1.05, NOT),
+        ({"paper": ["walk", "trot"]}, ["walk", "trot"], REPRODUCED),
+        ({"paper": ["walk", "trot"]}, ["trot", "walk"], NOT),
+        ({"paper": "a trot at first", "equals": "trot"}, "trot", REPRODUCED),
+        ({"paper": "trot"}, ["trot"], NOT),
+        ({"paper": 3.1, "tolerance": 0.05, "open": "the gains"}, 2.87, OPEN),
+        ({"paper": 3.1, "tolerance": 0.05, "open": "the gains"}, 3.08, REPRODUCED),
+    ],
+)
+def test_verdict(fields: dict[str, Any], ours: Any, expected: ClaimVerdict) -> None:
+    assert verdict(claim(**fields), ours) is expected
+
+
+def test_quick_replaces_the_bound() -> None:
+    one = claim(paper=0.43, tolerance=0.01, quick={"tolerance": 0.05})
+    quick = one.as_quick()
+    assert quick is not None
+    assert verdict(one, 0.46) is NOT
+    assert verdict(quick, 0.46) is REPRODUCED
+    between = claim(paper=0.43, tolerance=0.01, quick={"between": [0.3, 0.5]}).as_quick()
+    assert between is not None
+    assert verdict(between, 0.31) is REPRODUCED
+    assert claim(paper=1, tolerance=0, quick=False).as_quick() is None
