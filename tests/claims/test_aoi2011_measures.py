@@ -25,7 +25,7 @@ def maps() -> pd.DataFrame:
 
 
 def test_transitions_of_holds_are_the_folds(stairs: pd.DataFrame) -> None:
-    """The lower branch is lost as the parameter rises through FOLD, the upper one as it falls through -FOLD."""
+    """The lower branch is lost as the parameter rises to FOLD, the upper one as it falls to -FOLD."""
     up = measures.transition_at(stairs, observable="delta_13", parameter="f", direction="rising")
     down = measures.transition_at(stairs, observable="delta_13", parameter="f", direction="falling")
     assert abs(up - FOLD) < STAIR
@@ -33,7 +33,9 @@ def test_transitions_of_holds_are_the_folds(stairs: pd.DataFrame) -> None:
     (width,) = measures.hysteresis_widths(stairs, observable="delta_13", parameter="f")
     assert width == pytest.approx(up - down)
     with pytest.raises(AnalysisError, match="No row jumps"):
-        measures.transition_at(stairs.query("f < 0"), observable="delta_13", parameter="f", direction="rising")
+        measures.transition_at(
+            stairs.query("f < 0"), observable="delta_13", parameter="f", direction="rising"
+        )
 
 
 def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None:
@@ -42,7 +44,7 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
     both = pd.concat([stairs.assign(mass=1.0), moved.assign(mass=2.0)], ignore_index=True)
     both.attrs = stairs.attrs
     columns = ["row", "mass", *(name for name in both.columns if name not in ("row", "mass"))]
-    both = both[columns]
+    both = both.loc[:, columns]
     found = measures.hysteresis_widths(both, observable="delta_13", parameter="f", by="mass")
     assert found[0] == pytest.approx(found[1])
     change = measures.least_change_of_transition(both, observable="delta_13", parameter="f", by=["mass"])
@@ -55,7 +57,7 @@ def test_directions_in_which_the_upper_branch_is_lost(stairs: pd.DataFrame) -> N
 
 
 def test_gaits_are_lost_at_the_folds() -> None:
-    table = settle_table(np.linspace(-0.6, 0.6, 121), (-1.0, 1.0), over="other")
+    table = settle_table(np.linspace(-0.6, 0.6, 121).tolist(), (-1.0, 1.0), over="other")
     walk = measures.gait_lost_at(table, parameter="f", gait="walk", direction="rising")
     trot = measures.gait_lost_at(table, parameter="f", gait="trot", direction="falling")
     assert (walk, trot) == pytest.approx((FOLD, -FOLD), abs=0.006)
@@ -92,7 +94,7 @@ def test_gaits_of_a_branch_are_in_order() -> None:
 
 
 def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.DataFrame:
-    """Contacts of period .4 s: foot i lands `lags[i]` rad after foot 1; `broken` s are missing in mid stance."""
+    """Contacts of period .4 s: foot i lands `lags[i]` rad late, and `broken` s are missing in its stance."""
     t = np.arange(0.0, 2.0, 1e-3)
     columns: dict[str, object] = {"row": 0, "t": t}
     for foot, lag in enumerate(lags, start=1):
@@ -137,7 +139,9 @@ def test_constants() -> None:
     assert measures.degrees_of_freedom() == 15
     assert measures.quadruped_parameters(names=["body_mass", "link_length"]) == [1.0, 0.08]
     np.testing.assert_allclose(measures.waist_constants(f=2.0), [1.0, 1.0], rtol=1e-12)
-    np.testing.assert_allclose(measures.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5)
+    np.testing.assert_allclose(
+        measures.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5
+    )
     with pytest.raises(AnalysisError, match="masse is not a parameter"):
         measures.quadruped_parameters(names=["masse"])
 

@@ -1,11 +1,10 @@
 """Folds of fixed points followed in the plane of two parameters, and the cusps where two folds meet.
 
-At a fold the Jacobian A of Newton's equations F = 0 is singular. The test function g is defined by a bordered
-system, [A b; c' 0] [v; g] = [0; 1], and is zero there; v and the solution w of the transposed system are the
-null vectors. A curve of folds is F = 0, g = 0 in the space of the coordinates and both parameters, followed by
-pseudo-arclength; it is smooth where it passes a cusp, where the second derivative w' A_v v is zero and the
-curve in the plane of the parameters has its tip. Where a map has a corner or a jump, its folds have no such
-curve: it ends as lost.
+At a fold the Jacobian A of Newton's equations F = 0 is singular. A bordered system defines the test function
+g, [A b; c' 0] [v; g] = [0; 1], which is zero there; v and the solution w of the transposed system are null
+vectors. A curve of folds is F = 0, g = 0 in the space of the coordinates and both parameters, followed by
+pseudo-arclength. It is smooth where it passes a cusp: there the second derivative w' A_v v is zero, and the
+curve in the plane of the parameters has its tip. A curve ends as lost where the map has a corner or a jump.
 
 Source: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibria, chapters 4 and 8.
 """
@@ -34,7 +33,7 @@ from gaitsweep.analysis.continuation.newton import (
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
 
-# Steps of the central differences: along v in scaled coordinates, and of the parameters as shares of their ranges.
+# Steps of the central differences: along v in scaled coordinates, of parameters as shares of their ranges.
 ALONG, SHARE = 1e-4, 1e-5
 # Tolerances on the scaled residuals of F and on g, and most corrections of a step.
 TOLERANCE, FOLD_TOLERANCE, MOST_CORRECTIONS = 1e-9, 1e-6, 12
@@ -49,9 +48,9 @@ SHORTEST_INTERVAL = 1e-5
 class FoldPoint:
     """A point of a fold curve.
 
-    `point` (one of `Points`), `unknowns` (m + 2,): scaled coordinates, drifts, both parameters as shares of their
-    ranges; `matrix` (m + 1, m + 2) the derivatives of F and g by them; unit `tangent` (m + 2,); null vectors `v`
-    and `w` (m,), oriented as those of the point before; `curvature` w' A_v v; `observed` by name.
+    `point`, one of `Points`; `unknowns` (m + 2,): scaled coordinates, drifts, both parameters as shares of
+    their ranges; `matrix` (m + 1, m + 2), the derivatives of F and g by them; unit `tangent` (m + 2,); null
+    vectors `v` and `w` (m,), oriented as those of the point before; `curvature`, w' A_v v; `observed`.
     """
 
     point: Points
@@ -67,7 +66,7 @@ class FoldPoint:
 
 @dataclasses.dataclass(frozen=True)
 class _Equations:
-    """F = 0 and g = 0 of one curve; `low` and `width` (2,) scale the parameters, `scale` (m,) the coordinates."""
+    """F = 0 and g = 0 of one curve: `low` and `width` (2,) scale the parameters, `scale` (m,) the others."""
 
     mapping: Map
     names: tuple[str, str]
@@ -144,7 +143,9 @@ def fold_curves(
     complete = mapping.complete({**values, **begin}, n)
     for row in range(n):
         mine = {name: each[row : row + 1] for name, each in complete.items()}
-        found, why = _first_fold(mapping, starts[np.array([row])], mine, parameters, within, to_fold, fix, steps)
+        found, why = _first_fold(
+            mapping, starts[np.array([row])], mine, parameters, within, to_fold, fix, steps
+        )
         if found is None:
             records.append({"row": row, "point": 0, **begin, "end": why})
             continue
@@ -187,7 +188,11 @@ def _first_fold(
         if fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
             ends = fold_test(problem, here), fold_test(problem, there)
             fold, where = located(problem, here, length, fold_test, ends)
-            return _on_curve(problem, fold, parameters, within, values) if np.isfinite(where[0]) else (None, "lost")
+            return (
+                _on_curve(problem, fold, parameters, within, values)
+                if np.isfinite(where[0])
+                else (None, "lost")
+            )
         here = there
     return None, "no_fold"
 
@@ -205,9 +210,13 @@ def _on_curve(
     k = len(problem.held.which)
     scale = np.concatenate([sizes(fold.points.at)[0], np.ones(k)])
     others = {name: each[0] for name, each in values.items() if name not in parameters}
-    equations = _Equations(problem.mapping, (parameters[0], parameters[1]), low, width, others, problem.held, scale)
+    equations = _Equations(
+        problem.mapping, (parameters[0], parameters[1]), low, width, others, problem.held, scale
+    )
     at = np.array([fold.parameter[0], values[parameters[1]][0]])
-    unknowns = np.concatenate([fold.points.at[0] / scale[: len(scale) - k], fold.drift[0], (at - low) / width])
+    unknowns = np.concatenate(
+        [fold.points.at[0] / scale[: len(scale) - k], fold.drift[0], (at - low) / width]
+    )
     _, A, _ = equations.at(fold.points, unknowns[None])
     if not np.isfinite(A).all():
         return None, "lost"
@@ -263,7 +272,11 @@ def _null_vectors(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarr
     last[m] = 1.0
     right, left = np.linalg.solve(full, last), np.linalg.solve(full.T, last)
     v, w = right[:m], left[:m]
-    return v / np.linalg.norm(v), w / np.linalg.norm(w), float(right[m] / np.linalg.norm(v) / np.linalg.norm(w))
+    return (
+        v / np.linalg.norm(v),
+        w / np.linalg.norm(w),
+        float(right[m] / np.linalg.norm(v) / np.linalg.norm(w)),
+    )
 
 
 def _stepped(equations: _Equations, here: FoldPoint, length: float) -> FoldPoint | None:
@@ -277,7 +290,7 @@ def _stepped(equations: _Equations, here: FoldPoint, length: float) -> FoldPoint
         miss, A, images = equations.at(like, unknowns[None])
         if not np.isfinite(A).all():
             return None
-        v, w, g = _null_vectors(A[0], here.w, here.v)
+        _, _, g = _null_vectors(A[0], here.w, here.v)
         off = here.tangent @ change - length
         now = float(np.max(np.abs(miss[0])))
         if now <= TOLERANCE and abs(g) <= FOLD_TOLERANCE and abs(off) <= 1e-9:

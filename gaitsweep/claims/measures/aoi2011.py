@@ -116,7 +116,7 @@ def waist_constants(*, f: float) -> list[float]:
 @measure
 def torque_error(*, joints: str) -> float:
     """Largest difference (N m) of the torques of the `waist`, eq. (A6), or the `limbs`, eq. (4)."""
-    p, m, worst = _params(), _params().mechanics, 0.0
+    m, worst = _params().mechanics, 0.0
     for q, v in _moments():
         x, z = jnp.full(4, 0.01), jnp.full(4, -0.12)
         tau = np.asarray(m.torques(jnp.asarray(q), jnp.asarray(v), x, z))
@@ -126,7 +126,10 @@ def torque_error(*, joints: str) -> float:
             wanted = {}
             for i in LIMBS:
                 hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), BEND[i])
-                for at, angle, k, s in ((HIP[i], hip, m.kappa_1, m.sigma_1), (KNEE[i], knee, m.kappa_2, m.sigma_2)):
+                for at, angle, k, s in (
+                    (HIP[i], hip, m.kappa_1, m.sigma_1),
+                    (KNEE[i], knee, m.kappa_2, m.sigma_2),
+                ):
                     wanted[at - 1] = -float(k) * (q[at] - angle) - float(s) * v[at - 1]
         worst = max(worst, *(abs(tau[at] - value) for at, value in wanted.items()))
     return worst
@@ -138,11 +141,17 @@ def ground_force_error() -> float:
     p, rng, worst = _params(), np.random.default_rng(3), 0.0
     m = p.mechanics
     for _ in range(STATES):
-        at, speed, anchor = rng.normal(0.0, 1e-3, (4, 3)), rng.normal(0.0, 0.1, (4, 3)), rng.normal(0.0, 1e-3, (4, 2))
+        at, speed, anchor = (
+            rng.normal(0.0, 1e-3, (4, 3)),
+            rng.normal(0.0, 0.1, (4, 3)),
+            rng.normal(0.0, 1e-3, (4, 2)),
+        )
         contact = at[:, 2] <= 0.0
         sunk = at - np.concatenate([anchor, np.zeros((4, 1))], axis=1)
         wanted = np.where(contact[:, None], -float(m.K_TL) * sunk - float(m.D_TL) * speed, 0.0)
-        found = m.ground_forces(jnp.asarray(at), jnp.asarray(speed), jnp.asarray(anchor), jnp.asarray(contact))
+        found = m.ground_forces(
+            jnp.asarray(at), jnp.asarray(speed), jnp.asarray(anchor), jnp.asarray(contact)
+        )
         worst = max(worst, float(np.max(np.abs(np.stack([f.force for f in found]) - wanted))))
     return worst
 
@@ -169,9 +178,9 @@ def angular_velocity_error() -> float:
 
 @measure
 def mechanics_error(*, of: str) -> float:
-    """Largest relative difference from MuJoCo of `kinetic_energy`, `feet` or `accelerations`, eq. (A3) to (A9).
+    """Largest relative difference of `kinetic_energy`, `feet` or `accelerations` from MuJoCo's.
 
-    Accelerations are those under gravity, joint torques and forces on the feet.
+    Eq. (A3), (A7), (1). Accelerations are those under gravity, joint torques and forces on the feet.
     """
     p = _params()
     m, rng = p.mechanics, np.random.default_rng(5)
@@ -301,8 +310,9 @@ def gait_lost_at(
 def kinds_of_fixed_points(table: pd.DataFrame, *, observable: str, parameter: str, at: float) -> list[str]:
     """Kinds of the fixed points of the return map at a value of the parameter, in order of the observable."""
     found = return_map.fixed_points(table, observable, parameter)
-    here = found[np.isclose(found[parameter].to_numpy(float), at)].sort_values("value")
-    return ["stable" if stable else "unstable" for stable in here["stable"]]
+    here = np.flatnonzero(np.isclose(found[parameter].to_numpy(float), at))
+    order = here[np.argsort(found["value"].to_numpy(float)[here])]
+    return ["stable" if found["stable"].iloc[k] else "unstable" for k in order]
 
 
 @measure
@@ -312,20 +322,21 @@ def stable_until(
     """Largest (`max`) or smallest (`min`) parameter at which the return map has a stable point in a range."""
     found = return_map.fixed_points(table, observable, parameter)
     low, high = between
-    mine = found[found["stable"] & found["value"].between(low, high)]
-    if mine.empty:
+    value, stable = found["value"].to_numpy(float), found["stable"].to_numpy(bool)
+    mine = found[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
+    if not mine.size:
         raise AnalysisError(f"No stable fixed point has {observable} between {low:g} and {high:g}.")
-    return float(mine[parameter].agg(take))
+    return float(mine.max() if take == "max" else mine.min())
 
 
 @measure
 def share_with_unstable_between(table: pd.DataFrame, *, observable: str, parameter: str) -> float:
-    """Share of the values of the parameter with two stable fixed points that have an unstable one between (1)."""
+    """Share of the parameter values with two stable fixed points that have an unstable one between (1)."""
     found = return_map.fixed_points(table, observable, parameter)
     several = [
         [bool(stable) for stable in here.sort_values("value")["stable"]]
         for _, here in found.groupby(parameter)
-        if int(here["stable"].sum()) >= 2
+        if np.count_nonzero(here["stable"].to_numpy(bool)) >= 2
     ]
     if not several:
         raise AnalysisError("No value of the parameter has two stable fixed points.")
@@ -343,7 +354,7 @@ def gaits_of_branch(table: pd.DataFrame, *, parameter: str) -> list[str]:
 def gap_of_edges(
     table: pd.DataFrame, *, parameter: str, upper: str, lower: str, start: str = "delta_13"
 ) -> float:
-    """Range of the parameter in which both gaits are kept: where `upper` is lost less where `lower` is lost."""
+    """Width of the range in which both gaits are kept: where `upper` is lost less where `lower` is."""
     lost = {
         gait: gait_lost_at(table, parameter=parameter, gait=gait, direction=way, start=start)
         for gait, way in ((upper, "rising"), (lower, "falling"))
@@ -352,9 +363,7 @@ def gap_of_edges(
 
 
 @measure
-def directions_of_loss(
-    *tables: pd.DataFrame, observable: str, parameters: Sequence[str]
-) -> list[str]:
+def directions_of_loss(*tables: pd.DataFrame, observable: str, parameters: Sequence[str]) -> list[str]:
     """Direction of each table's parameter in which the observable jumps down."""
     found = []
     for table, parameter in zip(tables, parameters, strict=True):
@@ -415,9 +424,7 @@ def difference_of_gaits(
 
 
 @measure
-def farthest_angle(
-    table: pd.DataFrame, *, column: str, centre: float, where: str | None = None
-) -> float:
+def farthest_angle(table: pd.DataFrame, *, column: str, centre: float, where: str | None = None) -> float:
     """Largest distance (rad) of an angle from a centre."""
     part = table if where is None else table.query(where, engine="python")
     require(part, column)
@@ -438,13 +445,13 @@ def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: str | 
 
 @measure
 def sideways_share(table: pd.DataFrame) -> float:
-    """Largest distance from the straight line between begin and end of a trace, as a share of that line (1)."""
+    """Largest distance from the line between begin and end of a trace, as a share of its length (1)."""
     require(table, "row", "t", "q_0", "q_1")
     worst = 0.0
     for _, part in table.groupby("row"):
         part = part.sort_values("t")
         way = part[["q_0", "q_1"]].to_numpy(float)
-        cycle = max(int(round(0.4 / float(part["t"].diff().median()))), 1)
+        cycle = max(round(0.4 / float(np.median(np.diff(part["t"].to_numpy(float))))), 1)
         # averaged over a cycle, in which the body sways
         way = np.stack([np.convolve(way[:, k], np.full(cycle, 1.0 / cycle), "valid") for k in (0, 1)], axis=1)
         line = way[-1] - way[0]
@@ -456,7 +463,7 @@ def sideways_share(table: pd.DataFrame) -> float:
 
 @measure
 def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
-    """Distance (m) over which a foot on the ground moves along it in a stance: `median` or `max` of the stances."""
+    """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances."""
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
     m = _params().mechanics
     feet = jax.jit(jax.vmap(lambda q: m.feet(q, jnp.zeros(15))[0]))
@@ -488,7 +495,7 @@ def touchdown_lags(table: pd.DataFrame, *, row: int, pairs: Sequence[Sequence[in
 def _touchdowns(table: pd.DataFrame, row: int, foot: int) -> np.ndarray:
     """Times (s) at which a swing of a foot ends; breaks of a stance are no swings."""
     require(table, "row", "t", f"contact_{foot}")
-    part = table[table["row"] == row].sort_values("t")
+    part = table.loc[table["row"].to_numpy() == row].sort_values("t")
     t, down = part["t"].to_numpy(float), part[f"contact_{foot}"].to_numpy(float) > 0.5
     lands = np.flatnonzero(~down[:-1] & down[1:]) + 1
     lifts = np.flatnonzero(down[:-1] & ~down[1:]) + 1
