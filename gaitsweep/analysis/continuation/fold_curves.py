@@ -21,7 +21,7 @@ import pandas as pd
 
 from gaitsweep.analysis.continuation.arclength import ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import fold_test, located
-from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
 from gaitsweep.analysis.continuation.newton import (
     ConservedConstraints,
     NewtonOutcome,
@@ -127,7 +127,7 @@ def fold_curves(
 
     Returns:
         One record a point: row, point, both parameters, the map's observables, curvature (zero at a cusp),
-        special (`cusp`, or empty), corrections, end: range, most, lost, no_fold (none on the branch), or a
+        special (`cusp`; `kink`, a step over a corner or a jump of the map; or empty), corrections, end: range, most, lost, no_fold (none on the branch), or a
         `NewtonOutcome` where no fixed point was found at the start.
 
     Raises:
@@ -327,9 +327,14 @@ def _followed(
         there = _stepped(equations, here, length)
         if there is None or there.tangent @ here.tangent < 0.9:
             length *= 0.5
-            if length < steps.shortest:
+            if length >= steps.shortest:
+                continue
+            leap = _leap(equations, here, steps.longest)
+            if leap is None:
                 end = "lost"
                 break
+            records.append(_record(equations, leap, row, len(records), "kink"))
+            here, length = leap, steps.first
             continue
         if here.curvature * there.curvature < 0.0:
             tip = _cusp(equations, here, there, length)
@@ -344,6 +349,15 @@ def _followed(
         here = there
     records[-1]["end"] = end
     return records
+
+
+def _leap(equations: _Equations, here: FoldPoint, longest: float) -> FoldPoint | None:
+    """The point behind a corner or a jump of the map, over which no short step leads; None if there is none."""
+    for share in JUMPS:
+        there = _stepped(equations, here, share * longest)
+        if there is not None and there.tangent @ here.tangent > 0.0:
+            return there
+    return None
 
 
 def _cusp(equations: _Equations, here: FoldPoint, there: FoldPoint, length: float) -> FoldPoint | None:
