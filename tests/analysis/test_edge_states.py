@@ -11,17 +11,13 @@ from landscape_model import Landscape, curve
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.analysis.edges.edge_states import (
-    EdgeLimits,
-    EdgeOutcome,
-    LabelMapper,
-    ProximityMapper,
-    edge_states,
-)
+from gaitsweep.analysis.edges.attractor_mappers import LabelMapper, ProximityMapper
+from gaitsweep.analysis.edges.edge_states import edge_states
+from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.poincare.return_map import return_map
+from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import locked_state
@@ -77,7 +73,6 @@ def test_the_saddle_of_a_bistable_map() -> None:
     limits = EdgeLimits(settle_cycles=40)
     found = edge_states(SADDLE, SADDLE.points(u1), SADDLE.points(u2), values, limits=limits)
     table = found.table
-    assert found.found.all()
     assert (table["outcome"] == "fixed").all()
     expected = np.stack([values["bend"] * 0.8**2, np.full(n, 0.8)], axis=1)
     np.testing.assert_allclose(found.points.at, expected, atol=4e-6)
@@ -156,7 +151,6 @@ def test_an_edge_that_does_not_come_to_rest() -> None:
     assert found.table["rounds"].tolist() == [3]
     assert found.table["residual"].min() > 1e-3
     assert abs(found.points.at[0, 0]) < 1e-6
-    assert not found.found.any()
 
 
 def test_a_map_that_jumps_has_an_edge_without_a_fixed_point() -> None:
@@ -192,7 +186,7 @@ def test_a_model_on_its_section() -> None:
     theta_2 stays as it is, so each pair with one theta_2 has its own edge state. A pair on the cliff falls.
     Both mappers: the two attractors themselves, and the model's label after 25 cycles.
     """
-    mapping = return_map(Landscape(), {"cliff": 0.9}, numerics=Numerics(dt=0.02))
+    mapping = ReturnMap(Landscape(), (("cliff", 0.9),), numerics=Numerics(dt=0.02))
     theta_2 = np.array([1.0, 2.5, 4.0, 0.1])
     c = np.asarray(curve({"shift": jnp.zeros(()), "bend": 0.7 * jnp.ones(())}, jnp.asarray(theta_2)))
     u1, _ = mapping.settled({"theta_1": c + 0.3, "theta_2": theta_2}, {}, 0)
@@ -234,12 +228,12 @@ def test_what_is_refused() -> None:
     apart = np.array([[[1.0, 0.8], [-1.0, 0.8]]] * 2)
     for mapper in (
         ProximityMapper(SADDLE, apart),
-        LabelMapper(return_map(Landscape()), {"rate": [1.0, 2.0]}, after=0),
+        LabelMapper(ReturnMap(Landscape()), {"rate": [1.0, 2.0]}, after=0),
     ):
         with pytest.raises(ValueError, match="for 2 pairs, but there are more"):
             mapper(SADDLE.images(SADDLE.points([[1.0, 0.0]] * 3), {}), np.arange(3), 1)
     with pytest.raises(ValueError, match="did you mean near"):
-        LabelMapper(return_map(Landscape()), {}, after=5, only=["neer"])
+        LabelMapper(ReturnMap(Landscape()), {}, after=5, only=["neer"])
 
 
 @pytest.mark.slow
@@ -250,7 +244,7 @@ def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
     two come apart at once, however near they are, and what is found is no fixed point; but within
     psi_2 = 0 all of it comes to the locked state, where legs 1 and 4 are reset by m b (eq. 31).
     """
-    mapping = return_map(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
+    mapping = ReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
     starts = {"psi_1": [4.9, 5.4, 5.2, 5.0], "psi_2": [0.3, 0.2, -0.3, -0.6], "psi_3": [1.0, 0.7, 1.2, 1.1]}
     points, _ = mapping.settled({name: np.array(each) for name, each in starts.items()}, {}, 2)
 
