@@ -127,8 +127,9 @@ def fold_curves(
 
     Returns:
         One record a point: row, point, both parameters, the map's observables, curvature (zero at a cusp),
-        special (`cusp`; `kink`, a step over a corner or a jump of the map; or empty), corrections, end: range, most, lost, no_fold (none on the branch), or a
-        `NewtonOutcome` where no fixed point was found at the start.
+        special (`cusp`; `kink`, a step over a corner or jump of the map; or empty), corrections, end (range,
+        most, lost, no_fold: none on the branch, or a `NewtonOutcome` where no fixed point was found at the
+        start).
 
     Raises:
         ArgumentError: there are not two parameters, or a range has no width.
@@ -352,7 +353,7 @@ def _followed(
 
 
 def _leap(equations: _Equations, here: FoldPoint, longest: float) -> FoldPoint | None:
-    """The point behind a corner or a jump of the map, over which no short step leads; None if there is none."""
+    """The point behind a corner or a jump of the map, where no short step leads over it; else None."""
     for share in JUMPS:
         there = _stepped(equations, here, share * longest)
         if there is not None and there.tangent @ here.tangent > 0.0:

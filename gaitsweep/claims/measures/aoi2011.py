@@ -30,8 +30,8 @@ from gaitsweep.analysis.transitions.hysteresis import transition_points, transit
 from gaitsweep.circular import TURN, wrapped_difference
 from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import value
-from gaitsweep.dynamics.tree.energy import kinetic_energy
-from gaitsweep.dynamics.tree.kinematics import rates
+from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
+from gaitsweep.dynamics.tree.spatial import turned
 from gaitsweep.expression import resolve
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.drawing import scaled_mjcf
@@ -77,14 +77,17 @@ def nominal_gait(*, beta: float) -> list[float]:
 def phase_rate_error() -> float:
     """Largest difference (rad/s) of the oscillators' rates from eq. (2) with eq. (6)."""
     rng, worst = np.random.default_rng(1), 0.0
-    names = ("K_12", "K_21", "K_34", "K_43")
+    pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
     for _ in range(STATES):
-        gains = dict(zip(names, rng.uniform(0.0, 20.0, 4), strict=True))
-        p, phi = _params(**gains), rng.uniform(0.0, TURN, 4)
+        gains = {
+            f"K_{i + 1}{j + 1}": gain for (i, j), gain in zip(pairs, rng.uniform(0.0, 20.0, 12), strict=True)
+        }
+        leads = {f"delta_star_{i + 1}{j + 1}": rng.uniform(0.0, TURN) for i, j in pairs if i < j}
+        p, phi = _params(**gains, **leads), rng.uniform(0.0, TURN, 4)
         wanted = np.full(4, float(p.omega))
-        for name, gain in gains.items():
-            i, j = int(name[2]) - 1, int(name[3]) - 1
-            wanted[i] -= gain * math.sin(phi[i] - phi[j] - math.pi)
+        for i, j in pairs:
+            lead = leads[f"delta_star_{min(i, j) + 1}{max(i, j) + 1}"] * (1.0 if i < j else -1.0)
+            wanted[i] -= gains[f"K_{i + 1}{j + 1}"] * math.sin(phi[i] - phi[j] - lead)
         found = phase_rates(p, _state(phi=jnp.asarray(phi)), jnp.zeros(()))
         worst = max(worst, float(np.max(np.abs(np.asarray(found) - wanted))))
     return worst
@@ -210,8 +213,6 @@ def mechanics_error(*, of: str) -> float:
 
 
 def _mechanics() -> dict[str, Any]:
-    tree = body()[0]
-
     def accelerations(m: Any, q: Any, v: Any, tau: Any, forces: Any) -> Any:
         zero = jnp.zeros((4, 3))
         placed = m.ground_forces(zero, zero, zero[:, :2], jnp.zeros(4, bool))
@@ -219,10 +220,20 @@ def _mechanics() -> dict[str, Any]:
         return m.accelerations(q, v, tau, pushed)
 
     return {
-        "kinetic_energy": jax.jit(lambda m, q, v: kinetic_energy(tree, m.geometry(), q, v)),
+        "kinetic_energy": jax.jit(lambda m, q, v: _kinetic_energy(m.geometry(), q, v)),
         "feet": jax.jit(lambda m, q, v: m.feet(q, v)[0]),
         "accelerations": jax.jit(accelerations),
     }
+
+
+def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
+    """The kinetic energy of the bodies and links, J."""
+    placed, total = places(body()[0], geometry, q), 0.0
+    for i, (place, moving) in enumerate(zip(placed, movements(body()[0], placed, v), strict=True)):
+        speed, w = velocity(place, moving, geometry.com[i]), moving.angular
+        spin = w @ turned(place.turn, geometry.inertia[i]) @ w
+        total = total + 0.5 * (geometry.mass[i] * (speed @ speed) + spin)
+    return total
 
 
 @cache
@@ -398,6 +409,18 @@ def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, of: str) -
 
 
 @measure
+def means_of_feet(table: pd.DataFrame, *, column: str, where: str | None = None) -> list[float]:
+    """Mean of a column of each of the four feet, in its unit.
+
+    Args:
+        table: a return map's table.
+        column: the column, with {} in place of the foot's number.
+        where: a query that selects records.
+    """
+    return [value(table, column=column.format(i + 1), where=where, take="mean") for i in LIMBS]
+
+
+@measure
 def spread_over(table: pd.DataFrame, *, column: str, over: str, where: str) -> float:
     """Range of the medians of a column at the values of another, in its unit."""
     part = table.query(where, engine="python")
@@ -481,8 +504,20 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
 
 
 @measure
-def touchdown_lags(table: pd.DataFrame, *, row: int, pairs: Sequence[Sequence[int]]) -> list[float]:
-    """Phase (rad, 0 to 2 pi) by which foot i of each pair [i, j] touches down before foot j."""
+def touchdown_lags(
+    table: pd.DataFrame, *, row: int, pairs: Sequence[Sequence[int]], window: Sequence[float] | None = None
+) -> list[float]:
+    """Phase (rad, 0 to 2 pi) by which foot i of each pair [i, j] touches down before foot j.
+
+    Args:
+        table: a trace.
+        row: its row.
+        pairs: numbers of feet.
+        window: begin and end of the time that is used, s.
+    """
+    if window is not None:
+        t = table["t"].to_numpy(float)
+        table = table.loc[(t >= window[0]) & (t <= window[1])]
     found = []
     for i, j in pairs:
         first, second = _touchdowns(table, row, i), _touchdowns(table, row, j)

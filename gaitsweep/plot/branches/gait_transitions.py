@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -11,42 +11,34 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.circular import cut, on_line
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.analysis.circular import cut, is_circular, on_line
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import (
-    categories,
-    column,
-    described,
-    is_angle,
-    outcome,
-    rows_where,
-    symbol,
-    unit_of,
-)
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import column, described, outcome, rows_where, symbol, unit_of
+from gaitsweep.plot.figure_kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
 
 _OPEN = "#777777"
 
 
-@marked
+@figure_kind("settle")
 def gait_transitions(
-    table: pd.DataFrame, *, x: str, y: str, start: str, hue: str = "gait", title: str | None = None
+    table: pd.DataFrame,
+    *,
+    x: Annotated[AlongAxis, "column of the parameter, which varies"],
+    y: Observed,
+    start: Annotated[Column, "column of the start that selects the branch"],
+    hue: GaitColumn = "gait",
+    title: Title = None,
 ) -> Figure:
     """An observable of settled rows over a parameter, and the intervals in which each gait is lost.
 
-    Points are coloured by gait; rows that did not settle are open, and those that fell are marked below. A gait
-    is lost between the last value at which a row settles in it and the first at which none of its own starts
-    does; the legend gives these intervals.
+    Points are coloured by gait; rows that did not settle are open, and those that fell are marked below. A
+    gait is lost between the last value at which a row settles in it and the first at which none of its own
+    starts does; the legend gives these intervals.
 
     Args:
         table: a settle table with starts in each gait at each value of x.
-        x: the column of the parameter.
-        y: the observable, by its own name or its column's (delta_13 or delta_13_end).
-        start: the column of the start that selects the branch.
-        hue: the column of the gait.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.
@@ -63,9 +55,9 @@ def gait_transitions(
             style.message(axes, "no rows yet")
             return figure
         place = table[name].to_numpy(float)
-        place = on_line(place, cut(place)) if is_angle(table, name) else place
+        place = on_line(place, cut(place)) if is_circular(table, name) else place
         shown = outcome(table, hue)
-        names = categories(table, hue, shown)
+        names = in_order(table, hue, shown)
         colour = style.colours([each for each in names if each not in (NOT_SETTLED, FAILED)])
         handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, colour)
         lost = transition_points_by_gait(table, x, start, hue)
@@ -75,7 +67,7 @@ def gait_transitions(
             axes.axvspan(edge["low"], edge["high"], color=tint, alpha=0.3, lw=0)
             axes.axvline(0.5 * (edge["low"] + edge["high"]), color=tint, lw=0.8, ls=":")
             handles.append(Patch(facecolor=tint, alpha=0.4, label=_words(table, x, edge)))
-        if is_angle(table, name):
+        if is_circular(table, name):
             style.angle_ticks(axes, "y")
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
@@ -113,4 +105,5 @@ def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
     unit = unit_of(table, x)
     unit = f" {unit}" if unit and unit != "1" else ""
     told = symbol(table, x) or x
-    return f"{edge['gait']} lost as {told} {ways[edge['direction']]}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"
+    way = ways[edge["direction"]]
+    return f"{edge['gait']} lost as {told} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"

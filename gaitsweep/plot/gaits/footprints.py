@@ -13,8 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
+from pydantic import Field
 
-from gaitsweep.kinds.numbers import Flag, Text
+from gaitsweep.kinds.diagnostics import found as as_found
+from gaitsweep.kinds.numbers import Flag, Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
 from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
@@ -28,6 +30,8 @@ _MOST_PANELS = 24
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if "contact_1" not in table.columns:
         yield figure.needs(table, "the signals contact_1, contact_2, ...")
+    if figure.window is not None and not figure.window[0] < figure.window[1]:
+        yield ("window",), f"is {as_found(figure.window)}, but its begin comes before its end."
 
 
 @figure_kind("trace", check=_check)
@@ -35,6 +39,9 @@ def footprints(
     table: pd.DataFrame,
     *,
     panels: Panels = "row",
+    window: Annotated[
+        Sequence[Real] | None, Field(min_length=2, max_length=2), "begin and end of what is shown, in s"
+    ] = None,
     titles: Annotated[Sequence[Text] | None, "titles of the panels, in order"] = None,
     guides: Annotated[
         Flag, "whether swings of neighbouring legs that follow each other are joined, in their wave's colour"
@@ -56,6 +63,9 @@ def footprints(
         raise PlotError(
             "The table has no columns contact_1, contact_2, ...: footprints are made from a trace."
         )
+    if window is not None:
+        t = table["t"].to_numpy(float)
+        table = rows_where(table, (t >= window[0]) & (t <= window[1]) | np.isnan(t))
     parts: list[tuple[Any, pd.DataFrame]] = [(None, table)]
     if panels is not None:
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
