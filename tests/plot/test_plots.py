@@ -190,6 +190,14 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
     assert not plot.footprints(trace_table(), guides=False).axes[0].lines
 
 
+def test_footprints_of_a_window() -> None:
+    table = trace_table()
+    low, high = np.quantile(table["t"].dropna(), [0.25, 0.75])
+    axes = plot.footprints(table, window=(low, high), guides=False).axes[0]
+    begin, end = axes.get_xlim()
+    assert low <= begin < end <= high
+
+
 def test_footprints_of_many_legs_and_of_rows_without_samples() -> None:
     table = trace_table(10, 1)
     lost = pd.DataFrame({"row": [1], "t": [np.nan], "status": ["fell"]})

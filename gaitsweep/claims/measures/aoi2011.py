@@ -26,7 +26,7 @@ from gaitsweep.analysis.circular import mean_direction
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.analysis.transitions import return_map
-from gaitsweep.analysis.transitions.hysteresis import transition_points, transition_points_by_gait
+from gaitsweep.analysis.transitions.transition_points import transition_points, transition_points_by_gait
 from gaitsweep.circular import TURN, wrapped_difference
 from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import value

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.analysis.circular import cut, is_circular, on_line
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
-from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
+from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, outcome, rows_where, symbol, unit_of
 from gaitsweep.plot.figure_kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
