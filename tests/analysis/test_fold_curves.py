@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.plain_map import PlainMap
@@ -96,3 +97,18 @@ def test_no_fold_and_refusals() -> None:
         fold_curves(CUSP, CUSP.points([[1.0]]), {}, parameters=("r", "r"), within=RANGES, begin=begin)
     with pytest.raises(ArgumentError, match="no range for a"):
         fold_curves(CUSP, CUSP.points([[1.0]]), {}, parameters=("r", "a"), within={"r": (0, 1)}, begin=begin)
+
+
+@pytest.mark.slow
+def test_the_fold_of_the_trot_is_where_holds_lose_it() -> None:
+    """Followed over beta, it passes f = 2.6 Hz where holds of 120 s lose the trot: between .7520 and .75225."""
+    mapping = gs.return_map(gs.models.WaistQuadruped(), f=2.55, beta=0.7515, numerics={"dt": 3e-4})
+    found = fold_curves(
+        mapping.mapping, mapping.settled({"delta_13": 2.79}, cycles=60), {}, parameters=("f", "beta"),
+        within={"f": (2.3, 3.0), "beta": (0.75, 0.754)}, begin={"f": 2.55, "beta": 0.7515},
+        steps=ArclengthSteps(first=0.1, longest=0.1, shortest=1e-3, most=8),
+    )  # fmt: skip
+    f, beta = found["f"].to_numpy(float), found["beta"].to_numpy(float)
+    assert np.all(np.diff(beta) > 0.0)
+    assert np.all(np.diff(f) < 0.0)
+    assert 0.7520 < np.interp(-2.6, -f, beta) < 0.75225
