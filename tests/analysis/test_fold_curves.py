@@ -101,7 +101,7 @@ def test_no_fold_and_refusals() -> None:
 
 @pytest.mark.slow
 def test_the_fold_of_the_trot_is_where_holds_lose_it() -> None:
-    """Followed over beta, it passes f = 2.6 Hz where holds of 120 s lose the trot: between .7520 and .75225."""
+    """At f = 2.6 Hz it lies between the last beta at which holds of 120 s keep the trot and the next."""
     mapping = gs.return_map(gs.models.WaistQuadruped(), f=2.55, beta=0.7515, numerics={"dt": 3e-4})
     found = fold_curves(
         mapping.mapping, mapping.settled({"delta_13": 2.79}, cycles=60), {}, parameters=("f", "beta"),
