@@ -46,7 +46,8 @@ def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None
 
 def test_feet_are_drawn_where_the_dynamics_has_them() -> None:
     """Two kinematics of one body: MuJoCo's of the scaled MJCF and the tree's, alike but for rounding."""
-    lengths = {"body_length": 0.12, "body_width": 0.08, "link_length": 0.09}
+    lengths = {"front_length": 0.12, "front_width": 0.09, "rear_length": 0.11, "rear_width": 0.08}
+    lengths["link_length"] = 0.09
     ones = {name: jnp.asarray(1.0) for name in WaistMechanics.__dataclass_fields__}
     body = WaistMechanics(**ones | {name: jnp.asarray(value) for name, value in lengths.items()})
     signals = quadruped_signals(0.01 * np.arange(81))

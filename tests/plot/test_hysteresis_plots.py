@@ -332,3 +332,20 @@ def test_angles_as_multiples_of_pi() -> None:
     angle_ticks(axes, "x")
     rendered(figure)
     assert "0.85π" in [tick.get_text() for tick in axes.get_xticklabels()]
+
+
+def test_where_each_gait_is_lost() -> None:
+    """Walk is lost as f rises through FOLD, trot as it falls through -FOLD; rows that fell are below."""
+    table = settle_table(np.linspace(-0.8, 0.8, 81), [-1.0, 1.0], others=[0.75])
+    table.loc[table.index[-2:], "status"] = ["fell", "cycle_limit"]
+    figure = plot.draw("gait_transitions", table, x="f", y="delta_13", start="delta_13")
+    rendered(figure)
+    assert texts(figure) == [
+        "trot",
+        "walk",
+        "not settled",
+        "failed",
+        "trot lost as $f$ falls: -0.4 to -0.38 Hz",
+        "walk lost as $f$ rises: 0.38 to 0.4 Hz",
+    ]
+    assert len(figure.axes[0].patches) == 2

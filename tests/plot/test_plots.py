@@ -191,6 +191,14 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
     assert not plot.footprints(trace_table(), guides=False).axes[0].lines
 
 
+def test_footprints_of_a_window() -> None:
+    table = trace_table()
+    low, high = np.quantile(table["t"].dropna(), [0.25, 0.75])
+    axes = plot.footprints(table, window=(low, high), guides=False).axes[0]
+    begin, end = axes.get_xlim()
+    assert low <= begin < end <= high
+
+
 def test_footprints_show_a_window_and_name_limbs_as_movies_do() -> None:
     table = trace_table(rows=1)
     table.attrs["job"] = {"model": "waist_quadruped", "structure": {}, "run": {"kind": "trace"}}

@@ -27,15 +27,18 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
 
     Args:
-        values: `body_length`, `body_width` and `link_length`, m, among others.
+        values: `front_length`, `rear_width`, `link_length` and so on, m, among others.
     """
     root = ElementTree.fromstring(mjcf())
-    trunk = np.array([values["body_length"] / 0.1, values["body_width"] / 0.1, 1.0])
+    trunks = {
+        name: np.array([values[f"{name}_length"] / 0.1, values[f"{name}_width"] / 0.1, 1.0])
+        for name in ("front", "rear")
+    }
     link = np.full(3, values["link_length"] / 0.08)
     for geom in root.findall("default//geom[@fromto]"):
         _scale(geom, "fromto", np.tile(link, 2))
     for body in root.iter("body"):
-        factor = trunk if body.get("name") in ("front", "rear") else link
+        factor = trunks.get(str(body.get("name")), link)
         for part in body:
             if part.get("pos"):
                 _scale(part, "pos", factor)

@@ -31,6 +31,7 @@ from gaitsweep.skeleton import LimbLook
 
 _NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
 _HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
+_REGULAR = 0.75  # least share of the times between touchdowns near their median, if no leg stumbles
 _BAR = 0.62
 _MOST_PANELS = 24
 
@@ -180,10 +181,16 @@ def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
 
 def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) -> float | None:
     """The mean time between touchdowns of a leg without stumbles; None if no leg has two touchdowns."""
-    gaps = np.concatenate([np.diff(starts[starts > beginning]) for starts, _ in stances])
+    of_legs = [np.diff(starts[starts > beginning]) for starts, _ in stances]
+    gaps = np.concatenate(of_legs)
     if not len(gaps):
         return None
-    return float(gaps[np.abs(gaps / np.median(gaps) - 1.0) < 0.2].mean())
+    usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
+    if usual.mean() < _REGULAR:  # legs stumble: the most regular one has the period
+        several = [each for each in of_legs if len(each) > 1]
+        gaps = min(several, key=lambda each: each.std() / each.mean(), default=gaps)
+        usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
+    return float(gaps[usual].mean())
 
 
 def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float) -> set[str]:
