@@ -8,10 +8,32 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, ideal_phases
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, signs
 
 SWING = 0.35  # of a cycle
 QUANTITIES = {"x": {"unit": "m"}, "sigma": {"unit": "1", "symbol": r"\sigma", "circular": False}}
+
+
+def ideal_phases(gait: str, shift: float = 0.25) -> dict[str, float]:
+    """The phases in [0, 1) of the legs' swing onsets relative to LF, cycles.
+
+    The legs of a pair are shifted by equal amounts in opposite directions, so that the mean phases of the
+    pairs stay in antiphase (Fig. 5a).
+
+    Args:
+        gait: one of `CHART`.
+        shift: size of a nonzero shift, cycles; 0.25 spaces the legs of a walk evenly.
+    """
+    phases = {}
+    for middle, sign, (fore, hind) in zip((0.0, 0.5), signs(gait), PAIRS, strict=True):
+        phases[fore], phases[hind] = middle - 0.5 * sign * shift, middle + 0.5 * sign * shift
+    return {leg: (phases[leg] - phases["LF"]) % 1.0 for leg in LEGS}
+
+
+def onset_table(onsets: np.ndarray) -> pd.DataFrame:
+    """Records (row, leg, t) of the onsets (rows, 4, k), s, of the legs in their order; NaN is left out."""
+    row, leg, k = np.nonzero(np.isfinite(onsets))
+    return pd.DataFrame({"row": row, "leg": np.array(LEGS)[leg], "t": onsets[row, leg, k]})
 
 
 def trace_of(
@@ -30,7 +52,7 @@ def trace_of(
     """A trace of one row: each leg swings for `SWING` of its cycle, and bears its load (N) otherwise.
 
     Args:
-        gait, shift: as of `nine_gaits.ideal_phases`.
+        gait, shift: as of `ideal_phases`.
         phases: cycles that LF has gone through at each sample; by default at a constant period (s).
         loads: on each leg in stance, 10 N if not given.
     """

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from gaitsweep.models.multilegged.theory.chain import Chain, lag, touchdown_phase
+from gaitsweep.models.multilegged.theory.chain import Chain, lag, touchdown_phase, wave_speed, wavelength
 from gaitsweep.models.multilegged.theory.conserved import drift, worst_case_cycles
 from gaitsweep.models.multilegged.theory.gaits import distances
 from gaitsweep.models.multilegged.theory.solution_sets import Branch
 from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, multipliers
-from gaitsweep.models.multilegged.theory.waves import wave_speed, wavelength
 
 __all__ = [
     "Branch",

@@ -92,7 +92,7 @@ class Paper(Part):
         """The file of one of the jobs."""
         written = self.jobs[name].job
         beside = self.file.parent / written
-        return beside if beside.is_file() else self.file.parents[2] / "sweeps" / written
+        return beside if beside.is_file() else shipped("sweeps") / written
 
 
 def known_papers() -> list[str]:

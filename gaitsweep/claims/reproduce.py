@@ -62,7 +62,8 @@ class Reproduction:
     @property
     def counts(self) -> dict[str, int]:
         """The number of claims with each verdict."""
-        return {each.value: int((self.table["verdict"] == each.value).sum()) for each in ClaimVerdict}
+        found = list(self.table["verdict"])
+        return {each.value: found.count(each.value) for each in ClaimVerdict}
 
     @property
     def page(self) -> Path:

@@ -25,16 +25,13 @@ import numpy as np
 Scalar: TypeAlias = jax.Array | float
 
 EXTENSOR, FLEXOR = 0, 1
-# An active neuron becomes inactive at this value below zero. At zero itself, a neuron at exactly zero would
-# switch without end.
-RELEASE = 1e-12
 
 
 class Coupling(NamedTuple):
     """A coupling between half-centres: `weight` times the outputs along `links`.
 
-    `links` are (n, n), to each leg from each leg, extensors to extensors and flexors to flexors; or
-    (2, n, 2, n), to each half-centre from each. They are structure, a NumPy constant: zeros are not computed.
+    `links` are (n, n), to each leg from each leg, extensors to extensors and flexors to flexors. They are
+    structure, a NumPy constant: zeros are not computed.
     """
 
     weight: Scalar
@@ -59,17 +56,6 @@ def links(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
     return found
 
 
-def output(u: jax.Array, active: jax.Array | None = None) -> jax.Array:
-    """y = max(0, u) of each half-centre, shape (2, n).
-
-    Args:
-        u: potentials (2, n).
-        active: bools (2, n), the modes of a model that locates the zeros of u (see `guards`); None: where u
-            is positive.
-    """
-    return jnp.maximum(u, 0.0) if active is None else jnp.where(active, u, 0.0)
-
-
 def rates(
     u: jax.Array,
     f: jax.Array,
@@ -81,7 +67,6 @@ def rates(
     gamma: Scalar,
     couplings: Sequence[Coupling] = (),
     feedback: Scalar = 0.0,
-    active: jax.Array | None = None,
 ) -> tuple[jax.Array, jax.Array]:
     """Time derivatives (2, n) of the potentials u and of the fatigue f, per second.
 
@@ -93,7 +78,6 @@ def rates(
         gamma: weight between the two half-centres of a leg.
         couplings: the weights between legs.
         feedback: sensory input of each half-centre, a scalar or (2, n).
-        active: as for `output`; with it the derivatives are affine in u and f.
 
     Raises:
         TypeError: links are not a NumPy array.
@@ -101,7 +85,7 @@ def rates(
 
     Source: Matsuoka 1985 and 1987; Fukuoka et al. 2015, Methods and Fig. 7(a).
     """
-    y = output(u, active)
+    y = jnp.maximum(u, 0.0)
     received = gamma * y[::-1]
     for weight, between in couplings:
         received = received + weight * _along(between, y)
@@ -123,28 +107,13 @@ def leg_feedback(theta: jax.Array, F: jax.Array, *, theta0: Scalar, k1: Scalar, 
     return jnp.stack([hip, -hip - k2 * F])
 
 
-def guards(u: jax.Array, active: jax.Array) -> jax.Array:
-    """The guards (2, n) of the half-centres: they fire where an output begins or ends.
-
-    The jump inverts `active` where a guard fires. If it is not located, the kink of max(0, u) limits the
-    order of an integration method to two.
-    """
-    return jnp.where(active, -u - RELEASE, u)
-
-
 def _along(between: np.ndarray, y: jax.Array) -> jax.Array:
     """The outputs (2, n) summed along the links, written out, without linear algebra routines."""
     if not isinstance(between, np.ndarray):
         raise TypeError("links are structure: give a NumPy array, and what varies as the coupling's weight")
     n = y.shape[1]
-    if between.shape == (n, n):
-        return _sums(between, y)
-    if between.shape == (2, n, 2, n):
-        return _sums(between.reshape(2 * n, 2 * n), y.reshape(1, 2 * n)).reshape(2, n)
-    raise ValueError(f"links between {n} legs are ({n}, {n}) or (2, {n}, 2, {n}), not {between.shape}")
-
-
-def _sums(between: np.ndarray, y: jax.Array) -> jax.Array:
+    if between.shape != (n, n):
+        raise ValueError(f"links between {n} legs are ({n}, {n}), not {between.shape}")
     columns = []
     for row in between:
         terms = [y[:, j] if row[j] == 1.0 else float(row[j]) * y[:, j] for j in np.flatnonzero(row)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,7 @@ GUARDS = ("the plane is crossed", "the plane's far side is reached")
 _RESOLUTIONS = 16.0
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["normal", "offset"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Plane:
     """The plane `normal` . x = `offset` of points x (n,), crossed in the direction of its normal (n,).

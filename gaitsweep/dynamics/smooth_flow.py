@@ -5,7 +5,6 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -17,7 +16,7 @@ from gaitsweep.dynamics.plane_section import GUARDS, Plane
 Values = Mapping[str, jax.Array]
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["x", "armed"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """The variables (n,), and whether the section is armed (see `Plane`)."""

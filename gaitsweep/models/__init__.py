@@ -130,18 +130,12 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         raise ModelError(f"is {name}, which cannot be read; {_OWN}.")
     module = _import(name, module_name, [*folders, Path.cwd()] if own else [])
     if not hasattr(module, attribute):
-        classes = [
-            key for key, value in vars(module).items() if inspect.isclass(value) and issubclass(value, Model)
-        ]
-        near = near_miss.suggestion(attribute, _concrete(classes))
+        bases = (Model, HybridModel, SteppedModel)
+        classes = [(key, each) for key, each in vars(module).items() if inspect.isclass(each)]
+        known = [key for key, each in classes if issubclass(each, Model) and each not in bases]
+        near = near_miss.suggestion(attribute, known)
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
-
-
-def _concrete(classes: list[str]) -> list[str]:
-    return [
-        name for name in classes if name not in (Model.__name__, HybridModel.__name__, SteppedModel.__name__)
-    ]
 
 
 def _as_model(name: str, found: object) -> type[Model]:
@@ -159,10 +153,7 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
             module = importlib.import_module(module_name)
             if folders:
                 module = _as_written(module)
-    except (
-        Exception,
-        SystemExit,
-    ) as error:  # a user's module may raise anything, which is reported to its author
+    except (Exception, SystemExit) as error:  # a user's module may raise anything, which its author is told
         raise ModelError(
             f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
         ) from error
@@ -171,11 +162,7 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
 
 
 def _as_written(module: ModuleType) -> ModuleType:
-    """The user's module, reloaded if one of its files has changed, for example while a notebook is open.
-
-    The modules next to it that it imports are part of it: if one has changed, all are reloaded, each after
-    those that it imports, since they contain names from each other.
-    """
+    """The user's module, reloaded with those beside it that it imports if one of their files has changed."""
     if installed(module):
         return module
     now = _stamps(module)

@@ -51,9 +51,8 @@ def _fault(model: Model) -> str | None:
 
 def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
-    state = _given(
-        "init", model.init, params, {quantity.name: _NUMBER for quantity in model.initial_conditions}
-    )
+    start = {quantity.name: _NUMBER for quantity in model.initial_conditions}
+    state = _given("init", model.init, params, start)
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
     events = _events(model, params, state)
@@ -66,12 +65,8 @@ def _look(model: Model) -> None:
     signals = _given("signal", model.signal, params, state)
     _named("signal", signals, "signals", (quantity.name for quantity in model.signals))
     labels = _given("label", model.label, params, observed)
-    _named(
-        "label",
-        labels,
-        "gait and label fields",
-        ("gait", *(quantity.name for quantity in model.label_fields)),
-    )
+    fields = ("gait", *(quantity.name for quantity in model.label_fields))
+    _named("label", labels, "gait and label fields", fields)
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.analysis.continuation.floquet import characteristic_polynomial, multipliers
+from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.advance import Numerics
@@ -114,10 +114,6 @@ def test_what_is_nearly_conserved_drifts() -> None:
 def test_an_unknown_condition_is_told() -> None:
     with pytest.raises(ValueError, match="did you mean total"):
         newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {}, fix=["totale"])
-
-
-def test_polynomial_of_multipliers() -> None:
-    np.testing.assert_allclose(characteristic_polynomial(np.array([0.5 + 1j, 0.5 - 1j])), [1, -1, 1.25])
 
 
 def test_gaits_of_the_chain_at_fixed_E() -> None:

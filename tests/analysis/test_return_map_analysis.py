@@ -157,11 +157,6 @@ def test_branches_over_the_parameter() -> None:
     kinds = found.groupby("branch").agg(stable=("stable", "nunique"), low=("f", "min"), high=("f", "max"))
     assert kinds["stable"].tolist() == [1, 1, 1]
     assert sorted(zip(kinds["low"], kinds["high"], strict=True)) == [(-0.6, 0.3), (-0.3, 0.3), (-0.3, 0.6)]
-    apart = {f: table[table["f"] == f].drop(columns="f") for f in values}
-    for part in apart.values():
-        part.attrs = table.attrs
-    pd.testing.assert_frame_equal(branches(apart, "delta_13", "f"), found)
-    assert not len(branches({}, "delta_13", "f"))
 
 
 def test_the_drift_is_told_where_there_are_points_and_by_column() -> None:

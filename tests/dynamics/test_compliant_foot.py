@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from gaitsweep.dynamics.compliant_foot import friction_slope, ground_force, normal_force
-from gaitsweep.dynamics.tree.dynamics import forward_dynamics, inverse_dynamics
+from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.external_force import YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity, velocity_at
+from tests.tree_mechanics import inverse_dynamics
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 GROUND = {"K": 2.0e4, "D": 200.0, "mu": 0.5, "v_slip": 0.01}

@@ -12,7 +12,7 @@ import pytest
 from scalar_programs import outputs_of, source_of, traced_with
 from scipy.integrate import solve_ivp
 
-from gaitsweep.dynamics.matsuoka import FLEXOR, Coupling, guards, leg_feedback, links, rates
+from gaitsweep.dynamics.matsuoka import FLEXOR, Coupling, leg_feedback, links, rates
 
 # Fukuoka et al. 2015, as completed from a citation of their supplement; legs LF, LH, RF, RH.
 PAGE = {"s": 1.71, "Tr": 0.0473, "Ta": 0.6, "b": 3.0, "gamma": -2.0}
@@ -52,18 +52,16 @@ def test_random_networks_move_as_scipy_says(n: int) -> None:
     Tr, Ta, b, gamma = random.uniform([0.03, 0.3, 1.0, -3.0], [0.1, 1.0, 4.0, -1.0])
     s, feedback = random.uniform(0.5, 2.0, (2, n)), random.normal(0.0, 0.2, (2, n))
     alike = random.normal(0.0, 0.3, (n, n)) * (random.random((n, n)) < 0.5)
-    mixed = random.normal(0.0, 0.3, (2, n, 2, n)) * (random.random((2, n, 2, n)) < 0.3)
 
     def rhs(t: float, x: np.ndarray) -> np.ndarray:
         u, f = x.reshape(2, 2, n)
         y = np.maximum(u, 0.0)
-        received = gamma * y[::-1] + 0.7 * y @ alike.T + np.einsum("iajb,jb->ia", mixed, y)
+        received = gamma * y[::-1] + 0.7 * y @ alike.T
         return np.stack([(-u + received - b * f + s + feedback) / Tr, (y - f) / Ta]).ravel()
 
     start = _starts(random, 1, n)
     network = {"s": s, "Tr": Tr, "Ta": Ta, "b": b, "gamma": gamma, "feedback": feedback}
-    couplings = (Coupling(0.7, alike), Coupling(1.0, mixed))
-    mine = _along(start, 3.0, 2e-4, **network, couplings=couplings)[0, -1]
+    mine = _along(start, 3.0, 2e-4, **network, couplings=(Coupling(0.7, alike),))[0, -1]
     theirs = solve_ivp(rhs, (0.0, 3.0), start.ravel(), method="DOP853", rtol=1e-10, atol=1e-12).y[:, -1]
     # RK4's steps over the kinks of max(0, u) leave some 1e-7
     np.testing.assert_allclose(mine.ravel(), theirs, atol=2e-6)
@@ -77,11 +75,9 @@ def _ends_still(a: float, b: float, ratio: float, starts: np.ndarray) -> np.ndar
         b: inhibition by fatigue.
         ratio: drive of the one over that of the other.
     """
-    between = np.zeros((2, 1, 2, 1))
-    between[0, 0, 1, 0], between[1, 0, 0, 0] = 1.3, 1.0 / 1.3
-    s = np.array([[ratio], [1.0]])
+    between, s = np.array([[0.0, 1.3], [1.0 / 1.3, 0.0]]), np.array([[ratio, 1.0], [ratio, 1.0]])
     u = _along(starts, 600.0, 0.02, s=s, Tr=0.25, Ta=0.5, b=b, gamma=0.0, couplings=(Coupling(-a, between),))
-    still = np.ptp(u[:, -1500:, 0], axis=1).max(axis=(1, 2))
+    still = np.ptp(u[:, -1500:, 0], axis=1).max(axis=2)  # of the extensors and of the flexors
     assert ((still < 1e-4) | (still > 0.01)).all()
     return still < 1e-4
 
@@ -106,13 +102,13 @@ def _ends_still(a: float, b: float, ratio: float, starts: np.ndarray) -> np.ndar
     ],
 )
 def test_a_pair_oscillates_where_matsuoka_says(a: float, b: float, ratio: float, still: bool) -> None:
-    starts = _starts(np.random.default_rng(0), 8, 1) * 3.0
+    starts = _starts(np.random.default_rng(0), 4, 2) * 3.0
     assert (_ends_still(a, b, ratio, starts) == still).all()
 
 
 @pytest.mark.parametrize("a", [0.5, 0.97, 1.03, 2.0, 8.0])
 def test_without_adaptation_nothing_oscillates(a: float) -> None:
-    assert _ends_still(a, 0.0, 1.0, _starts(np.random.default_rng(1), 8, 1)).all()
+    assert _ends_still(a, 0.0, 1.0, _starts(np.random.default_rng(1), 4, 2)).all()
 
 
 def test_time_scales_with_the_time_constants_and_size_with_the_drive() -> None:
@@ -177,27 +173,22 @@ def test_the_scalar_kernel_gives_the_same_and_computes_no_link_that_is_not_there
     def moving(x: jax.Array, p: Mapping[str, Any], told: jax.Array, *more: Coupling) -> Any:
         pairs = Coupling(p["alpha"], CONTRALATERAL), Coupling(p["beta_w"], IPSILATERAL)
         rest = {name: p[name] for name in PAGE}
-        plain = rates(x[0], x[1], **rest, couplings=(*pairs, *more), feedback=told)
-        kept = rates(x[0], x[1], **rest, couplings=(*pairs, *more), feedback=told, active=x[0] > 0.0)
-        return plain, kept, guards(x[0], x[0] > 0.0)
+        return rates(x[0], x[1], **rest, couplings=(*pairs, *more), feedback=told)
 
     args = start, {name: jnp.asarray(value) for name, value in (PAGE | weights).items()}, told
     expected = jax.tree.leaves(jax.jit(moving)(*args))
     for mine, theirs in zip(outputs_of(moving, *args), expected, strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose(
-        expected[:2], expected[2:4], rtol=0.0, atol=1e-13
-    )  # modes read off u: the same
     sources = [
-        source_of(traced_with(lambda x, p, told, more=more: moving(x, p, told, *more)[0], *args))
-        for more in ((), (Coupling(2.0, np.zeros((2, 4, 2, 4))),))
+        source_of(traced_with(lambda x, p, told, more=more: moving(x, p, told, *more), *args))
+        for more in ((), (Coupling(2.0, np.zeros((4, 4))),))
     ]
     # gamma, alpha, beta_w and b once for each of eight half-centres; links of 1 and 0 multiply nothing
     assert [source.count(" * ") for source in sources] == [32, 32]
     assert sources[0].count(" + ") == sources[1].count(" + ")
 
 
-def test_located_modes_give_the_same_course_and_steps_over_kinks_second_order() -> None:
+def test_steps_over_kinks_are_of_second_order() -> None:
     start = _starts(np.random.default_rng(4), 32, 4)
     ends = {
         dt: _along(start, 4.0, dt, **PAGE, couplings=TROT)[:, -1] for dt in (8e-3, 4e-3, 2e-3, 1e-3, 2e-4)
@@ -206,32 +197,11 @@ def test_located_modes_give_the_same_course_and_steps_over_kinks_second_order() 
     errors = [np.sqrt(np.mean((ends[dt] - ends[finest]) ** 2)) for dt in steps]
     assert abs(np.polyfit(np.log(steps), np.log(errors), 1)[0] - 2.0) < 0.4  # over few steps: it scatters
 
-    moving = jax.jit(lambda x, active: jnp.stack(rates(x[0], x[1], **PAGE, couplings=TROT, active=active)))
-    armed = jax.jit(lambda x, active: guards(x[0], active))
-    t, x = 0.0, start[0].ravel()
-    active, switches = start[0, 0] > 0.0, 0
-    while t < 4.0:
-        events = [
-            lambda t, x, active, i=i: float(armed(x.reshape(2, 2, 4), active).ravel()[i]) for i in range(8)
-        ]
-        for event in events:
-            event.terminal, event.direction = True, 1.0  # pyright: ignore
-        assert (np.asarray(armed(x.reshape(2, 2, 4), active)) < 1e-9).all()
-        flow = solve_ivp(
-            lambda t, x, active: np.asarray(moving(x.reshape(2, 2, 4), active)).ravel(),
-            (t, 4.0), x, "DOP853", args=(active,), events=events, rtol=1e-10, atol=1e-12,
-        )  # fmt: skip
-        t, x = flow.t[-1], flow.y[:, -1]
-        fired = np.array([len(times) > 0 for times in flow.t_events]).reshape(2, 4)
-        active, switches = active ^ fired, switches + fired.sum()
-    assert switches > 20
-    np.testing.assert_allclose(x.reshape(2, 2, 4), ends[finest][0], atol=1e-6)
-
 
 def test_links_that_are_none() -> None:
     u = jnp.zeros((2, 3))
     given = PAGE | {"couplings": (Coupling(1.0, np.zeros((4, 4))),)}
-    with pytest.raises(ValueError, match=r"\(3, 3\) or \(2, 3, 2, 3\), not \(4, 4\)"):
+    with pytest.raises(ValueError, match=r"\(3, 3\), not \(4, 4\)"):
         rates(u, u, **given)
     with pytest.raises(TypeError, match="NumPy"):
         rates(u, u, **PAGE | {"couplings": (Coupling(1.0, jnp.zeros((3, 3))),)})  # pyright: ignore

@@ -31,7 +31,7 @@ def step() -> Any:
 
     def run(numbers: Any, q: Any, v: Any, tau: Any, forces: Any) -> dict[str, Any]:
         at, speed = body().points(numbers, q, v)
-        after = body().stepped(numbers, body().start(q, v), DT, tau=tau, forces=forces)
+        _, after = body().step(numbers, body().start(q, v), DT, tau=tau, forces=forces)
         names = ("xipos", "qfrc_bias", "qacc", "qpos", "qvel")
         return {
             "at": at,
@@ -236,7 +236,7 @@ def test_mujocos_own_contact_and_actuators() -> None:
     data.qvel[:], data.ctrl[:] = [0.5, 0.0, -1.0, 0.0, 0.0, 0.0, 0.3], 0.7
 
     def one(_: Any, state: Any) -> Any:
-        return touching.step({}, state, 0.002, ctrl=jnp.array([0.7]))
+        return touching.step({}, state, 0.002, ctrl=jnp.array([0.7]))[0]
 
     start = touching.start(jnp.asarray(data.qpos), jnp.asarray(data.qvel))
     # a state that keeps its types can be carried by a loop
@@ -260,7 +260,7 @@ def test_contact_is_off_unless_asked_for() -> None:
 def test_precision_is_that_of_the_state() -> None:
     q, v, tau, forces, _ = (jnp.asarray(a, jnp.float32) for a in at_random(0))
     state = body().start(q, v)
-    shapes = jax.eval_shape(lambda s: body().step({}, s, DT, tau=tau, forces=forces), state)
+    shapes = jax.eval_shape(lambda s: body().step({}, s, DT, tau=tau, forces=forces)[0], state)
     assert {leaf.dtype for leaf in jax.tree.leaves(shapes)} == {jnp.dtype("float32")}
 
 

@@ -12,17 +12,18 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from gaitsweep.dynamics import compliant_foot, compliant_ground
-from gaitsweep.dynamics.anchored_foot import anchored_force
+from gaitsweep.dynamics import compliant_foot
 from gaitsweep.dynamics.spring_chain import neighbour_force
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
-from gaitsweep.dynamics.tree.external_force import PointForce, WorldForce, YieldingForce
+from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
+from gaitsweep.models.multilegged import model as multilegged
 from gaitsweep.models.waist_quadruped import mechanics
 from gaitsweep.models.waist_quadruped.mechanics import WAIST
 from gaitsweep.models.waist_quadruped.model import WaistQuadruped
 from tests.sweeping import scalars
+from tests.tree_mechanics import WorldForce
 
 M, K, D = 0.7, 300.0, 4.0  # kg, N/m, N s/m
 TIMES = np.linspace(0.0, 0.35, 15)
@@ -54,7 +55,7 @@ def test_a_mass_on_the_compliant_ground_oscillates_and_is_damped() -> None:
     x, v = np.array([0.02, -0.03, 0.01]), np.array([0.5, -0.4, 0.3])
     contact = jnp.array([True, True, False])
     spring = jnp.asarray(K), jnp.asarray(D), jnp.zeros(())
-    path = moved(lambda x, v: compliant_ground.ground_force(x, v, contact, *spring), x, v, M)
+    path = moved(lambda x, v: multilegged.ground_force(x, v, contact, *spring), x, v, M)
     for leg in (0, 1):
         np.testing.assert_allclose(path[:, leg], damped(x[leg], v[leg]), atol=1e-8)
     np.testing.assert_allclose(path[:, 2], x[2] + v[2] * TIMES, atol=1e-9)
@@ -65,7 +66,7 @@ def test_a_foot_at_its_anchor_oscillates_along_all_axes() -> None:
     anchor = np.array([0.4, -0.3, 0.0])
     x, v = anchor + np.array([0.01, -0.02, -0.015]), np.array([0.3, 0.2, -0.4])
     path = moved(
-        lambda x, v: anchored_force(
+        lambda x, v: mechanics.anchored_force(
             x, v, jnp.asarray(anchor[:2]), jnp.asarray(True), jnp.asarray(K), jnp.asarray(D)
         ),
         x, v, M,

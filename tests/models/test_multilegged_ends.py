@@ -20,17 +20,12 @@ from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, springs
 from gaitsweep.models.multilegged.theory.conditions import wave_conditions
-from gaitsweep.models.multilegged.theory.conserved import drift, total
+from gaitsweep.models.multilegged.theory.conserved import drift
 from gaitsweep.models.multilegged.theory.gaits import GAITS
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
-from gaitsweep.models.multilegged.theory.solution_sets import (
-    Branch,
-    branches,
-    lag_rules,
-    solution_set,
-    solution_sets,
-)
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, lag_rules
 from gaitsweep.models.multilegged.theory.stability import linear_map
+from tests.multilegged_solutions import solution_set, solution_sets, total
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi

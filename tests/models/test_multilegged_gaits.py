@@ -19,7 +19,8 @@ from gaitsweep.models.multilegged.theory.gaits import (
     distances,
     gait_of,
 )
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, solution_set, solution_sets
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches
+from tests.multilegged_solutions import solution_set, solution_sets
 
 LEGS = (3, 4, 6, 9)
 TURN = 2.0 * np.pi
@@ -94,11 +95,11 @@ def test_distances_are_those_from_densely_sampled_sets(psi: list[float]) -> None
 def test_unequal_ends_keep_their_end_points_gait() -> None:
     tail = {"m_1": 0.6, "m_end": 0.95}
     psi = solution_set(3, Branch("B", 2), Chain(**tail), section=1)[-1]
-    gait, _, distance = classify(3, psi, **tail)
+    gait, _, distance = classify(3, psi, Chain(**tail))
     assert (GAITS[int(gait)], float(distance) < 1e-9) == ("retrograde", True)
     head = {"m_1": 0.95, "m_end": 0.6}
     psi = solution_set(3, Branch("direct", 3), Chain(**head), section=1)[-1]
-    gait, _, distance = classify(3, psi, **head)
+    gait, _, distance = classify(3, psi, Chain(**head))
     assert (GAITS[int(gait)], float(distance) < 1e-9) == ("direct", True)
 
 
@@ -107,7 +108,7 @@ def test_rows_may_differ_in_every_parameter() -> None:
     psi = jnp.stack([solution_set(4, Branch("B", 3), chain, section=1)[20] for chain in chains])
     given = [[value for value in chain if value is not None] for chain in chains]
     columns = dict(zip(Chain._fields, jnp.array(given).T, strict=False))
-    gait, k, distance = jax.jit(jax.vmap(lambda p, values: classify(4, p, **values)))(psi, columns)
+    gait, k, distance = jax.jit(jax.vmap(lambda p, values: classify(4, p, Chain(**values))))(psi, columns)
     assert gait.tolist() == [SOURCE, SOURCE]
     assert k.tolist() == [3, 3]
     assert float(distance.max()) < 1e-12

@@ -22,17 +22,12 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import GAITS, Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
-from gaitsweep.models.multilegged.theory.conserved import drift, total
+from gaitsweep.models.multilegged.theory.conserved import drift
 from gaitsweep.models.multilegged.theory.gaits import gait_of, locked_state
 from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
-from gaitsweep.models.multilegged.theory.solution_sets import (
-    Branch,
-    branches,
-    lag_rules,
-    solution_set,
-    solution_sets,
-)
-from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, lag_rules
+from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, multipliers
+from tests.multilegged_solutions import solution_set, solution_sets, total
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 LOCATED = Numerics(method="propagator", dt=0.5)
@@ -140,7 +135,7 @@ def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> N
             expected = linear_map(N, branch, float(free[row, column]), chain, section=1)
             assert np.abs(found - expected).max() < 1e-9, branch
             # eqs. (22), (26): 1/2 for 2/3 would change the coefficients by 0.1
-            assert np.abs(characteristic_polynomial(found) - polynomial(N, branch)).max() < 1e-8
+            assert np.abs(characteristic_polynomial(found) - np.poly(multipliers(N, branch))).max() < 1e-8
 
 
 def test_derivatives_through_located_events_are_those_of_the_theory() -> None:

@@ -27,8 +27,8 @@ from gaitsweep.job import Job, JobError
 from gaitsweep.models.planar_quadruped import PlanarQuadruped
 from gaitsweep.models.planar_quadruped.bodies import edited, page_values
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, mjcf
+from gaitsweep.models.planar_quadruped.model import perturbation
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.models.planar_quadruped.start import perturbation
 
 DT = 1e-3
 SPEED = ("s", "Tr", "theta_st", "Kp_hip_st", "Kp_knee_st", "l_sw", "Kp_knee_sw")

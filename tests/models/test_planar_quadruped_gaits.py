@@ -44,9 +44,8 @@ def gaits(sigma: Any, seeds: Any, **params: float) -> pd.DataFrame:
     )
     names = ["crossing", "t", *(f"{quantity.name}_n" for quantity in model.observables)]
     table = pd.DataFrame(block.samples, columns=names).assign(row=block.owner)
-    failed = np.flatnonzero(block.status != Status.complete)
-    window = (READ, DURATION)
-    found = gait_of(onsets_of_crossings(table), window=window, rows=range(grid.size), failed=failed)
+    table["status"] = np.where(block.status == Status.complete, "complete", "fell")[block.owner]
+    found = gait_of(onsets_of_crossings(table), window=(READ, DURATION), rows=range(grid.size))
     late = table.loc[table["t"] > READ].groupby("row")[["speed_n", "flight_n"]].mean()
     return found.set_index("row").assign(
         sigma=grid, seed=seed, speed=late["speed_n"], flight=late["flight_n"], fell=block.status

@@ -13,15 +13,12 @@ from scipy.spatial.transform import Rotation
 from sweeping import run_rows
 
 from gaitsweep.contract import Status
-from gaitsweep.dynamics.anchored_foot import anchored_force
-from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
-from gaitsweep.models.waist_quadruped.mechanics import WAIST
-from gaitsweep.models.waist_quadruped.posture import fallen, tilt
+from gaitsweep.models.waist_quadruped.mechanics import WAIST, anchored_force, fallen, joint_angles, tilt
 
 MODEL = WaistQuadruped()
 STEPS = Numerics(dt=2e-4, method="semi_implicit")

@@ -168,10 +168,7 @@ def _cut_at_corners(
     gaps: np.ndarray,
     side: float,
 ) -> np.ndarray:
-    """The groups (m,) of states (m, d), given wrapped and unrolled, with lines split at their corners.
-
-    `links` (k, 2) are those of the tree and `gaps` (k,) their lengths, 0 where they were cut.
-    """
+    """The groups (m,) of states, lines split at their corners; `gaps`: of the `links`, 0 where cut."""
     pieces = np.zeros(len(flat), np.int64)
     for number in range(group.max(initial=-1) + 1):
         mine = np.flatnonzero(group == number)
@@ -205,18 +202,7 @@ def _dimension(flat: np.ndarray, side: float) -> int:
 def _smooth_pieces(
     space: Space, states: np.ndarray, flat: np.ndarray, grain: float, gap: float
 ) -> np.ndarray:
-    """The smooth piece (m,) of each state (m, d) of one line.
-
-    A state is at a corner where its neighbours within `WINDOW` of the line's extent spread across their main
-    direction by more than `BENT`. The other states, linked over half that window or over `gap`, make the
-    pieces; pieces shorter than the window are dropped. Remaining states join the nearest piece.
-
-    Args:
-        space: the space of the states.
-        states, flat: the states, wrapped and unrolled.
-        grain: the distance below which states are equal.
-        gap: the longest link within the line.
-    """
+    """The smooth piece (m,) of each state of one line; at a corner its neighbours are bent."""
     window = WINDOW * extent(flat)
     whole = np.zeros(len(states), np.int64)
     if window < max(4.0 * grain, gap):

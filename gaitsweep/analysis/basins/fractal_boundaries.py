@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,9 @@ def basin_entropy(grid: BasinGrid, labels: np.ndarray, box: int = BOX) -> Entrop
     return Entropy(basin, boundary, float(crossed.mean()))
 
 
-def uncertainty_fraction(grid: BasinGrid, labels: np.ndarray, sizes: list[int] | None = None) -> pd.DataFrame:
+def uncertainty_fraction(
+    grid: BasinGrid, labels: np.ndarray, sizes: Sequence[int] | None = None
+) -> pd.DataFrame:
     """The fraction of windows of width eps that hold starts with different outcomes.
 
     Args:

@@ -84,7 +84,7 @@ def basins(
         part, mine = table.iloc[rows], labels.iloc[rows]
         apart[rows], towards[rows] = minimal_fatal_shock(part, axes, mine, scales)
         grid = find_grid(part, axes)
-        uncertain = _uncertain(grid, mine.to_numpy(), sizes)
+        uncertain = pd.DataFrame() if grid is None else uncertainty_fraction(grid, mine.to_numpy(), sizes)
         uncertainty += [{**place, **record} for record in uncertain.to_dict("records")]
         panels.append({**place, "rows": len(part), **_fractality(grid, mine.to_numpy(), uncertain, box)})
     measured = table.assign(
@@ -111,12 +111,6 @@ def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFram
     named = finite.assign(outcome=finite["outcome"].astype(object))
     of = named.groupby([*by, "outcome"], observed=True)["shock"]
     return of.agg(shock_median="median", shock_mean="mean").reset_index()
-
-
-def _uncertain(grid: BasinGrid | None, labels: np.ndarray, sizes: Sequence[int] | None) -> pd.DataFrame:
-    if grid is None:
-        return pd.DataFrame(columns=["steps", "eps", "uncertain"])
-    return uncertainty_fraction(grid, labels, None if sizes is None else list(sizes))
 
 
 def _fractality(

@@ -38,7 +38,8 @@ def gait_shares(
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
     """
-    names = set_columns(table) if parameters is None else list(parameters)
+    swept = [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
+    names = swept if parameters is None else list(parameters)
     counted = fractions(table, by=names, level=level, interval="wilson")
     wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))
@@ -54,11 +55,6 @@ def gait_shares(
             sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if there else otherwise
     sets["elsewhere"] = (1.0 - sets[list(GAITS)].sum(axis=1)).clip(lower=0.0).round(12)
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
-
-
-def set_columns(table: pd.DataFrame) -> list[str]:
-    """The swept axes except the phases of the start."""
-    return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
 
 
 def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:

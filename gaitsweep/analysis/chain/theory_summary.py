@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaitsweep.models.multilegged.theory import conserved, waves
-from gaitsweep.models.multilegged.theory.chain import Chain, lag, shift, touchdown_phase
+from gaitsweep.models.multilegged.theory import conserved
+from gaitsweep.models.multilegged.theory.chain import (
+    Chain,
+    lag,
+    shift,
+    touchdown_phase,
+    wave_speed,
+    wavelength,
+)
 from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdown_order
 from gaitsweep.models.multilegged.theory.solution_sets import branches, rule_of
-from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, polynomial
+from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, multipliers
 
 
 def theory_summary(N: int, omega: float, chain: Chain) -> str:
@@ -19,12 +26,12 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
         omega: basic frequency, rad/s.
         chain: its parameters.
     """
-    speeds = waves.wave_speed(omega, chain)
+    speeds = wave_speed(omega, chain)
     rows = {
         "b (rad/kg)": shift(chain),
         "touchdown phase (rad), eq. (16)": touchdown_phase(chain),
         "lag of neighbours (rad), eq. (17)": lag(chain),
-        "wavelength (legs), eq. (27)": waves.wavelength(chain),
+        "wavelength (legs), eq. (27)": wavelength(chain),
         "wave speed (legs/s), eq. (28) as printed": speeds.printed,
         "wave speed (legs/s), exact": speeds.exact,
         "length of the line in E (rad)": conserved.line_length(N, chain),
@@ -44,7 +51,7 @@ def theory_summary(N: int, omega: float, chain: Chain) -> str:
         early = ", ".join(str(sorted(legs)) for legs in order_sets(N, branch, s, chain))
         at = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
         found = characteristic_polynomial(linear_map(N, branch, s, chain))
-        error = np.abs(found - polynomial(N, branch)).max()
+        error = np.abs(found - np.poly(multipliers(N, branch))).max()
         name = branch.kind if branch.kind == "direct" else f"{branch.kind}, k = {branch.k}"
         ends = f"{float(rule.low):.4f} {float(rule.high):.4f}"
         lines.append(f"{name:12} {ends}   {order}; {early}; {', '.join(at) or 'none'}; {error:.0e}")

@@ -16,6 +16,7 @@ import contextlib
 import dataclasses
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
@@ -29,6 +30,7 @@ PATIENCE = 5.0
 TOLERANCE = 1e-9
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class BranchPoints:
     """One point on each of n branches of fixed points.
@@ -45,20 +47,17 @@ class BranchPoints:
     corrections: np.ndarray
 
     def __getitem__(self, which: np.ndarray) -> BranchPoints:
-        return BranchPoints(**{f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self)})
+        return jax.tree.map(lambda leaf: leaf[which], self)
 
     def merged(self, which: np.ndarray, others: BranchPoints) -> BranchPoints:
         """These branch points, with `others` in the rows `which`."""
-        found = {}
-        for field in dataclasses.fields(self):
-            mine, theirs = getattr(self, field.name), getattr(others, field.name)
-            if isinstance(mine, np.ndarray):
-                mine = mine.copy()
-                mine[which] = theirs
-                found[field.name] = mine
-            else:
-                found[field.name] = mine.merged(which, theirs)
-        return BranchPoints(**found)
+
+        def put(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+            mine = np.array(mine)
+            mine[which] = theirs
+            return mine
+
+        return jax.tree.map(put, self, others)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -200,10 +200,7 @@ class _Search:
         self._mark_converged()
 
     def mark_singular(self) -> None:
-        """Mark as singular those unconverged searches whose equations are singular.
-
-        This happens near a line of points that are fixed except for a drift above the tolerance.
-        """
+        """Mark unconverged searches with singular equations, as near points fixed but for a drift."""
         rows = np.flatnonzero(self.outcome == NewtonOutcome.not_converged)
         self.outcome[rows[~self._regular(rows)]] = NewtonOutcome.singular
 
@@ -223,10 +220,7 @@ class _Search:
         ]
 
     def _accepted(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
-        """Which of these steps are accepted: those that lower the residual; the last one wherever defined.
-
-        The test uses images alone: a derivative costs as many images as there are coordinates.
-        """
+        """Which steps are accepted, by images alone: if the residual falls; the last wherever defined."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         values = {name: each[rows] for name, each in self.values.items()}
         images = self.mapping.images(trial, values)
@@ -244,10 +238,7 @@ class _Search:
 def _steps(
     mapping: Map, points: Points, drift: np.ndarray, images: MapEvaluation, held: ConservedConstraints
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The next step (n, size + k) of each search, and whether its equations are regular.
-
-    Where they are singular, which also happens far from any fixed point, the step is one iterate of the map.
-    """
+    """The next step (n, size + k), an iterate of the map where singular, and whether it is regular."""
     matrix, miss = matrices(images, held), residuals(mapping, points, drift, images, held)
     size = points.at.shape[1]
     scale = np.ones_like(miss)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Any
 
 import jax
 import numpy as np
@@ -13,7 +10,6 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.errors import ArgumentError
 
@@ -27,7 +23,6 @@ FEWEST = 8
 AttractorMapper = Callable[[MapEvaluation, np.ndarray, int], np.ndarray]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
 class ProximityMapper:
     """Assigns a trajectory within `reach` to that attractor.
 
@@ -44,48 +39,32 @@ class ProximityMapper:
         ValueError: the number of labels is not that of the points, or all labels are equal.
     """
 
-    mapping: Map
-    attractors: np.ndarray
-    labels: Sequence[int] | None = None
-    reach: float = 0.1
-
-    def __post_init__(self) -> None:
-        k = np.shape(self.attractors)[-2]
+    def __init__(
+        self, mapping: Map, attractors: np.ndarray, labels: Sequence[int] | None = None, reach: float = 0.1
+    ) -> None:
+        places = np.asarray(attractors, np.float64)
+        self._mapping, self._places = mapping, places if places.ndim == 3 else places[None]
+        k = self._places.shape[1]
+        self._labels = np.arange(k) if labels is None else np.asarray(labels, int)
         if len(self._labels) != k:
             raise ArgumentError(f"There are {len(self._labels)} labels, but {k} points of attractors.")
         if len(set(self._labels.tolist())) < 2:
             raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
+        self._scale = np.mean(sizes(self._places), axis=1, keepdims=True)
+        away = mapping.difference(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
+        different = self._labels[:, None] != self._labels
+        apart = np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
+        self._reach = reach * apart
 
     def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
         which = _of_each(pair, len(self._places), "attractors")
-        away = self.mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
+        away = self._mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
         nearest = np.argmin(distance, axis=1)
-        close = np.min(distance, axis=1) <= self.reach * self._room[which]
+        close = np.min(distance, axis=1) <= self._reach[which]
         return np.where(close, self._labels[nearest], UNDECIDED)
 
-    @cached_property
-    def _labels(self) -> np.ndarray:
-        k = np.shape(self.attractors)[-2]
-        return np.arange(k) if self.labels is None else np.asarray(self.labels, int)
 
-    @cached_property
-    def _places(self) -> np.ndarray:
-        places = np.asarray(self.attractors, np.float64)
-        return places if places.ndim == 3 else places[None]
-
-    @cached_property
-    def _scale(self) -> np.ndarray:
-        return np.mean(sizes(self._places), axis=1, keepdims=True)
-
-    @cached_property
-    def _room(self) -> np.ndarray:
-        away = self.mapping.difference(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
-        different = self._labels[:, None] != self._labels
-        return np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
 class LabelMapper:
     """Assigns every trajectory, after a number of cycles, to the attractor with the model's gait label.
 
@@ -101,40 +80,27 @@ class LabelMapper:
         ValueError: the model does not have a gait in `only`.
     """
 
-    mapping: ReturnMap
-    values: Values
-    after: int
-    only: Sequence[str] | None = None
-
-    def __post_init__(self) -> None:
-        gaits = self.mapping.model.gaits
-        for name in self.only or ():
-            if name not in gaits:
-                raise ArgumentError(f"{name} is not a gait of {self.mapping.model.name}"
-                                 f"{near_miss.suggestion(name, gaits)}")  # fmt: skip
+    def __init__(
+        self, mapping: ReturnMap, values: Values, after: int, only: Sequence[str] | None = None
+    ) -> None:
+        model = mapping.model
+        for name in only or ():
+            if name not in model.gaits:
+                raise ArgumentError(f"{name} is not a gait of {model.name}"
+                                 f"{near_miss.suggestion(name, model.gaits)}")  # fmt: skip
+        self._after = after
+        self._counts = np.array([only is None or name in only for name in model.gaits])
+        self._held = mapping.complete(values, max([np.size(v) for v in values.values()], default=1))
+        self._read = [quantity.name for quantity in model.observables]
+        self._label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
 
     def __call__(self, images: MapEvaluation, pair: np.ndarray, cycle: int) -> np.ndarray:
-        if cycle < self.after:
+        if cycle < self._after:
             return np.full(len(pair), UNDECIDED)
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
         observed = {name: images.observed[name] for name in self._read}
         label = np.asarray(self._label({name: each[which] for name, each in self._held.items()}, observed))
-        gaits = self.mapping.model.gaits
-        counts = np.array([self.only is None or name in self.only for name in gaits])
-        return np.where(counts[label], label, UNDECIDED)
-
-    @cached_property
-    def _held(self) -> dict[str, np.ndarray]:
-        return self.mapping.complete(self.values, max([np.size(v) for v in self.values.values()], default=1))
-
-    @cached_property
-    def _read(self) -> tuple[str, ...]:
-        return tuple(quantity.name for quantity in self.mapping.model.observables)
-
-    @cached_property
-    def _label(self) -> Callable[..., jax.Array]:
-        mapping = self.mapping
-        return jax.jit(jax.vmap(lambda v, o: mapping.model.label(mapping.params(v), o)["gait"]))
+        return np.where(self._counts[label], label, UNDECIDED)
 
 
 def _of_each(pair: np.ndarray, given: int, what: str) -> np.ndarray:
@@ -195,8 +161,3 @@ def fates(
         goes_on = images.sound & (found < 0)
         points, going = images.points[goes_on], going[goes_on]
     return labels, cycles
-
-
-def ended(label: Any) -> ReturnStatus:
-    """The `Way` in which a trajectory with this negative label ended."""
-    return ReturnStatus(-1 - int(label))

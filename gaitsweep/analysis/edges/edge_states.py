@@ -14,20 +14,10 @@ import dataclasses
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper, LabelMapper, ProximityMapper
+from gaitsweep.analysis.edges.attractor_mappers import AttractorMapper
 from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome, Tracking
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
-
-__all__ = [
-    "AttractorMapper",
-    "EdgeLimits",
-    "EdgeOutcome",
-    "EdgeStates",
-    "LabelMapper",
-    "ProximityMapper",
-    "edge_states",
-]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,11 +35,6 @@ class EdgeStates:
     points: Points
     outcome: np.ndarray
     table: pd.DataFrame
-
-    @property
-    def found(self) -> np.ndarray:
-        """Which searches found a fixed point or a cycle, (n,)."""
-        return (self.outcome == EdgeOutcome.fixed) | (self.outcome == EdgeOutcome.periodic)
 
 
 def edge_states(

@@ -14,7 +14,6 @@ from gaitsweep.analysis.edges.attractor_mappers import (
     AttractorMapper,
     ProximityMapper,
     advanced,
-    ended,
     fates,
 )
 from gaitsweep.contract import ResultCode
@@ -247,15 +246,7 @@ class Tracking:
     def _conclude(
         self, rows: np.ndarray, begun: Points, course: Recurrence, together: np.ndarray, at_once: np.ndarray
     ) -> None:
-        """End the searches that have found a fixed point, a cycle or a jump of the map.
-
-        Args:
-            rows: the pairs that were followed.
-            begun: (n,) the initial points of the trajectories between the two.
-            course: the closest returns of these trajectories.
-            together: whether the two are no farther apart than they were, (n,).
-            at_once: whether they separated within one cycle, (n,).
-        """
+        """End the pairs `rows` that have found a fixed point, a cycle or a jump of the map."""
         stayed = self._distance(begun.at, self._begun.at) <= self.limits.residual_tolerance
         self._begun = self._begun.merged(rows, begun[rows])
         self.edge, self.residual[rows] = self.edge.merged(rows, begun[rows]), course.gaps[rows, 0]
@@ -304,7 +295,7 @@ class Tracking:
         elif label == UNDECIDED:
             outcome = EdgeOutcome.undecided
         else:
-            outcome = EdgeOutcome.fell if ended(label) == ReturnStatus.fell else EdgeOutcome.lost
+            outcome = EdgeOutcome.fell if -1 - label == ReturnStatus.fell else EdgeOutcome.lost
         self._stop(np.array([row]), outcome)
 
     def _stop(self, rows: np.ndarray, outcome: EdgeOutcome) -> None:

@@ -9,12 +9,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.gaits.swing_onsets import GAITS, Steadiness, gait_of, onsets_in, onsets_of_crossings
+from gaitsweep.analysis.gaits.swing_onsets import (
+    GAITS,
+    IN_CYCLES,
+    SINCE,
+    Steadiness,
+    gait_of,
+    onsets_in,
+    onsets_of_crossings,
+)
 from gaitsweep.analysis.records import FAILURES, AnalysisError, axes_of, require
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, STRICT, THRESHOLD, margin, place
 
 FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}
-_SINCE, _MEAN = "since_{}_n", "delta_{}_mean_end"
+_MEAN = "delta_{}_mean_end"
 
 
 def gaits_in(
@@ -98,8 +106,8 @@ def onsets_of(
         return onsets_in(table, signals, level, falling)
     if "leg" in table.columns:
         return table
-    if _SINCE.format(LEGS[0]) in table.columns:
-        return onsets_of_crossings(table, _SINCE)
+    if SINCE.format(LEGS[0]) in table.columns:
+        return onsets_of_crossings(table)
     if all(name in table.columns for name in FLEXORS.values()):
         return onsets_in(table, FLEXORS, level, falling)
     raise AnalysisError(
@@ -129,7 +137,5 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         there = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
         found[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(found["steady"], there, told), list(GAITS))
     found["margin"] = margin(*shifts, thresholds[0])
-    found.attrs["quantities"] = {
-        name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
-    }
+    found.attrs["quantities"] = dict(IN_CYCLES)
     return found

@@ -9,9 +9,8 @@ Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Fig. 5 and 6.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,8 +29,7 @@ _DRAWS = 4000  # draws of the bootstrap
 _AT_ONCE = 2_000_000  # cases drawn at once
 
 
-@dataclasses.dataclass(frozen=True)
-class Measure:
+class Measure(NamedTuple):
     """A measure of load or pitch in a pair's stance that the rule relates to its shift."""
 
     meaning: str
@@ -67,14 +65,11 @@ def pairs_in(table: pd.DataFrame) -> pd.DataFrame:
     gaits = gaits_in(table)
     gaits = gaits.loc[gaits["gait"].isin(CHART)]
     axes = [name for name in axes_of(table) if name in gaits.columns]
-    parts = []
-    for pair in (1, 2):
-        part = gaits[["row", *axes, "gait"]].assign(pair_number=pair, delta=gaits[f"delta_{pair}"])
-        parts.append(part)
+    known = gaits[["row", *axes, "gait"]]
+    parts = [known.assign(pair_number=pair, delta=gaits[f"delta_{pair}"]) for pair in (1, 2)]
     pairs = pd.concat(parts, ignore_index=True)
-    measured = (
-        _loads_of_settled(table) if "late_load_LF_end" in table.columns else _loads_of_trace(table, pairs)
-    )
+    settled = "late_load_LF_end" in table.columns
+    measured = _loads_of_settled(table) if settled else _loads_of_trace(table, pairs)
     pairs = pairs.merge(measured, on=["row", "pair_number"], how="left")
     pairs = pairs.sort_values(["row", "pair_number"], ignore_index=True)
     pairs.attrs["quantities"] = gaits.attrs.get("quantities", {})
@@ -240,18 +235,7 @@ def load_prediction(table: pd.DataFrame, feedback: str = "k2") -> pd.DataFrame:
 
 
 def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
-    """The loads and pitch of each pair at the end of the rows of a settle table, in each leg's own stance.
-
-    Args:
-        table: row, and for each leg late_load_LF_end, stance_load_LF_end (N), late_pitch_LF_end and
-            stance_pitch_LF_end (rad).
-
-    Returns:
-        One record for each pair of a row: row, pair_number, load_late, load_stance, tilt_late, tilt_stance.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
+    """Loads (N) and pitch (rad) of each row and pair of a settle table, in each leg's own stance."""
     parts = []
     for number, (fore, hind) in enumerate(PAIRS, start=1):
         part = pd.DataFrame({"row": table["row"], "pair_number": number})
@@ -265,21 +249,7 @@ def _loads_of_settled(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
-    """The loads and pitch of each pair, averaged over the complete cycles of a trace.
-
-    A leg is in stance while its flexor is silent; its late stance is the last `LATE` of the cycle before it
-    begins to swing. `together` is the same time for both legs, before the first of them swings.
-
-    Args:
-        trace: row, t (s) and for each leg u_f_LF and F_LF (N), pitch (rad, nose down positive).
-        pairs: row, pair_number and delta (cycles).
-
-    Returns:
-        One record for each pair of a row: row, pair_number, and load_ and tilt_ of together, late and stance.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
+    """Loads (N) and pitch (rad) of each row and pair, averaged over the complete cycles of a trace."""
     require(trace, "row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS))
     onsets = {key: each["t"].to_numpy(float) for key, each in onsets_of(trace).groupby(["row", "leg"])}
     shift = pairs.set_index(["row", "pair_number"])["delta"]

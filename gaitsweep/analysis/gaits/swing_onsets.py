@@ -16,6 +16,9 @@ from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, STR
 
 GAITS = (*CHART, "unsteady", "none")
 _UNSTEADY, _NONE = len(CHART), len(CHART) + 1
+SINCE = "since_{}_n"  # the column of a leg's time since its last onset
+# by their names the deltas would be taken for radians
+IN_CYCLES = {name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")}
 _SAME = 1e-6  # s; two records of one onset differ by rounding errors alone
 
 
@@ -70,15 +73,14 @@ def onsets_in(
     return pd.concat(parts, ignore_index=True).sort_values(["row", "t"], kind="stable", ignore_index=True)
 
 
-def onsets_of_crossings(table: pd.DataFrame, name: str = "since_{}_n") -> pd.DataFrame:
+def onsets_of_crossings(table: pd.DataFrame) -> pd.DataFrame:
     """The swing onsets in a table of crossings, for `gait_of`.
 
     If a leg begins to swing twice between two crossings, the first onset is unknown.
 
     Args:
         table: records with row, crossing, t (s), status if known, and for each leg the time since its last
-            onset (s), as return maps and ramps of `planar_quadruped` have them.
-        name: the column of a leg, with {} for the leg's name.
+            onset (s), since_LF_n and so on, as return maps and ramps of `planar_quadruped` have them.
 
     Returns:
         One record an onset: row, leg, t (s), status where the table has it.
@@ -86,12 +88,12 @@ def onsets_of_crossings(table: pd.DataFrame, name: str = "since_{}_n") -> pd.Dat
     Raises:
         AnalysisError: the table does not have a column.
     """
-    require(table, "row", "crossing", "t", *(name.format(leg) for leg in LEGS))
+    require(table, "row", "crossing", "t", *(SINCE.format(leg) for leg in LEGS))
     kept = [column for column in ("row", "status") if column in table.columns]
     crossed = table.loc[table["crossing"] > 0]
     parts = []
     for leg in LEGS:
-        t = crossed["t"].to_numpy(float) - crossed[name.format(leg)].to_numpy(float)
+        t = crossed["t"].to_numpy(float) - crossed[SINCE.format(leg)].to_numpy(float)
         part = crossed[kept].assign(leg=leg, t=t)
         part = part.loc[np.isfinite(t) & (t > 0.0)].sort_values(["row", "t"], kind="stable")
         again = part.groupby("row")["t"].diff() < _SAME
@@ -100,13 +102,10 @@ def onsets_of_crossings(table: pd.DataFrame, name: str = "since_{}_n") -> pd.Dat
 
 
 def gait_of(
-    onsets: pd.DataFrame | np.ndarray,
+    onsets: pd.DataFrame,
     *,
-    legs: Sequence[str] = LEGS,
-    reference: str = "LF",
     window: tuple[Any, Any] = (-math.inf, math.inf),
     rows: Iterable[Any] | None = None,
-    failed: Iterable[Any] = (),
     thresholds: Sequence[float] = (THRESHOLD, STRICT),
     steadiness: Steadiness | None = None,
 ) -> pd.DataFrame:
@@ -117,13 +116,10 @@ def gait_of(
     in antiphase.
 
     Args:
-        onsets: records with row, leg (a name of `LEGS`) and t (s), and status if known; or times
-            (rows, 4, k), NaN where there are fewer. In any order; NaN is left out.
-        legs: the names of an array's four legs.
-        reference: the leg with phase 0.
+        onsets: records with row, leg (a name of `LEGS`) and t (s), and status if known, in any order; NaN is
+            left out.
         window: begin and end of the time used, s: numbers, or one for each of the result's rows.
         rows: the rows of the result, including those without onsets; by default those in `onsets`.
-        failed: rows that fell, besides those with a failed status.
         thresholds: largest shift of a pair in phase, cycles; each but the first adds a column of gaits.
         steadiness: criteria of a steady gait.
 
@@ -131,49 +127,29 @@ def gait_of(
         One record a row, everything in cycles but for `period` (s), NaN where it is not known: row, cycles
         (of the leg with fewest), period, variation, skipped; delta_1, delta_2 in [-0.5, 0.5); antiphase (of
         the pairs' middles; its length and spread are those of the fore legs' shift) and phase_LF, ... in
-        [0, 1); length_* and spread_* (circular standard deviation) of these; steady, gait, gait_at_0.05,
-        margin (see `nine_gaits.margin`).
+        [0, 1), that of LF 0; length_* and spread_* (circular standard deviation) of these; steady, gait,
+        gait_at_0.05, margin (see `nine_gaits.margin`).
 
     Raises:
-        AnalysisError: a column is not there, a leg is none, or the array has another shape.
+        AnalysisError: a column is not there, or a leg is none.
     """
-    steadiness = steadiness or Steadiness()
-    _refuse_others([reference])
-    records, fell = _records(onsets, legs)
-    if rows is None:
-        rows = range(len(onsets)) if isinstance(onsets, np.ndarray) else np.unique(onsets["row"])
-    index = pd.Index(rows, name="row")
-    records = records.assign(row=index.get_indexer(pd.Index(records["row"])))
-    records = _inside(records.loc[records["row"] >= 0], window, len(index))
-    cycles, table = _cycles(records, len(index))
-    table = table.assign(**_shifts(cycles, reference, len(index)))
-    table.insert(0, "row", index)
-    lost = table["row"].isin([*failed, *fell]).to_numpy()
-    table = table.assign(**_named(table, lost, thresholds, steadiness))
-    # by their names the deltas would be taken for radians
-    table.attrs["quantities"] = {
-        name: {"unit": "cycles", "circular": False} for name in ("delta_1", "delta_2")
-    }
-    return table
-
-
-def _records(onsets: pd.DataFrame | np.ndarray, legs: Sequence[str]) -> tuple[pd.DataFrame, set[Any]]:
-    """Finite onsets as row, leg and t, and the rows that failed."""
-    if isinstance(onsets, np.ndarray):
-        if onsets.ndim != 3 or onsets.shape[1] != 4 or sorted(legs) != sorted(LEGS):
-            raise AnalysisError(
-                f"onsets are (rows, 4, k) for the legs {', '.join(LEGS)} in any order, not {onsets.shape} "
-                f"for {', '.join(legs)}"
-            )
-        row, leg, k = np.nonzero(np.isfinite(onsets))
-        return pd.DataFrame({"row": row, "leg": np.asarray(legs)[leg], "t": onsets[row, leg, k]}), set()
     require(onsets, "row", "leg", "t")
     _refuse_others(onsets["leg"].dropna().unique())
     fell = set()
     if "status" in onsets.columns:
         fell = set(onsets.loc[onsets["status"].astype(str).isin(list(FAILURES)), "row"])
+    index = pd.Index(np.unique(onsets["row"]) if rows is None else rows, name="row")
     sound = np.isfinite(onsets["t"].to_numpy(float)) & onsets["leg"].notna().to_numpy()
-    return onsets.loc[sound, ["row", "leg", "t"]].astype({"leg": str}), fell
+    records = onsets.loc[sound, ["row", "leg", "t"]].astype({"leg": str})
+    records = records.assign(row=index.get_indexer(pd.Index(records["row"])))
+    records = _inside(records.loc[records["row"] >= 0], window, len(index))
+    cycles, table = _cycles(records, len(index))
+    table = table.assign(**_shifts(cycles, len(index)))
+    table.insert(0, "row", index)
+    lost = table["row"].isin(list(fell)).to_numpy()
+    table = table.assign(**_named(table, lost, thresholds, steadiness or Steadiness()))
+    table.attrs["quantities"] = dict(IN_CYCLES)
+    return table
 
 
 def _refuse_others(legs: Iterable[Any]) -> None:
@@ -213,7 +189,7 @@ def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFra
     return records, pd.DataFrame(table | {"variation": np.sqrt(variance) / period, "skipped": skipped})
 
 
-def _shifts(cycles: pd.DataFrame, reference: str, count: int) -> dict[str, np.ndarray]:
+def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, np.ndarray]:
     """Shifts and phases with their resultant lengths and spreads, (count,) each."""
     of = {leg: cycles.loc[cycles["leg"] == leg, ["row", "t", "lasts"]].sort_values("t") for leg in LEGS}
     found: dict[str, np.ndarray] = {}
@@ -231,7 +207,7 @@ def _shifts(cycles: pd.DataFrame, reference: str, count: int) -> dict[str, np.nd
     between = add("antiphase", fore_2, fore_1, 0.0)
     found["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0
     for leg in LEGS:
-        add(f"phase_{leg}", leg, reference, 0.0)
+        add(f"phase_{leg}", leg, "LF", 0.0)
     return found
 
 

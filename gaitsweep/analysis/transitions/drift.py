@@ -22,36 +22,31 @@ SURE = 2.0  # standard errors from zero of a significant drift
 _A_BANDWIDTH = 5  # points of the curve in a bandwidth
 _AT_REST = 1e-4  # bandwidths a crossing; a slower row is at rest
 _OUTSIDE = 0.02  # bandwidths; largest distance of a rest state outside the data
-_NARROWER = (
-    1.0,
-    0.5,
-    0.25,
-    0.125,
-)  # bandwidths; windows are narrowed where the points deviate from the curve
+_NARROWER = (1.0, 0.5, 0.25, 0.125)  # bandwidths; narrower where the points deviate from the curve
 _AT_A_PLACE = 4  # least weight of the points in a test of the fit at one position
-_ASTRAY = (
-    0.02,
-    4.0,
-)  # largest mean deviation of points from the curve: bandwidths, standard errors
+_ASTRAY = (0.02, 4.0)  # largest mean deviation of points from the curve: bandwidths, standard errors
 _TWOFOLD = 3.0  # least ratio of the distance between two branches of points to their widths
 _A_BRANCH, _BRANCHES = 2, 8  # least number of points of each branch, and of both
 _BRIDGED = (3.0, 0.5)  # largest residual at a zero on one side: standard errors, shares of the drift there
 
 
-Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # value, change, row, share
-
-
-class Drift(NamedTuple):
-    """One piece of a map: pairs as points (value, change, row and share of each), and the curve through them.
-
-    `begin` is the start of the turn if the curve closes around the circle; points near it are then present on
-    both sides. `circular`: whether changes are angles.
-    """
+class Points(NamedTuple):
+    """Pairs of a map, (n,) each: value, change, row and share."""
 
     value: np.ndarray
     change: np.ndarray
     row: np.ndarray
     share: np.ndarray
+
+
+class Drift(NamedTuple):
+    """One piece of a map: its points, sorted by value, and the curve through them.
+
+    `begin` is the start of the turn if the curve closes around the circle; points near it are then present on
+    both sides. `circular`: whether changes are angles.
+    """
+
+    points: Points
     bandwidth: float
     begin: float | None
     circular: bool
@@ -73,10 +68,6 @@ class Drift(NamedTuple):
         assert found is not None
         return found
 
-    @property
-    def points(self) -> Points:
-        return self.value, self.change, self.row, self.share
-
 
 def drifts_of(
     value: np.ndarray, change: np.ndarray, row: np.ndarray, bandwidth: float, circular: bool
@@ -95,11 +86,11 @@ def drifts_of(
         The pieces, ascending; those of an angle may extend beyond the end of the turn.
     """
     step = bandwidth / _A_BANDWIDTH
-    share = once_a_place(value, row, step)
-    first = np.diff(row, prepend=np.nan) != 0
     order = np.argsort(value, kind="stable")
-    value, change, row, share, first = (each[order] for each in (value, change, row, share, first))
-    n = len(value)
+    every = (value, change, row, once_a_place(value, row, step))
+    points = Points(*(each[order] for each in every))
+    first, n = (np.diff(row, prepend=np.nan) != 0)[order], len(value)
+    value, change, _, share = points
     if not circular:
         ends = np.flatnonzero(breaks(value, change, share, first, bandwidth, step)) + 1
     else:
@@ -112,60 +103,46 @@ def drifts_of(
         broken = breaks(turned, change[again], share[again], first[again], bandwidth, step)
         # the last of these n is between the last point and the first one, a turn later
         after = broken[n - low : n - low + n]
-        after |= (
-            np.abs(np.diff(change, append=change[0])) > 0.5 * TURN
-        )  # more than half a turn: not through zero
+        # more than half a turn: not through zero
+        after |= np.abs(np.diff(change, append=change[0])) > 0.5 * TURN
         if not after.any():
-            return [_closed(value, change, row, share, bandwidth, step)]
+            return [_closed(points, bandwidth, step)]
         begin = int(np.flatnonzero(after)[-1]) + 1
         if begin < n:
-            value = np.r_[value[begin:], value[:begin] + TURN]
-            change, row, share = (np.roll(each, -begin) for each in (change, row, share))
+            points = Points(*(np.roll(each, -begin) for each in points))
+            points = points._replace(value=np.r_[value[begin:], value[:begin] + TURN])
         ends = np.flatnonzero(np.roll(after, -begin)[:-1]) + 1
-    pieces = [_piece(each, bandwidth, step, circular) for each in _split(ends, (value, change, row, share))]
-    return sorted(pieces, key=lambda piece: float(piece.value[0]))
-
-
-def _split(ends: np.ndarray, points: Points) -> list[Points]:
-    value, change, row, share = (np.split(each, ends) for each in points)
-    return list(zip(value, change, row, share, strict=True))
+    pieces = zip(*(np.split(each, ends) for each in points), strict=True)
+    found = [_piece(Points(*each), bandwidth, step, circular) for each in pieces]
+    return sorted(found, key=lambda piece: float(piece.points.value[0]))
 
 
 def _piece(points: Points, bandwidth: float, step: float, circular: bool) -> Drift:
     """A piece with ends: its curve extends from its first point to its last."""
-    value, change, row, share = points
-    low, high = float(value[0]), float(value[-1])
+    low, high = float(points.value[0]), float(points.value[-1])
     at = np.arange(low, high, step)
     at = np.append(at, high) if high > low else np.array([low])
-    smooth = _followed(points, at, bandwidth)
-    return Drift(value, change, row, share, bandwidth, None, circular, smooth)
+    return Drift(points, bandwidth, None, circular, _followed(points, at, bandwidth))
 
 
-def _closed(
-    value: np.ndarray, change: np.ndarray, row: np.ndarray, share: np.ndarray, bandwidth: float, step: float
-) -> Drift:
+def _closed(points: Points, bandwidth: float, step: float) -> Drift:
     """The single piece of a map whose data cover the circle."""
-    low = float(value[0])
-    around = np.concatenate([value - TURN, value, value + TURN])
+    low = float(points.value[0])
+    around = np.concatenate([points.value - TURN, points.value, points.value + TURN])
     near = (around > low - 2.0 * bandwidth) & (around < low + TURN + 2.0 * bandwidth)
-    value = around[near]
-    change, row, share = (np.tile(each, 3)[near] for each in (change, row, share))
+    points = Points(*(np.tile(each, 3)[near] for each in points))._replace(value=around[near])
     count = int(np.ceil(TURN / step))
-    at = low + TURN * np.arange(count) / count
-    smooth = _followed((value, change, row, share), at, bandwidth)
+    smooth = _followed(points, low + TURN * np.arange(count) / count, bandwidth)
     # begin at the most significant sign, so that no zero is at the ends
     sure = np.abs(smooth.value) / np.maximum(smooth.value_error, 1e-300)
     way = np.arange(count + 1) + int(np.argmax(np.nan_to_num(sure)))
     smooth = Smooth(*(each[way % count] for each in smooth))
     smooth = smooth._replace(at=smooth.at + TURN * (way // count))
-    return Drift(value, change, row, share, bandwidth, low, True, smooth)
+    return Drift(points, bandwidth, low, True, smooth)
 
 
 def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
-    """The curve through points sorted by value, in narrower windows where they bend.
-
-    It is NaN where no window fits the points, and where they lie on two branches.
-    """
+    """The curve through sorted points, in narrower windows where they bend; NaN where none fits."""
     smooth = local_polynomial(*points, at, bandwidth)
     smooth.value[_twofold(points, smooth, bandwidth)] = np.nan
     wrong = np.flatnonzero(_astray(points, smooth, bandwidth, bandwidth))
@@ -181,11 +158,7 @@ def _followed(points: Points, at: np.ndarray, bandwidth: float) -> Smooth:
 def _astray(
     points: Points, smooth: Smooth, width: float, bandwidth: float, unknown: bool = False
 ) -> np.ndarray:
-    """Whether the mean deviation of the points from the curve exceeds their scatter, bool (k,).
-
-    `width` is that of the window; points within a fifth of it belong to a position. `unknown` is the result
-    for too few points; a curve that failed in a wider window has to fit them more closely.
-    """
+    """Whether the points' mean deviation exceeds their scatter, bool (k,); `unknown` if they are few."""
     value, change, _, share = points
     wrong = np.full(len(smooth.at), unknown)
     near = width / _A_BANDWIDTH
@@ -206,10 +179,7 @@ def _astray(
 
 
 def _twofold(points: Points, smooth: Smooth, bandwidth: float) -> np.ndarray:
-    """Whether the points lie on two separate branches, bool (k,).
-
-    This happens if the state is not one-dimensional, or if the sign of another observable is missing.
-    """
+    """Whether the points lie on two branches, bool (k,), as of a state with another dimension."""
     value, change, *_ = points
     low = np.searchsorted(value, smooth.at - bandwidth)
     high = np.searchsorted(value, smooth.at + bandwidth, "right")
@@ -315,8 +285,8 @@ def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
         return []
     zeros = []
     for end, inner, way in ((0, sure[0], -1.0), (-1, sure[-1], 1.0)):
-        place = float(drift.value[end])
-        if abs(drift.change[end]) > _AT_REST * drift.bandwidth:
+        place = float(drift.points.value[end])
+        if abs(drift.points.change[end]) > _AT_REST * drift.bandwidth:
             continue
         smooth = drift.at(place)
         beyond = way * -float(smooth.value[0] / smooth.slope[0])
@@ -334,16 +304,17 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
     Lines through the points of one side alone, within a bandwidth or a part of it, tell a curve through zero
     from one that bridges a jump: there both leave the zero on the side where their points are.
     """
-    away = drift.value - (place if drift.begin is None else float(on_line(np.array([place]), drift.begin)[0]))
+    value, change, _, share = drift.points
+    away = value - (place if drift.begin is None else float(on_line(np.array([place]), drift.begin)[0]))
     sign = 1.0 if falls else -1.0
     reach = 2.0 * drift.bandwidth
     left, right = (away < 0.0) & (away >= -reach), (away > 0.0) & (away <= reach)
     still = _AT_REST * drift.bandwidth
-    if not (sign * drift.change[left] > -still).any() or not (-sign * drift.change[right] > -still).any():
+    if not (sign * change[left] > -still).any() or not (-sign * change[right] > -still).any():
         return False
     if drift.circular:
         near = np.abs(away) <= drift.bandwidth
-        if np.sum(drift.share[near] * np.cos(drift.change[near])) <= 0.0:
+        if np.sum(share[near] * np.cos(change[near])) <= 0.0:
             return False  # it goes through half a turn, where the changes' sign turns too
     many, much = _BRIDGED
     bridged = False
@@ -351,7 +322,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
         remains = [_remains(drift, side & (np.abs(away) <= width), away, width) for side in (left, right)]
         if None in remains:
             if width == drift.bandwidth:  # too few for lines: then some of them lie near the diagonal
-                sizes = np.abs(drift.change[np.abs(away) <= reach])
+                sizes = np.abs(change[np.abs(away) <= reach])
                 return bool(sizes.min() < much * sizes.mean())
             break
         (one, one_error, one_size), (other, other_error, other_size) = remains  # pyright: ignore
@@ -369,11 +340,11 @@ def _remains(
     """What the line through the points of one side leaves at a zero, its error, and their mean size."""
     if not mine.any():
         return None
-    columns = (away[mine], drift.change[mine], drift.row[mine], drift.share[mine])
-    smooth = local_polynomial(*columns, np.zeros(1), width)
+    _, change, row, share = (each[mine] for each in drift.points)
+    smooth = local_polynomial(away[mine], change, row, share, np.zeros(1), width)
     if not np.isfinite(smooth.value[0]):
         return None
-    size = float(np.average(np.abs(drift.change[mine]), weights=drift.share[mine]))
+    size = float(np.average(np.abs(change), weights=share))
     return float(smooth.value[0]), float(smooth.value_error[0]), size
 
 

@@ -47,12 +47,7 @@ def gaits_along(
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
         return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="")
-    found = gait_of(
-        inside,
-        rows=range(len(windows)),
-        thresholds=thresholds,
-        steadiness=PASSING,
-    )
+    found = gait_of(inside, rows=range(len(windows)), thresholds=thresholds, steadiness=PASSING)
     named = [name for name in found.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, found[named]], axis=1)
     along["family"] = [family(gait) for gait in along["gait"].astype(str)]
@@ -95,13 +90,10 @@ def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFr
     # half a cycle on either side: the other leg of a pair may begin before LF does, or after
     reach = 0.5 * (end - begin) / cycles
     low, high = first.copy(), last.copy()
-    for k in range(len(first)):
-        while low[k] > 0 and row[low[k] - 1] == row[first[k]] and t[low[k] - 1] >= begin[k] - reach[k]:
-            low[k] -= 1
-        while (
-            high[k] + 1 < len(t) and row[high[k] + 1] == row[last[k]] and t[high[k] + 1] <= end[k] + reach[k]
-        ):
-            high[k] += 1
+    for k, number in enumerate(row[first]):
+        mine, after = np.searchsorted(row, number), np.searchsorted(row, number, "right")
+        low[k] = mine + np.searchsorted(t[mine:after], begin[k] - reach[k])
+        high[k] = mine + np.searchsorted(t[mine:after], end[k] + reach[k], "right") - 1
     count = high - low + 1
     places = np.repeat(high + 1 - np.cumsum(count), count) + np.arange(count.sum())
     inside = onsets.iloc[places][["leg", "t"]].assign(row=np.repeat(np.arange(len(first)), count))

@@ -39,13 +39,6 @@ class Course(NamedTuple):
     settled: np.ndarray | None
 
 
-class Stretch(NamedTuple):
-    """The records `start` (the last before a jump) and `stop` (the first after it) of a course."""
-
-    start: int
-    stop: int
-
-
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
     """The rows of a ramp or staircase table with at least two records; NaN and falls are left out."""
     name = section_column(table, observable)
@@ -70,10 +63,11 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         yield Course(part.iloc[0], parameters, passes, value, settled)
 
 
-def stretches(course: Course, least: float) -> list[Stretch]:
+def stretches(course: Course, least: float) -> list[tuple[int, int]]:
     """The jumps of a course by `least` or more (in the observable's unit), in order.
 
-    A jump is also larger than four times the lower quartile of the course's changes.
+    Each is the last record before it and the first after it. A jump is also larger than four times the lower
+    quartile of the course's changes.
     """
     if course.settled is not None:
         return _between_holds(course.value, course.settled, least)
@@ -98,7 +92,7 @@ def rising(course: Course, number: int) -> bool:
     return bool(course.parameter[mine[-1]] >= course.parameter[mine[0]])
 
 
-def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list[Stretch]:
+def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list[tuple[int, int]]:
     """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
@@ -110,20 +104,20 @@ def _between_holds(value: np.ndarray, settled: np.ndarray, least: float) -> list
             end += 1
         start, stop = _without_feet(value, begin, end, HOLD_FOOT)
         if abs(value[stop] - value[start]) >= least:
-            found.append(Stretch(start, stop))
+            found.append((start, stop))
         begin = end
     return found
 
 
-def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> Stretch:
+def _without_feet(value: np.ndarray, start: int, stop: int, foot: float) -> tuple[int, int]:
     """A stretch without its slow ends, each of which holds less than the share `foot` of the change."""
     share = (value[start : stop + 1] - value[start]) / ((value[stop] - value[start]) or 1.0)
     after = int(np.argmax(share >= 1.0 - foot))
     before = int(np.flatnonzero(share[: after + 1] <= foot)[-1])
-    return Stretch(start + before, start + after)
+    return start + before, start + after
 
 
-def _along_crossings(value: np.ndarray, least: float) -> list[Stretch]:
+def _along_crossings(value: np.ndarray, least: float) -> list[tuple[int, int]]:
     span = min(SPAN, len(value) - 1)
     change = value[span:] - value[:-span]
     least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))

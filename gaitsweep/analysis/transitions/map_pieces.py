@@ -104,11 +104,7 @@ def _line(
     bandwidth: float,
     step: float,
 ) -> tuple[float, float, float] | None:
-    """The line through point k and those beyond it, at a place: value, standard error, largest residual.
-
-    It takes as many points as it needs for `_LEAST` of them by their shares and a width of `step`; there is
-    none where they are not within a bandwidth.
-    """
+    """The line through point k and some beyond it, at a place: value, error, largest residual."""
     last = int(np.searchsorted(value, value[k] + way * bandwidth, "right" if way > 0 else "left"))
     mine = np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1)
     x, y, weight = np.abs(value[mine] - place), change[mine], share[mine]

@@ -9,7 +9,7 @@ section: let the faster directions decay first (`run.after_cycles`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -156,41 +156,23 @@ def ghosts(
 
 
 def branches(
-    tables_by_parameter: pd.DataFrame | Mapping[float, pd.DataFrame],
-    observable: str,
-    parameter: str,
-    bandwidth: float | None = None,
+    table: pd.DataFrame, observable: str, parameter: str, bandwidth: float | None = None
 ) -> pd.DataFrame:
     """The bifurcation diagram: the fixed points at each value of a parameter, joined into branches.
 
     Args:
-        tables_by_parameter: a return map's table with the parameter as a column, or one table for each value.
-        observable, bandwidth: as for `drift`.
-        parameter: the column of the parameter, and its name in the result.
+        table, observable, bandwidth: as for `drift`.
+        parameter: the column of the parameter.
 
     Returns:
         As `fixed_points`, with `branch`: a number for the fixed points of one stability that are mutually
         nearest at neighbouring values of the parameter, at most 0.25 rad apart (a quarter of the values'
         range if the observable is no angle).
     """
-    if isinstance(tables_by_parameter, Mapping):
-        found = [
-            fixed_points(table.assign(**{parameter: value}), observable, parameter, bandwidth)
-            for value, table in sorted(tables_by_parameter.items())
-        ]
-        points = pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=[parameter])
-        tables, tried = list(tables_by_parameter.values()), sorted(tables_by_parameter)
-    else:
-        points = fixed_points(tables_by_parameter, observable, parameter, bandwidth)
-        tables, tried = [tables_by_parameter], sorted(tables_by_parameter[parameter].dropna().unique())
-    names = [section_column(table, observable) for table in tables]
-    circular = bool(tables) and is_circular(tables[0], names[0])
-    spans = [
-        np.ptp(table[name].dropna().to_numpy(float))
-        for table, name in zip(tables, names, strict=True)
-        if np.isfinite(table[name].to_numpy(float)).any()
-    ]
-    reach = _NEIGHBOURS if circular else _NEAR_ON_A_LINE * float(max(spans, default=np.inf))
+    points = fixed_points(table, observable, parameter, bandwidth)
+    name, tried = section_column(table, observable), sorted(table[parameter].dropna().unique())
+    circular, value = is_circular(table, name), table[name].dropna().to_numpy(float)
+    reach = _NEIGHBOURS if circular else _NEAR_ON_A_LINE * (float(np.ptp(value)) if value.size else np.inf)
     return points.assign(branch=_joined(points, parameter, tried, reach, circular))
 
 

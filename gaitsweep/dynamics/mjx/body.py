@@ -14,7 +14,6 @@ import copy
 import dataclasses
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not i
 Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["q", "v", "act", "warm"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class BodyState:
     """The state of a body between steps.
@@ -116,8 +115,8 @@ class MjxBody:
         tau: jax.Array | None = None,
         forces: jax.Array | None = None,
         ctrl: jax.Array | None = None,
-    ) -> BodyState:
-        """The state `dt` (s) later, by the integrator that the MJCF names.
+    ) -> tuple[BodyState, Any]:
+        """The state `dt` (s) later in its own precision, by the integrator that the MJCF names.
 
         Args:
             numbers: fields of the model that differ from the MJCF.
@@ -126,14 +125,23 @@ class MjxBody:
             tau: generalised forces (nv,), N m and N.
             forces: forces on the points (k, 3), N, in the world's axes.
             ctrl: actuator controls (nu,).
-        """
-        return self.after(self.stepped(numbers, state, dt, tau=tau, forces=forces, ctrl=ctrl), state)
 
-    def after(self, data: Any, before: BodyState) -> BodyState:
-        """The state in MJX's data after a step from the state `before`, in the precision of that state."""
-        warm = data.qacc_warmstart if before.warm.size else before.warm
+        Returns:
+            The state, and MJX's data of the step: derived quantities at its beginning, q and v at its end.
+        """
+        with _as_mjx_wants(state.q):
+            model, data = self._begun(numbers, state)
+            model = model.tree_replace({"opt.timestep": jnp.asarray(dt, state.q.dtype)})
+            if forces is not None:
+                data = data.replace(xfrc_applied=self._pushes(model, data, forces))
+            if tau is not None:
+                data = data.replace(qfrc_applied=tau)
+            if ctrl is not None:
+                data = data.replace(ctrl=ctrl)
+            data = mjx.step(model, data)
+        warm = data.qacc_warmstart if state.warm.size else state.warm
         found = BodyState(data.qpos, data.qvel, data.act, warm)
-        return jax.tree.map(lambda new, old: new.astype(old.dtype), found, before)
+        return jax.tree.map(lambda new, old: new.astype(old.dtype), found, state), data
 
     def pressures(self, data: Any) -> jax.Array:
         """The normal force (k,) N of each possible contact, at the beginning of the step to `data`.
@@ -148,28 +156,6 @@ class MjxBody:
         # the force is a sum over the four edges of the friction pyramid, whose normal component is 1
         edges = contact.efc_address[:, None] + np.arange(4)
         return jnp.sum(data._impl.efc_force[edges], axis=1)
-
-    def stepped(
-        self,
-        numbers: Numbers,
-        state: BodyState,
-        dt: jax.Array | float,
-        *,
-        tau: jax.Array | None = None,
-        forces: jax.Array | None = None,
-        ctrl: jax.Array | None = None,
-    ) -> Any:
-        """MJX's data after a `step`: derived quantities at its beginning, q and v at its end."""
-        with _as_mjx_wants(state.q):
-            model, data = self._begun(numbers, state)
-            model = model.tree_replace({"opt.timestep": jnp.asarray(dt, state.q.dtype)})
-            if forces is not None:
-                data = data.replace(xfrc_applied=self._pushes(model, data, forces))
-            if tau is not None:
-                data = data.replace(qfrc_applied=tau)
-            if ctrl is not None:
-                data = data.replace(ctrl=ctrl)
-            return mjx.step(model, data)
 
     def _begun(self, numbers: Numbers, state: BodyState) -> tuple[Any, Any]:
         """MJX's model and data of a state, in the precision of that state."""

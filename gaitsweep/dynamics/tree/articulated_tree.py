@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import jax
@@ -45,14 +45,7 @@ class Link:
     orientation: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "mass", "com", "inertia", "position", "anchor", "reference",
-        "armature", "damping", "stiffness", "rest",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Geometry:
     """The numbers of a tree of n links and nv degrees of freedom; NumPy constants or JAX arrays.
@@ -112,10 +105,6 @@ class Tree:
                 raise ValueError(f"The axis {link.axis} of link '{link.name}' has to have length 1.")
 
     @property
-    def nq(self) -> int:
-        return sum(_NQ[link.kind] for link in self.links)
-
-    @property
     def nv(self) -> int:
         return sum(_NV[link.kind] for link in self.links)
 
@@ -160,10 +149,7 @@ class Tree:
         return tuple(written)
 
     def _planes(self) -> list[np.ndarray | None]:
-        """The common axis of the hinges of each link and its descendants, in its frame; None without one.
-
-        Zero if there is no hinge.
-        """
+        """The common axis of the hinges from each link outwards; None without one, zero without hinges."""
         planes: list[np.ndarray | None] = [
             None if link.kind == "free" else np.array(link.axis) * (link.kind == "hinge")
             for link in self.links
@@ -205,9 +191,8 @@ def rescaled(
 
     def inertia(i: int) -> Array:
         about = geometry.inertia[i]
-        if (
-            i in larger
-        ):  # the second moments of mass, of which the inertia is trace less moment, scale by axis
+        if i in larger:
+            # the second moments of mass, of which the inertia is trace less moment, scale by axis
             moment = 0.5 * _trace(about) * EYE - about
             moment = moment * (larger[i][:, None] * larger[i][None, :])
             about = _trace(moment) * EYE - moment

@@ -1,4 +1,4 @@
-"""Forward and inverse dynamics of an articulated tree (Featherstone 2008, ch. 5 and 7)."""
+"""Forward dynamics of an articulated tree (Featherstone 2008, ch. 7)."""
 
 from __future__ import annotations
 
@@ -102,47 +102,6 @@ def forward_dynamics(
     return jnp.concatenate(pieces)
 
 
-def inverse_dynamics(
-    tree: Tree,
-    geometry: Geometry,
-    q: Array,
-    v: Array,
-    acceleration: Array,
-    external: External = (),
-    *,
-    gravity: Array,
-) -> Array:
-    """Generalised forces tau (nv,), N m and N, of an `acceleration` (nv,), by Newton-Euler (table 5.1).
-
-    The inverse of `forward_dynamics`, with its arguments.
-    """
-    bodies = _bodies(tree, geometry, q, v, external, gravity)
-    accelerations: list[MotionVector] = []
-    forces: list[ForceVector] = []
-    for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
-        rate = acceleration[tree.v_of[i]]
-        if link.kind == "free":
-            a = MotionVector(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
-        else:
-            a = _carried(tree, i, bodies, accelerations, gravity)
-            a = a if link.kind == "fixed" else a + body.S * rate[0]
-        accelerations.append(a)
-        forces.append(body.inertia @ a + body.bias)
-
-    pieces: list[Array] = []
-    for i in range(len(bodies) - 1, -1, -1):
-        link, place = tree.links[i], bodies[i].place
-        if link.kind == "free":
-            pieces += [forces[i].couple, place.frame @ forces[i].linear]
-        elif link.kind != "fixed":
-            pieces.append(jnp.reshape(bodies[i].S.dot(forces[i]), 1))
-        if link.parent != WORLD:
-            felt = forces[i].rotated(place.across).moved_from(place.offset)
-            forces[link.parent] = forces[link.parent] + felt
-    tau = jnp.concatenate(pieces[::-1])
-    return tau + geometry.armature * acceleration - passive_forces(tree, geometry, q, v)
-
-
 def passive_forces(tree: Tree, geometry: Geometry, q: Array, v: Array) -> Array:
     """Generalised forces (nv,), N m and N, of the joints' dampers and springs at q (nq,) and v (nv,)."""
     springs = []
@@ -184,11 +143,9 @@ def _bodies(
                 yields = force.inertia(place)
                 inertia, bias = inertia + yields, bias + yields @ force.at_rest(place, w, gravity)
         S = MotionVector(ZERO, place.axis) if link.kind == "slide" else MotionVector(place.axis, ZERO)
-        c = (
-            MotionVector(ZERO, ZERO)
-            if link.parent == WORLD
-            else _velocity_product(link.kind, place, moving[link.parent], v[tree.v_of[i]])
-        )
+        c = MotionVector(ZERO, ZERO)
+        if link.parent != WORLD:
+            c = _velocity_product(link.kind, place, moving[link.parent], v[tree.v_of[i]])
         bodies.append(_Body(place, inertia, bias, S, c))
     return bodies
 
@@ -210,7 +167,8 @@ def _carried(
     parent = tree.links[i].parent
     below = MotionVector(ZERO, -gravity) if parent == WORLD else accelerations[parent]
     place = bodies[i].place
-    return (below.shifted(place.offset) + bodies[i].c).rotated(place.outward)
+    outward = None if place.across is None else place.across.T
+    return (below.shifted(place.offset) + bodies[i].c).rotated(outward)
 
 
 def _of_free(

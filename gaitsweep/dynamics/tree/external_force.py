@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from functools import partial
 from typing import TypeAlias
 
 import jax
@@ -24,7 +23,7 @@ from gaitsweep.dynamics.tree.spatial import (
 )
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["point", "force"], meta_fields=["link"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PointForce:
     """A force on a point of a body.
@@ -32,7 +31,7 @@ class PointForce:
     `link` is the link's number; `point` (3,) m is in the body's frame; `force` (3,) N in the world's axes.
     """
 
-    link: int
+    link: int = dataclasses.field(metadata={"static": True})
     point: Array
     force: Array
 
@@ -42,25 +41,7 @@ class PointForce:
         return ForceVector(cross(place.turn @ (self.point - place.anchor), force), force)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["couple", "force"], meta_fields=["link"])
-@dataclasses.dataclass(frozen=True)
-class WorldForce:
-    """A spatial force in world coordinates.
-
-    `link` is the link's number; `couple` (3,) N m is about the world's origin; `force` (3,) N.
-    """
-
-    link: int
-    couple: Array
-    force: Array
-
-    def on(self, place: Place) -> ForceVector:
-        """The spatial force about the link's point, in the link's axes."""
-        couple = self.couple - cross(place.point, self.force)
-        return ForceVector(place.frame.T @ couple, place.frame.T @ self.force)
-
-
-@partial(jax.tree_util.register_dataclass, data_fields=["at", "force", "yields"], meta_fields=["link"])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class YieldingForce:
     """A force that decreases with the acceleration of its point: `force` - `yields` times the acceleration.
@@ -71,7 +52,7 @@ class YieldingForce:
     are along the world's axes.
     """
 
-    link: int
+    link: int = dataclasses.field(metadata={"static": True})
     at: Array
     force: Array
     yields: Array
@@ -104,4 +85,4 @@ class YieldingForce:
         return place.frame.T @ (self.at - place.base) - place.reach
 
 
-External: TypeAlias = Sequence[PointForce | WorldForce | YieldingForce]
+External: TypeAlias = Sequence[PointForce | YieldingForce]

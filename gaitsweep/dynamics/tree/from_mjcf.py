@@ -56,7 +56,8 @@ def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
             parent = len(links) - 1
         link_of[body] = parent
     stacked = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
-    return Tree(tuple(links)), Geometry(**stacked, armature=m.dof_armature.copy(), damping=_damping(m))
+    damping = m.dof_damping * (0.0 if m.opt.disableflags & _OFF.mjDSBL_DAMPER else 1.0)
+    return Tree(tuple(links)), Geometry(**stacked, armature=m.dof_armature.copy(), damping=damping)
 
 
 def _link(m: mujoco.MjModel, body: int, j: int | None, parent: int, begins: bool, ends: bool) -> Link:
@@ -90,10 +91,6 @@ def _numbers(m: mujoco.MjModel, body: int, j: int | None, begins: bool, ends: bo
         "stiffness": 0.0 if not jointed or m.opt.disableflags & _OFF.mjDSBL_SPRING else m.jnt_stiffness[j],
         "rest": m.qpos_spring[at] if jointed else 0.0,
     }
-
-
-def _damping(m: mujoco.MjModel) -> np.ndarray:
-    return m.dof_damping * (0.0 if m.opt.disableflags & _OFF.mjDSBL_DAMPER else 1.0)
 
 
 def _complaints(m: mujoco.MjModel) -> Iterator[str]:

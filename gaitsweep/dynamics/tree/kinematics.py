@@ -46,21 +46,6 @@ class Place:
     base: Array
     reach: Array
 
-    @property
-    def outward(self) -> Array | None:
-        """The rotation from the parent's axes to the link's, None where they are equal."""
-        return None if self.across is None else self.across.T
-
-    @property
-    def rotation(self) -> Array:
-        """The body's orientation in the world (3, 3)."""
-        return self.frame @ self.turn
-
-    @property
-    def point(self) -> Array:
-        """The link's point in the world (3,), m."""
-        return self.base + self.frame @ self.reach
-
     def position(self, point: Array) -> Array:
         """The position in the world (3,), m, of a `point` (3,) of the body, m in the body's frame."""
         return self.base + self.frame @ (self.reach + self.turn @ (point - self.anchor))

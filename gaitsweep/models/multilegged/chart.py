@@ -1,4 +1,4 @@
-"""Coordinates on the chain's section, just after the touchdown of leg 1 (Ambe et al. 2021, sec. 3.3)."""
+"""Coordinates on the section of the chain and of its reduced form, leg 1 just landed (Ambe 2021, 3.3)."""
 
 from __future__ import annotations
 
@@ -53,9 +53,7 @@ class MultileggedChart(Chart):
     def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
         n = self.N
         psi, phi_1, x, v, y = jnp.split(at, [n, n + 1, 2 * n + 1, 3 * n + 2])
-        phi = jnp.cumsum(jnp.concatenate([phi_1, psi]))
-        # multiples of 2 pi are those of the leg's segment
-        phi = modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
+        phi = _in_segments(jnp.cumsum(jnp.concatenate([phi_1, psi])), modes)
         touching = _touching(params, phi[:1]) - PRESSED
         return dataclasses.replace(modes, phi=phi, x=jnp.concatenate([touching, x]), v=v, y=y)
 
@@ -66,6 +64,38 @@ class MultileggedChart(Chart):
 
     def conserved_values(self, params: Any, at: jax.Array) -> jax.Array:
         return jnp.sum(at[: self.N])[None]
+
+
+@dataclasses.dataclass(frozen=True)
+class ReducedChart(MultileggedChart):
+    """The N relative phases just after the reset of leg 1, whose phase is 0.
+
+    psi_1 is its value on section 1 before the reset plus leg 1's touchdown phase; the others are the same.
+    E is conserved if both ends have the same touchdown phase (eqs. 29, 30); then fixed points form lines.
+    """
+
+    @property
+    def coordinates(self) -> tuple[Quantity, ...]:
+        return tuple(
+            Quantity(f"psi_{i}", "rad", f"phi_{i + 1} - phi_{i} just after leg 1's reset", circular=True)
+            for i in range(1, self.N + 1)
+        )
+
+    def read(self, params: Any, state: Any) -> jax.Array:
+        return wrapped(state.phi[1:] - state.phi[:-1])
+
+    def place(self, params: Any, at: jax.Array, modes: Any) -> Any:
+        phi = jnp.concatenate([jnp.zeros_like(at[:1]), jnp.cumsum(at)])
+        return dataclasses.replace(modes, phi=_in_segments(phi, modes))
+
+    def holds(self, params: Any, state: Any) -> jax.Array:
+        """Whether leg 1 has landed; its phase can also pass 2 pi without a landing."""
+        return state.landed & (state.phi[0] == 0.0)
+
+
+def _in_segments(phi: jax.Array, modes: Any) -> jax.Array:
+    """The phases, shifted by multiples of 2 pi to those of the legs' segments."""
+    return modes.phi + wrapped(phi - modes.phi + jnp.pi) - jnp.pi
 
 
 def _touching(p: Any, phi: jax.Array) -> jax.Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import ClassVar
 
 import jax
@@ -17,11 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
-from gaitsweep.dynamics.compliant_ground import ground_force
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.models.multilegged.chart import MultileggedChart
 from gaitsweep.models.multilegged.drawing import skeleton
+from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import GAITS, classify
 from gaitsweep.models.multilegged.theory.obstacle import obstacle_problem
 from gaitsweep.skeleton import Skeleton
@@ -73,11 +72,7 @@ PARAMETERS = (
 )
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["beta", "kappa", "sigma", "masses", "m", "a", "L", "K", "D", "omega", "tau", "g", "clamp"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
     """Parameters as in the equations; units as in `PARAMETERS`, arrays from head to tail.
@@ -100,11 +95,7 @@ class Params:
     clamp: jax.Array
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["x", "v", "phi", "y", "contact", "segment", "landed"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """Heights x (m), velocities v (m/s), phases phi (rad), lags y (rad/s), each (N+1,), and the modes.
@@ -120,6 +111,45 @@ class State:
     contact: jax.Array
     segment: jax.Array
     landed: jax.Array
+
+
+def ground_force(
+    gap: jax.Array,
+    gap_rate: jax.Array,
+    contact: jax.Array,
+    K: jax.Array,
+    D: jax.Array,
+    clamp: jax.Array,
+) -> jax.Array:
+    """The force of the ground on each leg, N, shape (n,); zero without contact.
+
+    Args:
+        gap, gap_rate: height of the body over the leg's length, x - l (m), and its rate (m/s), shape (n,).
+        contact: the leg's contact flag, shape (n,).
+        K, D: spring (N/m) and damper (N s/m) of the ground.
+        clamp: if above zero, the ground cannot pull; else eq. (1) exactly, by which the ground pulls for
+            less than a millisecond at the takeoff corner.
+
+    Source: Ambe et al. 2021, eq. (1), (2).
+    """
+    # stiffness and damping are selected independently of the motion, so once for all stages of a step
+    force = -(jnp.where(contact, K, 0.0) * gap + jnp.where(contact, D, 0.0) * gap_rate)
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    return jnp.where(force < least, least, force)
+
+
+def corner_of(p: Params, segment: jax.Array) -> jax.Array:
+    """Phase at the end of each leg's segment, rad."""
+    takeoff = jnp.where(segment == TAKEOFF, (1.0 + p.beta) * jnp.pi, TWO_PI)
+    return jnp.where(segment == STANCE, 2.0 * p.beta * jnp.pi, takeoff)
+
+
+def first_touchdown(p: Params) -> jax.Array:
+    """Touchdown phase of leg 1 with its neighbour in stance, rad, eq. (31); NaN if it has none in landing."""
+    b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
+    touchdown = TWO_PI - p.masses[0] * b
+    # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
+    return jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,11 +232,7 @@ class Multilegged(HybridModel):
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
         p = params
         touching = jnp.isnan(start["phi_1"])
-        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
-        touchdown = TWO_PI - p.masses[0] * b  # eq. (31)
-        # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
-        touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
-        phi_1 = jnp.where(touching, touchdown, start["phi_1"])
+        phi_1 = jnp.where(touching, first_touchdown(p), start["phi_1"])
         steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
         phi = wrapped(jnp.cumsum(steps))
         segment = jnp.where(
@@ -263,11 +289,7 @@ class Multilegged(HybridModel):
     def guards(self, params: Params, state: State) -> jax.Array:
         """Each leg's phase relative to the end of its segment, then each leg's contact, shape (2N + 2,)."""
         p, s = params, state
-        end = jnp.where(
-            s.segment == STANCE,
-            2.0 * p.beta * jnp.pi,
-            jnp.where(s.segment == TAKEOFF, (1.0 + p.beta) * jnp.pi, TWO_PI),
-        )
+        end = corner_of(p, s.segment)
         length, _ = self._leg(p, s.phi, s.segment)
         gap = s.x - length
         return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap - STRICTLY, -gap)])  # eq. (2)
@@ -318,21 +340,9 @@ class Multilegged(HybridModel):
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
-        gait, k, distance = classify(
-            self.N,
-            psi,
-            beta=p.beta,
-            kappa=p.kappa[1],
-            m=p.m,
-            m_1=p.masses[0],
-            m_end=p.masses[-1],
-            a=p.a[1],
-            g=p.g,
-            kappa_1=p.kappa[0],
-            kappa_end=p.kappa[-1],
-            a_1=p.a[0],
-            a_end=p.a[-1],
-        )
+        chain = Chain(p.beta, p.kappa[1], p.m, p.masses[0], p.masses[-1], p.a[1], p.g)
+        chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
+        gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
 
     def failed(self, params: Params, state: State) -> jax.Array:

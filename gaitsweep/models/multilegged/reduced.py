@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from functools import partial
 from typing import ClassVar
 
 import jax
@@ -23,8 +22,17 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
-from gaitsweep.models.multilegged.model import LANDING, STANCE, STRICTLY, TAKEOFF, Multilegged, Params
-from gaitsweep.models.multilegged.reduced_chart import ReducedChart
+from gaitsweep.models.multilegged.chart import ReducedChart
+from gaitsweep.models.multilegged.model import (
+    LANDING,
+    STANCE,
+    STRICTLY,
+    TAKEOFF,
+    Multilegged,
+    Params,
+    corner_of,
+    first_touchdown,
+)
 from gaitsweep.models.multilegged.theory.obstacle import balance, balance_and_rate, obstacle_problem
 
 _UNREAD = ("sigma", "K", "D", "tau", "clamp")
@@ -33,11 +41,7 @@ _UNREAD = ("sigma", "K", "D", "tau", "clamp")
 TOUCHING = 1e-13
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["phi", "segment", "held", "psi", "landed", "late"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """Phases phi (N+1,), rad, and the modes.
@@ -54,12 +58,6 @@ class State:
     psi: jax.Array
     landed: jax.Array
     late: jax.Array
-
-
-def corner_of(p: Params, s: State) -> jax.Array:
-    """Phase at the end of each leg's segment, rad."""
-    stance, takeoff = 2.0 * p.beta * jnp.pi, (1.0 + p.beta) * jnp.pi
-    return jnp.where(s.segment == STANCE, stance, jnp.where(s.segment == TAKEOFF, takeoff, TWO_PI))
 
 
 def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
@@ -114,10 +112,7 @@ class MultileggedReduced(Multilegged):
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
         p = params
         touching = jnp.isnan(start["phi_1"])
-        b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
-        touchdown = TWO_PI - p.masses[0] * b  # eq. (31)
-        # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
-        touchdown = jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
+        touchdown = first_touchdown(p)
         psi = jnp.stack([start[f"psi_{i}"] for i in range(1, self.N + 1)])
         first = jnp.where(touching, touchdown, start["phi_1"])
         phi = wrapped(jnp.concatenate([first[None], first + jnp.cumsum(psi)]))
@@ -156,7 +151,9 @@ class MultileggedReduced(Multilegged):
         length, _ = self._leg(p, s.phi, s.segment)
         load = balance(length, p.masses, p.kappa, p.g)
         touch = jnp.where(s.held, -load - STRICTLY, load)
-        return jnp.concatenate([s.phi - corner_of(p, s), jnp.where(s.segment == LANDING, touch, -1.0)])
+        return jnp.concatenate(
+            [s.phi - corner_of(p, s.segment), jnp.where(s.segment == LANDING, touch, -1.0)]
+        )
 
     def jump(self, params: Params, state: State, fired: jax.Array) -> State:  # type: ignore[override]
         corner, switched = fired[: self.N + 1], fired[self.N + 1 :]
@@ -209,7 +206,7 @@ class NextEventSteps(FixedStepDynamics):
         armed = landing & ~(s.held & ~lifts)
         due = armed & (balance >= -TOUCHING)
 
-        corner_at = corner_of(p, s)
+        corner_at = corner_of(p, s.segment)
         to_corner = corner_at - s.phi
         approaching = armed & (rise > 0.0)
         to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)

@@ -119,8 +119,7 @@ class PlanarMjxBody(PlanarBody):
             "geom_friction": jnp.concatenate([sliding, friction[:, 1:]], axis=1),
         }
         before = BodyState(s.q, s.v, jnp.zeros((0,), s.q.dtype), s.warm)
-        data = in_mjx.stepped(numbers, before, dt, tau=tau)
-        after = in_mjx.after(data, before)
+        after, data = in_mjx.step(numbers, before, dt, tau=tau)
         return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
 
 

@@ -7,7 +7,6 @@ the share `LATE`, if the cycle is as long as the one before it: so no history of
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +20,7 @@ LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["time", "load", "pitch"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sums:
     """Integrals over a part of each leg's cycle: `time` (4,) s, `load` (4,) N s, `pitch` (4,) rad s."""
@@ -45,11 +44,7 @@ class Sums:
         return self.load * per_time, self.pitch * per_time
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["weight", "cosines", "sines", "period", "square"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Average:
     """Exponentially weighted averages over the last cycles; weights decay by 1/memory a cycle.
@@ -90,15 +85,7 @@ class Average:
         return jnp.where(known, spread / jnp.where(known, mean, 1.0), 0.0)
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "clock", "onset", "period", "stance", "late", "stance_load", "stance_pitch", "late_load",
-        "late_pitch", "begin_x", "pitch_sum", "pitch_low", "pitch_high", "aloft", "speed", "flight",
-        "pitch_mean", "pitch_range", "average", "closed",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Cycle:
     """The measurements so far; legs are in the order of `LEGS`.

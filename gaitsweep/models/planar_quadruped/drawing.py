@@ -19,16 +19,6 @@ NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right 
 _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-class PlanarDrawing:
-    """The functions `skeleton` and `mjcf` of a model with this body."""
-
-    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
-        return skeleton(values, signals)
-
-    def mjcf(self, values: Mapping[str, float]) -> str:
-        return of_values(values).to_xml()
-
-
 def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
     """The MJCF with a row's masses and lengths, compiled."""
     spec = mujoco.MjSpec.from_string(mjcf())
@@ -37,30 +27,36 @@ def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
     return spec
 
 
-def skeleton(values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
-    """The parts of the body, by MuJoCo's kinematics.
+class PlanarDrawing:
+    """The functions `skeleton` and `mjcf` of a model with this body."""
 
-    Args:
-        values: the parameters, with masses and lengths.
-        signals: q_0 to q_10, (n,) each.
-    """
-    model = of_values(values).compile()
-    data = mujoco.MjData(model)
-    qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
-    limbs, boxes = np.empty((len(LEGS), len(qpos), 2, 3)), np.empty((len(qpos), 8, 3))
-    torso = model.geom("torso").id
-    for k, q in enumerate(qpos):
-        data.qpos = q
-        mujoco.mj_kinematics(model, data)
-        for i, leg in enumerate(LEGS):
-            limbs[i, k] = [data.body(f"upper_{leg}").xpos, data.body(f"lower_{leg}").xpos]
-        across = data.geom_xmat[torso].reshape(3, 3) * model.geom_size[torso]
-        boxes[k] = data.geom_xpos[torso] + _CORNERS @ across.T
-    return Skeleton(
-        limbs=tuple(
-            Limb(NAMES[leg], limbs[i], pair=int(leg[1] == "H"), far=leg[0] == "L")
-            for i, leg in enumerate(LEGS)
-        ),
-        bodies=(boxes,),
-        note="Each leg slides: its knee is a spring along it.",
-    )
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        return of_values(values).to_xml()
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        """The parts of the body, by MuJoCo's kinematics.
+
+        Args:
+            values: the parameters, with masses and lengths.
+            signals: q_0 to q_10, (n,) each.
+        """
+        model = of_values(values).compile()
+        data = mujoco.MjData(model)
+        qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
+        limbs, boxes = np.empty((len(LEGS), len(qpos), 2, 3)), np.empty((len(qpos), 8, 3))
+        torso = model.geom("torso").id
+        for k, q in enumerate(qpos):
+            data.qpos = q
+            mujoco.mj_kinematics(model, data)
+            for i, leg in enumerate(LEGS):
+                limbs[i, k] = [data.body(f"upper_{leg}").xpos, data.body(f"lower_{leg}").xpos]
+            across = data.geom_xmat[torso].reshape(3, 3) * model.geom_size[torso]
+            boxes[k] = data.geom_xpos[torso] + _CORNERS @ across.T
+        return Skeleton(
+            limbs=tuple(
+                Limb(NAMES[leg], limbs[i], pair=int(leg[1] == "H"), far=leg[0] == "L")
+                for i, leg in enumerate(LEGS)
+            ),
+            bodies=(boxes,),
+            note="Each leg slides: its knee is a spring along it.",
+        )

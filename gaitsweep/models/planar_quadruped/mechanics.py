@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cache, partial
+from functools import cache
 from importlib import resources
 
 import jax
@@ -25,15 +25,7 @@ SIDE = tuple(1.0 if leg.endswith("F") else -1.0 for leg in LEGS)
 UPPER_RADIUS, LOWER_RADIUS = 0.015, 0.008
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "com_x", "torso_mass", "torso_inertia", "upper_mass", "lower_mass", "foot_mass", "hip_x", "l_0",
-        "upper_length", "lower_length", "foot_radius", "Kv_hip", "Kv_knee", "g", "mu", "K_foot", "D_foot",
-        "v_slip", "numbers",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PlanarMechanics:
     """Masses, lengths, damping and ground; units as in `PARAMETERS`.

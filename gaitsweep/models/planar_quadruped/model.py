@@ -12,6 +12,7 @@ compliant feet under gaitsweep's articulated tree (`body: tree`).
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -26,17 +27,17 @@ from gaitsweep.models.planar_quadruped.drawing import PlanarDrawing
 from gaitsweep.models.planar_quadruped.mechanics import (
     HIP,
     KNEE,
+    NQ,
     PITCH,
     PlanarMechanics,
     X,
     Z,
     forces_on_joints,
 )
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, place
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, place
 from gaitsweep.models.planar_quadruped.parameters import PARAMETERS, STARTS
 from gaitsweep.models.planar_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
 from gaitsweep.models.planar_quadruped.rhythm import Motors, Network, swinging
-from gaitsweep.models.planar_quadruped.start import begun
 from gaitsweep.models.planar_quadruped.state import Params, State
 from gaitsweep.near_miss import suggestion
 
@@ -48,6 +49,12 @@ LEAST_LENGTH, MOST_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
 APART = 0.25  # cycles: largest deviation of the pairs from antiphase
 UNSTEADY = len(CHART)
+# Of a start: m, between the lowest foot and the ground; rad, by which the hips of standing legs point forward
+# and those of swinging legs backward; potentials and fatigue.
+ABOVE, LEAN = 0.005, 0.2
+ACTIVE, SILENT, TIRED = 1.0, -0.5, 0.1
+# Multipliers of the seed for each potential: the fractional parts are uniform in a cube.
+_ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,17 +119,20 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         )
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
-        q, u, f = begun(params, start)
-        zero = jnp.zeros_like(q)
-        return State(
-            q=q,
-            v=zero,
-            warm=zero[: self._moved_by.warm],
-            u=u,
-            f=f,
-            load=zero[:4],
-            cycle=cycle.begun(q[X], q[PITCH]),
-        )
+        """One diagonal pair is about to swing; potentials are perturbed."""
+        m = params.mechanics
+        first = np.array([leg in PAIRS[0] for leg in LEGS])
+        swings = jnp.where(start["pair"] < 0.5, first, ~first)
+        u = jnp.stack([jnp.where(swings, SILENT, ACTIVE), jnp.where(swings, ACTIVE, SILENT)])
+        f = jnp.stack([jnp.where(swings, 0.0, TIRED), jnp.where(swings, TIRED, 0.0)])
+        hip = jnp.where(swings, -LEAN, LEAN)
+        leg = m.l_0 + params.motors.l_st - m.foot_radius
+        height = leg * math.cos(LEAN) + m.foot_radius + ABOVE
+        q = jnp.zeros((NQ,), hip.dtype).at[Z].set(height).at[HIP].set(hip)
+        q = q.at[KNEE].set(params.motors.l_st)
+        u, zero = u + start["scatter"] * perturbation(start["seed"]), jnp.zeros_like(q)
+        warm, load, read = zero[: self._moved_by.warm], zero[:4], cycle.begun(q[X], q[PITCH])
+        return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
 
     def step(self, params: Params, state: State, dt: jax.Array) -> State:
         """The state after a step of `dt` (s); network, motors and body all use the state before it."""
@@ -170,3 +180,12 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     def period(self, params: Params) -> jax.Array:
         """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""
         return 10.0 * params.network.Tr
+
+
+def perturbation(seed: jax.Array) -> jax.Array:
+    """Pseudo-random numbers (2, 4) in [-1, 1) from an integer seed, equal for all engines.
+
+    A Weyl sequence: the fractional parts of (seed + 1) times roots of primes.
+    """
+    turns = (seed + 1.0) * _ROOTS
+    return 2.0 * (turns - jnp.floor(turns)) - 1.0

@@ -25,7 +25,6 @@ CHART = (
     "uL-canter", "trot", "L-canter",
     "RT-gallop", "R-canter", "L-walk",
 )  # fmt: skip
-FAMILIES = ("walk", "trot", "canter", "gallop")  # in the order of speed
 THRESHOLD = 0.07  # cycles
 STRICT = 0.05  # cycles: a second threshold, reported beside the first
 
@@ -70,28 +69,6 @@ def family(gait: str) -> str:
     if first == second:
         return "walk" if first else "trot"
     return "gallop" if first * second else "canter"
-
-
-def ideal_phases(gait: str, shift: float = 0.25) -> dict[str, float]:
-    """The phases in [0, 1) of the legs' swing onsets relative to LF, cycles.
-
-    The legs of a pair are shifted by equal amounts in opposite directions, so that the mean phases of the
-    pairs stay in antiphase (Fig. 5a).
-
-    Args:
-        gait: one of `CHART`.
-        shift: size of a nonzero shift, cycles; 0.25 spaces the legs of a walk evenly.
-    """
-    phases = {}
-    for middle, sign, (fore, hind) in zip((0.0, 0.5), signs(gait), PAIRS, strict=True):
-        phases[fore], phases[hind] = middle - 0.5 * sign * shift, middle + 0.5 * sign * shift
-    return {leg: (phases[leg] - phases["LF"]) % 1.0 for leg in LEGS}
-
-
-def mirrored(gait: str) -> str:
-    """The gait with left and right exchanged, so that pair 1 becomes pair 2."""
-    first, second = signs(gait)
-    return CHART[3 * second + first + 4]
 
 
 def _sign(delta: Any, threshold: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +14,7 @@ ACROSS = links(4, [(LEGS.index("LF"), LEGS.index("RF")), (LEGS.index("LH"), LEGS
 BESIDE = links(4, [(LEGS.index("LF"), LEGS.index("LH")), (LEGS.index("RF"), LEGS.index("RH"))])
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["s", "Tr", "Ta", "b", "alpha", "beta_w", "gamma", "theta0", "k1", "k2"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Network:
     """The network: an extensor and a flexor half-centre for each leg; units as in `PARAMETERS`."""
@@ -59,13 +54,7 @@ class Network:
         return u + dt * du, f + dt * df
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "theta_sw", "theta_st", "Kp_hip_sw", "Kp_hip_st", "l_sw", "l_st", "Kp_knee_sw", "Kp_knee_st",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Motors:
     """Target positions and stiffness of hips and knees in swing and in stance; units as in `PARAMETERS`.

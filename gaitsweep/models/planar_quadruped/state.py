@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 
@@ -12,11 +11,7 @@ from gaitsweep.models.planar_quadruped.mechanics import PlanarMechanics
 from gaitsweep.models.planar_quadruped.rhythm import Motors, Network
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["network", "motors", "mechanics", "threshold", "memory"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
     """The network, the motors and the body; `threshold` and `memory` as in `PARAMETERS`."""
@@ -28,11 +23,7 @@ class Params:
     memory: jax.Array
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["q", "v", "warm", "u", "f", "load", "cycle"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """The state along a trajectory.

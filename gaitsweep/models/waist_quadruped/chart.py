@@ -103,10 +103,7 @@ class LandingChart(Chart):
 
 
 def _tilt_and_heading(quaternion: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Vertical components of the body's x and y axes (2,), and its heading as a rotation (2, 2).
-
-    The heading is the yaw that remains after the smallest rotation that makes the body upright.
-    """
+    """Vertical components (2,) of the body's x and y axes, and its yaw when upright, as a rotation."""
     w, x, y, z = quaternion / jnp.sqrt(quaternion @ quaternion)
     up = jnp.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)])
     upright = w * w - x * x - y * y + z * z

@@ -22,16 +22,6 @@ _FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in
 _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
 
-class WaistDrawing:
-    """The functions `skeleton` and `mjcf` of a model with this body."""
-
-    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
-        return skeleton(values, signals)
-
-    def mjcf(self, values: Mapping[str, float]) -> str:
-        return scaled_mjcf(values)
-
-
 def scaled_mjcf(values: Mapping[str, float]) -> str:
     """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
 
@@ -58,35 +48,41 @@ def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
     element.set(key, " ".join(repr(float(number)) for number in numbers))
 
 
-def skeleton(values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
-    """The parts of the body, by MuJoCo's kinematics.
+class WaistDrawing:
+    """The functions `skeleton` and `mjcf` of a model with this body."""
 
-    Args:
-        values: the parameters, as for `scaled_mjcf`.
-        signals: q_0 to q_15, (n,) each.
-    """
-    model = mujoco.MjModel.from_xml_string(scaled_mjcf(values))
-    data = mujoco.MjData(model)
-    qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
-    limbs = np.empty((len(LIMBS), len(qpos), 3, 3))
-    boxes = np.empty((2, len(qpos), 8, 3))
-    waist = np.empty((len(qpos), 2, 3))
-    # ends of the waist's spring in the frames of the boxes
-    ends = [[-_GAP, 0.0, 0.0], [_GAP, 0.0, 0.0]]
-    geoms = [int(model.body(name).geomadr[0]) for name in ("front", "rear")]
-    for k, q in enumerate(qpos):
-        data.qpos = q
-        mujoco.mj_kinematics(model, data)
-        for i in LIMBS:
-            limb = [data.body(f"{part}_{i + 1}").xpos for part in ("upper", "lower")]
-            limbs[i, k] = [*limb, data.site(f"foot_{i + 1}").xpos]
-        for side, (geom, corners) in enumerate(zip(geoms, (_FRONT, _REAR), strict=True)):
-            across = data.geom_xmat[geom].reshape(3, 3) * model.geom_size[geom]
-            boxes[side, k] = data.geom_xpos[geom] + corners @ across.T
-            waist[k, side] = data.geom_xpos[geom] + across @ ends[side]
-    return Skeleton(
-        limbs=tuple(Limb(NAMES[i], limbs[i], pair=i // 2, far=bool(i % 2)) for i in LIMBS),
-        bodies=(boxes[0], boxes[1]),
-        springs=(waist,),
-        note="The waist between its two bodies is a sprung roll joint.",
-    )
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        return scaled_mjcf(values)
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        """The parts of the body, by MuJoCo's kinematics.
+
+        Args:
+            values: the parameters, as for `scaled_mjcf`.
+            signals: q_0 to q_15, (n,) each.
+        """
+        model = mujoco.MjModel.from_xml_string(scaled_mjcf(values))
+        data = mujoco.MjData(model)
+        qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
+        limbs = np.empty((len(LIMBS), len(qpos), 3, 3))
+        boxes = np.empty((2, len(qpos), 8, 3))
+        waist = np.empty((len(qpos), 2, 3))
+        # ends of the waist's spring in the frames of the boxes
+        ends = [[-_GAP, 0.0, 0.0], [_GAP, 0.0, 0.0]]
+        geoms = [int(model.body(name).geomadr[0]) for name in ("front", "rear")]
+        for k, q in enumerate(qpos):
+            data.qpos = q
+            mujoco.mj_kinematics(model, data)
+            for i in LIMBS:
+                limb = [data.body(f"{part}_{i + 1}").xpos for part in ("upper", "lower")]
+                limbs[i, k] = [*limb, data.site(f"foot_{i + 1}").xpos]
+            for side, (geom, corners) in enumerate(zip(geoms, (_FRONT, _REAR), strict=True)):
+                across = data.geom_xmat[geom].reshape(3, 3) * model.geom_size[geom]
+                boxes[side, k] = data.geom_xpos[geom] + corners @ across.T
+                waist[k, side] = data.geom_xpos[geom] + across @ ends[side]
+        return Skeleton(
+            limbs=tuple(Limb(NAMES[i], limbs[i], pair=i // 2, far=bool(i % 2)) for i in LIMBS),
+            bodies=(boxes[0], boxes[1]),
+            springs=(waist,),
+            note="The waist between its two bodies is a sprung roll joint.",
+        )

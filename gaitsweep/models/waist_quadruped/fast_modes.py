@@ -30,14 +30,7 @@ def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
 def _fastest(
     ground: jax.Array, hip: jax.Array, knee: jax.Array, cosine: jax.Array, mass: jax.Array, length: jax.Array
 ) -> jax.Array:
-    """The largest eigenvalue of M^-1 K of a limb of two rods, with K its stiffness or damping.
-
-    Args:
-        ground: stiffness or damping at the foot, N/m or N s/m.
-        hip, knee: stiffness or damping of the joints, N m/rad or N m s/rad.
-        cosine: cosine of the knee angle.
-        mass, length: of a link, kg and m.
-    """
+    """The largest eigenvalue of M^-1 K of a limb of two rods, with K its stiffness or damping."""
     square = length * length
     determinant = 4.0 / 9.0 - 0.25 * cosine * cosine
     i11, i12, i22 = (x / (determinant * mass * square) for x in (1.0 / 3.0, -0.5 * cosine, 4.0 / 3.0))

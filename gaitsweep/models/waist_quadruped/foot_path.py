@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +13,7 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI
 STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=["phi_AEP", "x_c", "D", "H", "h", "dip"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class FootPath:
     """The path; `phi_AEP` (rad) is the phase of the anterior extreme position, all others are in m.

@@ -43,7 +43,7 @@ class WaistMjxBody(WaistBody):
     ) -> tuple[jax.Array, jax.Array]:
         numbers = {**_numbers(m), "opt.gravity": m.gravity()}
         pushes = jnp.stack([push.force for push in forces])
-        after = mjx_body().step(numbers, mjx_body().start(s.q, s.v), dt, tau=tau, forces=pushes)
+        after, _ = mjx_body().step(numbers, mjx_body().start(s.q, s.v), dt, tau=tau, forces=pushes)
         return after.q, after.v
 
 

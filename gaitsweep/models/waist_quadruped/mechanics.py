@@ -1,23 +1,22 @@
-"""The quadruped's rigid-body mechanics: its tree with a row's masses and lengths, its feet, its forces."""
+"""The quadruped's rigid-body mechanics: tree with a row's masses and lengths, feet, forces, posture."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from importlib import resources
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.dynamics.anchored_foot import anchored_force
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
-from gaitsweep.dynamics.two_link_limb import joint_angles
 
 LIMBS = range(4)
 # Fore knees bend one way, hind knees the other.
@@ -25,18 +24,13 @@ BEND = (1.0, 1.0, -1.0, -1.0)
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
 # chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
 RELEASE = 1e-7
+# Limits of a fall: height as a share of H, and angles of tilt and twist (rad).
+LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 # Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "kappa_w", "sigma_w", "kappa_1", "sigma_1", "kappa_2", "sigma_2", "K_TL", "D_TL", "clamp", "g",
-        "body_mass", "body_length", "body_width", "link_mass", "link_length", "numbers",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
@@ -127,6 +121,73 @@ class WaistMechanics:
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+
+
+def anchored_force(
+    position: jax.Array,
+    velocity: jax.Array,
+    anchor: jax.Array,
+    contact: jax.Array,
+    K: jax.Array,
+    D: jax.Array,
+    clamp: jax.Array | float = 0.0,
+) -> jax.Array:
+    """Force of level ground at z = 0 on a foot (3,), N (Aoi et al. 2011, eq. A8).
+
+    Args:
+        position, velocity: of the foot in the world, (3,), m and m/s.
+        anchor: x and y at touchdown, (2,), m.
+        contact: whether the foot is on the ground, scalar bool.
+        K, D: spring, N/m, and damper, N s/m, equal in all directions.
+        clamp: if above zero, the ground cannot pull.
+    """
+    sunk = position - jnp.concatenate([anchor, jnp.zeros(1)])
+    force = -K * sunk - D * velocity
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    force = jnp.stack([force[0], force[1], jnp.maximum(force[2], least)])
+    return jnp.where(contact, force, 0.0)
+
+
+def joint_angles(
+    x: jax.Array, z: jax.Array, length: jax.Array | float, bend: jax.Array | float
+) -> tuple[jax.Array, jax.Array]:
+    """Hip and knee angles (rad) of a limb of two equal links whose foot is at (x, z) from the hip.
+
+    Rotations are about +y, zero is straight down, and the knee angle is relative to the upper link. For a
+    target out of reach the straight limb points at it.
+
+    Args:
+        x, z: position of the foot relative to the hip, m.
+        length: length of each link, m.
+        bend: sign of the knee angle, 1 or -1.
+    """
+    square = x * x + z * z
+    # half the knee angle, from an isosceles triangle
+    half = bend * jnp.arctan2(jnp.sqrt(jnp.maximum(4.0 * length * length - square, 0.0)), jnp.sqrt(square))
+    return jnp.arctan2(-x, -z) - half, 2.0 * half
+
+
+def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Roll and pitch (rad) of the front body."""
+    ahead, side, up, norm = _rises(q)
+    return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
+
+
+def fallen(q: jax.Array, H: jax.Array) -> jax.Array:
+    """Whether the front body is far below `H` (m) or tilted, or the waist is twisted."""
+    ahead, side, up, norm = _rises(q)
+    rolled = jnp.abs(side) > math.tan(TILTED) * up
+    pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
+    twisted = jnp.abs(q[WAIST]) > TWISTED
+    return (q[2] < LOW * H) | rolled | pitched | twisted
+
+
+def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Vertical components of the body's axes times `norm`, the quaternion's squared norm, and `norm`."""
+    w, x, y, z = q[3:7]
+    norm = w * w + x * x + y * y + z * z
+    ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
+    return ahead, side, up, norm
 
 
 def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -25,7 +25,6 @@ import numpy as np
 from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.dynamics.tree.kinematics import rates
-from gaitsweep.dynamics.two_link_limb import joint_angles
 from gaitsweep.models.waist_quadruped.chart import LandingChart
 from gaitsweep.models.waist_quadruped.drawing import WaistDrawing
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
@@ -40,12 +39,13 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     WAIST,
     WaistMechanics,
     body,
+    fallen,
+    joint_angles,
+    tilt,
 )
-from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
-from gaitsweep.models.waist_quadruped.posture import fallen, tilt
-from gaitsweep.models.waist_quadruped.readings import OBSERVABLES, SIGNALS
+from gaitsweep.models.waist_quadruped.parameters import OBSERVABLES, PARAMETERS, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
-from gaitsweep.models.waist_quadruped.state import RHYTHM, Params, State
+from gaitsweep.models.waist_quadruped.state import Params, State
 from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.near_miss import suggestion
 
@@ -119,7 +119,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         )
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
-            **{name: v[name] for name in RHYTHM},
+            **{f.name: v[f.name] for f in dataclasses.fields(Params) if f.name in v},
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
@@ -136,8 +136,12 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(half, EARLY, LATE))
         path = p.path(zero, True)
         x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
-        angles = self._angles(p, x, z)
-        q = jnp.concatenate([jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero]), angles])
+        angles = [zero] * 9
+        for i in LIMBS:
+            hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
+            angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
+        root = jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero])
+        q = jnp.concatenate([root, jnp.stack(angles)])
         # compression of the ground by the body's weight
         weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
         q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))
@@ -165,29 +169,18 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             period=zero,
         )
 
-    def _angles(self, p: Params, x: jax.Array, z: jax.Array) -> jax.Array:
-        """The joint angles (9,) at which the feet are at (x, z) from their hips and the waist is straight."""
-        found = [jnp.zeros_like(p.omega)] * 9
-        for i in LIMBS:
-            hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
-            found[HIP[i] - 7], found[KNEE[i] - 7] = hip, knee
-        return jnp.stack(found)
-
-    def _accelerations(self, p: Params, s: State) -> jax.Array:
-        m = p.mechanics
-        x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
-        forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
-        return m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces)
-
     @property
     def located(self) -> bool:
         return self.body == "tree"
 
     def flow(self, params: Params, state: State) -> Rates:
-        p, s = params, state
+        p, s, m = params, state, params.mechanics
+        q_rate = jnp.asarray(rates(body()[0], s.q, s.v))
+        x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
         return {
-            "q": jnp.asarray(rates(body()[0], s.q, s.v)),
-            "v": self._accelerations(p, s),
+            "q": q_rate,
+            "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces),
             "phi": phase_rates(p, s, jnp.where(s.held, p.K_13, 0.0)),
             "clock": jnp.ones_like(s.clock),
         }
@@ -208,10 +201,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         p, s = params, state
         height = p.mechanics.feet(s.q, s.v)[0][:, 2]
         foot = jnp.where(s.contact, height - RELEASE, -height)
-        grown, free = (
-            jnp.where(s.growing, s.clock - p.T_grow, -1.0),
-            jnp.where(s.held, s.clock - p.T_hold, -1.0),
-        )
+        grown = jnp.where(s.growing, s.clock - p.T_grow, -1.0)
+        free = jnp.where(s.held, s.clock - p.T_hold, -1.0)
         return jnp.concatenate([s.phi - corner(p, s.segment), foot, jnp.stack([grown, free])])
 
     @property

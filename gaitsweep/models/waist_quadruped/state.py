@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,17 +10,8 @@ import jax.numpy as jnp
 from gaitsweep.models.waist_quadruped.foot_path import FootPath
 from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 
-RHYTHM = (
-    "beta", "T_sw", "K_12", "K_21", "K_34", "K_43", "resetting", "T_grow", "T_hold", "K_13", "D", "H", "x_c",
-    "h", "dip", "walk_centre", "walk_width", "trot_centre", "trot_width", "pace_centre", "pace_width",
-)  # fmt: skip
 
-
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[*RHYTHM, "omega", "phi_AEP", "mechanics"],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
     """Parameters as in the equations; units as in `PARAMETERS`."""
@@ -57,14 +47,7 @@ class Params:
         return FootPath(self.phi_AEP, self.x_c, self.D * grown, self.H, self.h * grown, self.dip)
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "q", "v", "phi", "clock", "growing", "held", "contact", "anchor", "segment", "lifted", "landing_x",
-        "landing_z", "height", "gain", "closed", "wanted", "stride_x", "stride_t", "speed", "period",
-    ],
-    meta_fields=[],
-)  # fmt: skip
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class State:
     """The state along a trajectory; arrays (4,) are in the order of the limbs.

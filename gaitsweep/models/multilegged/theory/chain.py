@@ -1,4 +1,4 @@
-"""A chain's parameters, and the touchdown phases of its legs (Ambe et al. 2021, sections 3.2, 3.3).
+"""A chain's parameters, the touchdown phases of its legs, and their waves (Ambe et al. 2021, sec. 3.2, 3.3).
 
 All results follow from one force balance. A leg in its landing segment touches down at the height at which
 its two springs alone carry its mass (eq. 12). With D = 2 pi - (its phase there), and t_j the phase of
@@ -42,6 +42,9 @@ class Chain(NamedTuple):
     kappa_end: Scalar | None = None
     a_1: Scalar | None = None
     a_end: Scalar | None = None
+
+
+TABLE_1 = Chain()
 
 
 def springs(N: int, chain: Chain) -> jax.Array:
@@ -100,6 +103,27 @@ def touchdown_phase(chain: Chain) -> jax.Array:
 def lag(chain: Chain) -> jax.Array:
     """delta, rad: the lag between inner neighbours of a wave, without the reset; eq. (17), second row."""
     return jnp.asarray(2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain))
+
+
+def wavelength(chain: Chain = TABLE_1) -> jax.Array:
+    """The wavelength of the swing legs' wave, in leg intervals: C / delta, eq. (27)."""
+    return touchdown_phase(chain) / lag(chain)
+
+
+class Speeds(NamedTuple):
+    """The speed of the wave, leg intervals per second: as printed (eq. 28), and with the reset period."""
+
+    printed: jax.Array
+    exact: jax.Array
+
+
+def wave_speed(omega: Scalar, chain: Chain = TABLE_1) -> Speeds:
+    """The speeds of the wave for the basic frequency omega (rad/s).
+
+    Eq. (28) uses the period 2 pi / omega; with the reset it is (2 pi - m_B b) / omega.
+    """
+    waves = wavelength(chain)
+    return Speeds(printed=waves * omega / TWO_PI, exact=waves * omega / touchdown_phase(chain))
 
 
 class Takeoffs(NamedTuple):

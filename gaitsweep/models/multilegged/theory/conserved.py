@@ -5,20 +5,8 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.models.multilegged.theory.chain import Chain, end_resets
-from gaitsweep.models.multilegged.theory.section import TWO_PI
+from gaitsweep.models.multilegged.theory.chain import TABLE_1, Chain, end_resets
 from gaitsweep.models.multilegged.theory.solution_sets import lag_rules
-
-
-def total(psi: jax.Array) -> jax.Array:
-    """E, the sum of the relative phases (rad, last axis N) on one section, wrapped to [0, 2 pi); eq. (29)."""
-    return jnp.mod(jnp.sum(jnp.asarray(psi), axis=-1), TWO_PI)
-
-
-def end_touchdowns(chain: Chain) -> tuple[jax.Array, jax.Array]:
-    """The touchdown phases of the first and the last leg with neighbours in stance, rad; eqs. (31), (32)."""
-    head, tail = end_resets(chain)
-    return TWO_PI - head, TWO_PI - tail
 
 
 def drift(chain: Chain) -> jax.Array:
@@ -35,12 +23,11 @@ def drift(chain: Chain) -> jax.Array:
     return tail - head
 
 
-def line_length(N: int, chain: Chain | None = None) -> jax.Array:
+def line_length(N: int, chain: Chain = TABLE_1) -> jax.Array:
     """The change of E along the line of all solutions, from its direct to its retrograde end, rad.
 
     Along B and the direct wave E changes as much as the free phase, along A twice as much.
     """
-    chain = Chain() if chain is None else chain
     rules = lag_rules(N, chain)
     rate = jnp.abs(jnp.sum(rules.slope, axis=1))
     return jnp.sum(rate * (rules.high - rules.low))

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.models.multilegged.theory.chain import (
+    TABLE_1,
     Chain,
-    Scalar,
     amplitudes,
     shift,
     springs,
@@ -28,7 +28,7 @@ from gaitsweep.models.multilegged.theory.solution_sets import (
 
 GAITS = ("direct", "source", "retrograde", "locked", "none")
 DIRECT, SOURCE, RETROGRADE, LOCKED, NONE = range(len(GAITS))
-LOCKED_WITHIN = 0.05  # rad, from the locked state
+LOCKED_WITHIN = 0.05  # rad, from the locked state (N = 3), or of some psi_i from 0 (other N)
 NONE_BEYOND = 0.2  # rad, from every analytic solution
 SHORTEST = 1e-9  # rad: shorter pieces are rounding errors between equal cuts
 
@@ -52,20 +52,19 @@ def gait_of(branch: Branch) -> int:
     return RETROGRADE if branch.k == 2 else SOURCE
 
 
-def segments(N: int, chain: Chain | None = None, section: int = 1) -> Segments:
-    """All solution sets of a chain of N + 1 legs on the section of one leg, cut at their jumps."""
-    chain = Chain() if chain is None else chain
-    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain), section))(lag_rules(N, chain))
+def segments(N: int, chain: Chain = TABLE_1) -> Segments:
+    """All solution sets of a chain of N + 1 legs on section 1, cut at their jumps."""
+    return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain)))(lag_rules(N, chain))
 
 
-def pieces(rule: LagRule, circle: jax.Array, section: int) -> Segments:
-    """The N + 2 pieces of one set on the section of one leg, without the leading axis.
+def pieces(rule: LagRule, circle: jax.Array) -> Segments:
+    """The N + 2 pieces of one set on section 1, without the leading axis.
 
-    A set jumps by m_B b where a leg touches down at the same time as the section's leg.
+    A set jumps by m_B b where a leg touches down at the same time as leg 1.
     """
-    cuts = meetings(rule, circle, section)
+    cuts = meetings(rule, circle, 1)
     ends = jnp.concatenate([rule.low[None], jnp.sort(cuts), rule.high[None]])
-    middle = jax.vmap(lambda s: solution(rule, s, circle, section))(0.5 * (ends[1:] + ends[:-1]))
+    middle = jax.vmap(lambda s: solution(rule, s, circle, 1))(0.5 * (ends[1:] + ends[:-1]))
     length = jnp.sqrt(jnp.sum(rule.slope**2))
     direction = jnp.broadcast_to((rule.slope / length)[None, :], middle.shape)
     return Segments(middle, direction, 0.5 * length * (ends[1:] - ends[:-1]))
@@ -87,7 +86,7 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     """Distance on the torus of psi on section 1, rad, shape (N,), from each of `branches(N)`, rad."""
     circle = touchdown_phase(chain)
     # sequential, so that memory for the pieces is needed for one set at a time
-    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle, 1), psi), lag_rules(N, chain))
+    return jax.lax.map(lambda rule: distance_from(pieces(rule, circle), psi), lag_rules(N, chain))
 
 
 def locked_state(chain: Chain) -> jax.Array:
@@ -113,48 +112,28 @@ def _locking(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
     return jnp.min(jnp.abs(wrapped_difference(psi)))
 
 
-def classify(
-    N: int,
-    psi: jax.Array,
-    *,
-    beta: Scalar = 0.8,
-    kappa: Scalar = 100.0,
-    m: Scalar = 1.0,
-    m_1: Scalar = 0.9,
-    m_end: Scalar = 0.9,
-    a: Scalar = 0.4,
-    g: Scalar = 9.8,
-    kappa_1: Scalar | None = None,
-    kappa_end: Scalar | None = None,
-    a_1: Scalar | None = None,
-    a_end: Scalar | None = None,
-    locked_within: float = LOCKED_WITHIN,
-    none_beyond: float = NONE_BEYOND,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The gait of a state on section 1: that of the nearest analytic solution on the torus.
 
     It is `locked` if two neighbouring legs are in phase and psi is nearer to that than to any solution;
-    `none` if psi is farther than `none_beyond` from all solutions, or NaN.
+    `none` if psi is farther than `NONE_BEYOND` from all solutions, or NaN.
 
     Args:
         N: springs; the chain has N + 1 legs.
         psi: relative phases on section 1, rad, any turns, shape (N,).
-        beta, kappa, m, m_1, m_end, a, g, kappa_1, kappa_end, a_1, a_end: as in `Chain`; may be traced.
-        locked_within: distance from the locked state (N = 3), or of some psi_i from 0 (other N), rad.
-        none_beyond: rad.
+        chain: parameters; may be traced.
 
     Returns:
         gait (int, index into GAITS), k (int, the boundary leg of a source wave, 0 for other gaits) and the
         distance to the nearest analytic solution, rad.
     """
-    chain = Chain(beta, kappa, m, m_1, m_end, a, g, kappa_1, kappa_end, a_1, a_end)
     sets = branches(N)
     apart = distances(N, chain, psi)
     nearest = jnp.argmin(apart)
     distance = apart[nearest]
     gait = jnp.asarray([gait_of(branch) for branch in sets])[nearest]
     locking = _locking(N, chain, psi)
-    gait = jnp.where(distance <= none_beyond, gait, NONE)
-    gait = jnp.where((locking <= locked_within) & (locking < distance), LOCKED, gait)
+    gait = jnp.where(distance <= NONE_BEYOND, gait, NONE)
+    gait = jnp.where((locking <= LOCKED_WITHIN) & (locking < distance), LOCKED, gait)
     k = jnp.where(gait == SOURCE, jnp.asarray([branch.k for branch in sets])[nearest], 0)
     return gait, k, distance

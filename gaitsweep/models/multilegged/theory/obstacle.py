@@ -51,10 +51,7 @@ def obstacle_problem(
 
 
 def _springs(kappa: jax.Array, n: int) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The springs (n-1,), N/m, the middle spring, and compliances in units of the middle spring's.
-
-    In these units the compliances of a uniform chain are exactly 1.
-    """
+    """The springs (n-1,), N/m, the middle one, and compliances in its units: exactly 1 in a uniform chain."""
     kappa = jnp.broadcast_to(kappa, (n - 1,))
     unit = kappa[(n - 1) // 2]
     return kappa, unit, unit / kappa

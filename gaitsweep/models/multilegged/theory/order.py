@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.circular import wrapped_difference
-from gaitsweep.models.multilegged.theory.chain import Chain, reset, shift, touchdown_phase
+from gaitsweep.models.multilegged.theory.chain import TABLE_1, Chain, reset, shift, touchdown_phase
 from gaitsweep.models.multilegged.theory.section import Leg, touches_early
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
@@ -35,18 +35,17 @@ class Jump(NamedTuple):
 
 
 def touchdown_order(
-    N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[int, ...]:
     """The legs, 1 .. N+1, in their order of touchdown in a cycle.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
         section: the leg whose touchdown begins the cycle; by default the set's k.
 
     Source: Fig. 9.
     """
-    chain = Chain() if chain is None else chain
     theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
     return order_of_places(theta, circle, section or branch.k)
 
@@ -64,19 +63,18 @@ def order_of_places(theta: np.ndarray, circle: float, leg: int) -> tuple[int, ..
 
 
 def order_sets(
-    N: int, branch: Branch, s: float, chain: Chain | None = None
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1
 ) -> tuple[frozenset[int], frozenset[int]]:
     """T_1 and T_2: legs in front of and behind the boundary leg that touch down before both neighbours.
 
     The springs and amplitudes of the chain have to be uniform.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
 
     Source: eq. (18).
     """
-    chain = Chain() if chain is None else chain
     circle = touchdown_phase(chain)
     psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
     threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
@@ -98,16 +96,15 @@ def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
     return jnp.where(rate == 0.0, rule.high, jnp.minimum(meeting, rule.high))
 
 
-def jumps(N: int, branch: Branch, chain: Chain | None = None, section: int | None = None) -> tuple[Jump, ...]:
+def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = None) -> tuple[Jump, ...]:
     """The jumps of a set, in order of rising free phase.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N, branch, chain: as in `rule_of`.
         section: the leg whose section is used; by default the set's k.
 
     Source: Fig. 11 and the text above it; each jump has the size m_B b.
     """
-    chain = Chain() if chain is None else chain
     leg = branch.k if section is None else section
     rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
     found = []

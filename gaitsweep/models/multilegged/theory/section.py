@@ -1,4 +1,4 @@
-"""Periodic states on the section of any leg, and their transport from one leg's section to another's.
+"""Periodic states on the section of any leg.
 
 Section j is just before the touchdown of leg j. Along a periodic solution every leg touches down at the same
 phase C (eq. 15) and is reset to 0: the phases move on circles of circumference C instead of 2 pi, and a
@@ -36,22 +36,6 @@ def phases_from_relative(psi: jax.Array, touchdown: jax.Array, leg: Leg) -> jax.
     """The phase of each leg in [0, 2 pi), rad, shape (N+1,), from psi, with `leg` at `touchdown`."""
     phi = jnp.concatenate([jnp.zeros_like(psi[:1]), jnp.cumsum(psi)])
     return jnp.mod(phi - phi[leg - 1] + touchdown, TWO_PI).at[leg - 1].set(touchdown)
-
-
-def transport(psi: jax.Array, touchdown: jax.Array, source: Leg, target: Leg) -> jax.Array:
-    """psi on the section of leg `target`, from psi on the section of leg `source`.
-
-    A leg whose phase exceeds that of the target touches down between the sections, and advances by
-    2 pi - touchdown.
-
-    Args:
-        psi: relative phases on section `source`, rad, shape (N,).
-        touchdown: touchdown phase, rad; eq. (16).
-        source, target: legs, 1 .. N+1.
-    """
-    phi = phases_from_relative(psi, touchdown, source)
-    resets = phi > phi[target - 1]
-    return relative(phi + jnp.where(resets, TWO_PI - touchdown, 0.0))
 
 
 def touches_early(psi: jax.Array, touchdown: jax.Array, threshold: jax.Array, leg: Leg) -> jax.Array:

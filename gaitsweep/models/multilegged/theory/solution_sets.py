@@ -16,7 +16,6 @@ different spring or amplitude, the lags follow from eq. (12) with it (`chain.py`
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -24,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.models.multilegged.theory.chain import Chain, Scalar, reset, takeoffs, touchdown_phase
+from gaitsweep.models.multilegged.theory.chain import Chain, Scalar, reset, takeoffs
 from gaitsweep.models.multilegged.theory.section import Leg, phases_on_section, relative
 
 
@@ -88,22 +87,18 @@ def lag_rules(N: int, chain: Chain) -> LagRule:
     )
 
 
-def _row(N: int, branch: Branch) -> int:
-    if branch not in branches(N):
-        raise ArgumentError(
-            f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
-            f"2 .. {N}; the direct wave has k = {N}."
-        )
-    return branches(N).index(branch)
-
-
 def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
     """The lag rule of one set, one of `branches(N)`.
 
     Raises:
         ArgumentError: the chain has no such set.
     """
-    row = _row(N, branch)
+    if branch not in branches(N):
+        raise ArgumentError(
+            f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
+            f"2 .. {N}; the direct wave has k = {N}."
+        )
+    row = branches(N).index(branch)
     rules = lag_rules(N, chain)
     return LagRule(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
 
@@ -123,35 +118,3 @@ def solution(rule: LagRule, s: jax.Array, circle: jax.Array, section: Leg) -> ja
         section: leg, 1 .. N+1.
     """
     return relative(phases_on_section(places(rule, s), circle, section))
-
-
-@partial(jax.jit, static_argnames=("N", "samples", "section"))
-def solution_sets(
-    N: int, chain: Chain | None = None, samples: int = 65, section: int | None = None
-) -> jax.Array:
-    """Evenly spaced points of all sets, in the order of `branches(N)`: psi, shape (2 N - 1, samples, N), rad.
-
-    Args:
-        N: springs; the chain has N + 1 legs.
-        chain: parameters; Table 1's if not given.
-        samples: number of points of each set, both ends included.
-        section: the leg whose section is used; by default each set's k, or N for the direct wave.
-
-    Source: eqs. (16)-(20), (24), (25).
-    """
-    chain = Chain() if chain is None else chain
-    circle = touchdown_phase(chain)
-
-    def points(rule: LagRule, leg: jax.Array) -> jax.Array:
-        free = jnp.linspace(rule.low, rule.high, samples)
-        return jax.vmap(lambda s: solution(rule, s, circle, leg))(free)
-
-    legs = jnp.array([branch.k if section is None else section for branch in branches(N)])
-    return jax.vmap(points)(lag_rules(N, chain), legs)
-
-
-def solution_set(
-    N: int, branch: Branch, chain: Chain | None = None, samples: int = 65, section: int | None = None
-) -> jax.Array:
-    """Evenly spaced points of one set, one of `branches(N)`, shape (samples, N); else as `solution_sets`."""
-    return solution_sets(N, chain, samples, section)[_row(N, branch)]

@@ -11,14 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.models.multilegged.theory.chain import Chain, amplitudes, springs, touchdown_phase
+from gaitsweep.models.multilegged.theory.chain import TABLE_1, Chain, amplitudes, springs, touchdown_phase
 from gaitsweep.models.multilegged.theory.order import order_of_places
-from gaitsweep.models.multilegged.theory.solution_sets import (
-    Branch,
-    branches,
-    places,
-    rule_of,
-)
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, places, rule_of
 
 
 def multipliers(N: int, branch: Branch) -> np.ndarray:
@@ -33,11 +28,6 @@ def multipliers(N: int, branch: Branch) -> np.ndarray:
     if branch.kind == "A":
         values[1] = 0.5
     return values
-
-
-def polynomial(N: int, branch: Branch) -> np.ndarray:
-    """The characteristic polynomial with the roots `multipliers`, highest power first, shape (N+1,)."""
-    return np.poly(multipliers(N, branch))
 
 
 def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
@@ -57,20 +47,21 @@ def characteristic_polynomial(matrix: np.ndarray) -> np.ndarray:
 
 
 def linear_map(
-    N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> np.ndarray:
     """P_k of eq. (21), (N, N): the linear map of a perturbation of psi on a section over a cycle.
 
     It is valid between the jumps of the set and away from the ends of leg segments.
 
     Args:
-        N, branch, chain: as in `solution_set`.
+        N: springs; the chain has N + 1 legs.
+        branch: one of the sets, `branches(N)`.
         s: the free phase, rad.
+        chain: its parameters; Table 1's if not given.
         section: the leg whose section is used; by default the set's k.
 
     Source: eqs. (12), (14), (21).
     """
-    chain = Chain() if chain is None else chain
     theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
     k, a = np.asarray(springs(N, chain)), np.asarray(amplitudes(N, chain))
     ahead = np.eye(N + 1)

@@ -1,14 +1,87 @@
-"""Mass matrix, energy and momentum of an articulated tree."""
+"""Mechanics of an articulated tree that tests compare with MuJoCo: inverse dynamics, energy, momentum."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Tree
-from gaitsweep.dynamics.tree.dynamics import rigid_body
+from gaitsweep.dynamics.tree.dynamics import _bodies, _carried, passive_forces, rigid_body
+from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.kinematics import Place, movements, places, velocity
-from gaitsweep.dynamics.tree.spatial import EYE, ZERO, Array, MotionVector, Scalar, cross, turned
+from gaitsweep.dynamics.tree.spatial import (
+    EYE,
+    ZERO,
+    Array,
+    ForceVector,
+    MotionVector,
+    Scalar,
+    cross,
+    turned,
+)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class WorldForce:
+    """A spatial force in world coordinates.
+
+    `link` is the link's number; `couple` (3,) N m is about the world's origin; `force` (3,) N.
+    """
+
+    link: int = dataclasses.field(metadata={"static": True})
+    couple: Array
+    force: Array
+
+    def on(self, place: Place) -> ForceVector:
+        """The spatial force about the link's point, in the link's axes."""
+        couple = self.couple - cross((place.base + place.frame @ place.reach), self.force)
+        return ForceVector(place.frame.T @ couple, place.frame.T @ self.force)
+
+
+def inverse_dynamics(
+    tree: Tree,
+    geometry: Geometry,
+    q: Array,
+    v: Array,
+    acceleration: Array,
+    external: Sequence[PointForce | WorldForce | YieldingForce] = (),
+    *,
+    gravity: Array,
+) -> Array:
+    """Generalised forces tau (nv,), N m and N, of an `acceleration` (nv,), by Newton-Euler (table 5.1).
+
+    The inverse of `forward_dynamics`, with its arguments.
+    """
+    bodies = _bodies(tree, geometry, q, v, external, gravity)  # pyright: ignore
+    accelerations: list[MotionVector] = []
+    forces: list[ForceVector] = []
+    for i, (link, body) in enumerate(zip(tree.links, bodies, strict=True)):
+        rate = acceleration[tree.v_of[i]]
+        if link.kind == "free":
+            a = MotionVector(rate[3:], body.place.frame.T @ (rate[:3] - gravity))
+        else:
+            a = _carried(tree, i, bodies, accelerations, gravity)
+            a = a if link.kind == "fixed" else a + body.S * rate[0]
+        accelerations.append(a)
+        forces.append(body.inertia @ a + body.bias)
+
+    pieces: list[Array] = []
+    for i in range(len(bodies) - 1, -1, -1):
+        link, place = tree.links[i], bodies[i].place
+        if link.kind == "free":
+            pieces += [forces[i].couple, place.frame @ forces[i].linear]
+        elif link.kind != "fixed":
+            pieces.append(jnp.reshape(bodies[i].S.dot(forces[i]), 1))
+        if link.parent != WORLD:
+            felt = forces[i].rotated(place.across).moved_from(place.offset)
+            forces[link.parent] = forces[link.parent] + felt
+    tau = jnp.concatenate(pieces[::-1])
+    return tau + geometry.armature * acceleration - passive_forces(tree, geometry, q, v)
 
 
 def mass_matrix(tree: Tree, geometry: Geometry, q: Array) -> Array:
