@@ -47,46 +47,27 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", os.environ["JAX_ENABLE_X64"] not in ("0", "false"))
 
-# The module of each name. It is imported when the name is first used, so `gaitsweep --help` needs no JAX.
-_MODULES = {
-    "ArgumentError": "errors",
-    "Continuation": "api.run_kinds",
-    "FixedTime": "api.run_kinds",
-    "HybridModel": "contract",
-    "Job": "job",
-    "JobError": "job",
-    "PoincareMap": "api.maps",
-    "Quantity": "contract",
-    "Ramp": "api.run_kinds",
-    "Result": "runs.result",
-    "ReturnMap": "api.run_kinds",
-    "RunError": "runs.prepare",
-    "SelfCheckError": "runs.self_check",
-    "Settle": "api.run_kinds",
-    "Staircase": "api.run_kinds",
-    "Status": "contract",
-    "SteppedModel": "contract",
-    "TableError": "table",
-    "Trace": "api.run_kinds",
-    "UserError": "errors",
-    "basins": "analysis.basins.measures",
-    "hysteresis": "api.analyses",
-    "load": "table",
-    "load_job": "job",
-    "return_map": "api.maps",
-    "run": "runs.result",
-    "simulate": "api.trajectories",
-    "sweep": "api.trajectories",
-    "write_movie": "runs.movie",
-    "write_still": "runs.movie",
+# The names of each module. It is imported when one is first used, so `gaitsweep --help` needs no JAX.
+_NAMES = {
+    "analysis.basins.measures": ("basins",),
+    "api.analyses": ("hysteresis",),
+    "api.maps": ("PoincareMap", "return_map"),
+    "api.run_kinds": ("Continuation", "FixedTime", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
+    "api.trajectories": ("simulate", "sweep"),
+    "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
+    "errors": ("ArgumentError", "UserError"),
+    "job": ("Job", "JobError", "load_job"),
+    "runs.movie": ("write_movie", "write_still"),
+    "runs.prepare": ("RunError",),
+    "runs.result": ("Result", "run"),
+    "runs.self_check": ("SelfCheckError",),
+    "table": ("TableError", "load"),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 # Names that are modules themselves.
 _NAMESPACES = {
-    "analyses": "api.analyses",
-    "contract": "contract",
-    "models": "models",
-    "plot": "plot",
-    "theory": "api.theory",
+    **{name: name for name in ("contract", "models", "plot")},
+    **{name: f"api.{name}" for name in ("analyses", "theory")},
 }
 
 __all__ = [

@@ -35,17 +35,18 @@ class Verdict(enum.Enum):
 
 
 class ResultCode(enum.IntEnum):
-    """The base of result codes: each member has a number and a sentence."""
+    """The base of result codes: each member has a number, a sentence, and for some codes a verdict."""
 
     sentence: str
+    verdict: Verdict
 
-    def __new__(cls, number: int, sentence: str) -> Self:
+    def __new__(cls, number: int, sentence: str, verdict: Verdict = Verdict.undecided) -> Self:
         code = int.__new__(cls, number)
-        code._value_, code.sentence = number, sentence
+        code._value_, code.sentence, code.verdict = number, sentence, verdict
         return code
 
 
-class Status(enum.IntEnum):
+class Status(ResultCode):
     """The result code of a row, with its sentence and its verdict.
 
     Tables store the numbers: existing numbers must not change, and new ones are added at the end.
@@ -71,14 +72,6 @@ class Status(enum.IntEnum):
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
     step_limit = 10, "The row needed more steps than its limit allows.", Verdict.undecided
     no_fixed_point = 11, "No fixed point was found from which to follow a branch.", Verdict.undecided
-
-    sentence: str
-    verdict: Verdict
-
-    def __new__(cls, number: int, sentence: str, verdict: Verdict) -> Self:
-        status = int.__new__(cls, number)
-        status._value_, status.sentence, status.verdict = number, sentence, verdict
-        return status
 
     @classmethod
     def of(cls, *verdicts: Verdict) -> frozenset[str]:

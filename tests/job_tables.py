@@ -43,7 +43,8 @@ def table_of(job: Job, seed: int = 0) -> pd.DataFrame:
         elif name in ("t", "t_end"):
             columns[name] = 0.05 * (1.0 + place)
         elif name == "status":
-            columns[name] = pd.Categorical(np.full(len(rows), run.good_end.name), categories=STATUSES)
+            end = "settled" if run.kind_name == "settle" else "complete"
+            columns[name] = pd.Categorical(np.full(len(rows), end), categories=STATUSES)
         elif name == "gait":
             codes = random.integers(0, len(model.gaits), len(rows))
             columns[name] = pd.Categorical.from_codes(codes.tolist(), categories=list(model.gaits))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import math
 import types
 from collections.abc import Callable, Sequence
@@ -12,8 +13,9 @@ import jax
 import numpy as np
 from scipy import special
 
-from gaitsweep.engine.kernel.emit import statements
-from gaitsweep.engine.kernel.trace import Traced, kind_of, trace
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.python_source import statements
+from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
 
 _TYPES = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bool_}
 
@@ -38,6 +40,37 @@ NAMES: dict[str, Any] = {
     "_where": np.where,
     "_not": np.logical_not,
 }
+
+
+@dataclasses.dataclass
+class Traced:
+    """A function as a scalar program: `inputs` and `outputs` are flat lists of nodes."""
+
+    program: Program
+    inputs: list[int]
+    outputs: list[int]
+
+
+def trace(function: Callable[..., Any], *trees: Any, steady: Sequence[bool]) -> Traced:
+    """The scalar program of `function` for arguments of these shapes.
+
+    Args:
+        function: a pure JAX function of one trajectory.
+        trees: its arguments, pytrees of arrays or of shapes with dtypes.
+        steady: for each argument, whether it is constant along a trajectory.
+
+    Raises:
+        UnsupportedError: the function uses an operation that the kernel does not have.
+    """
+    closed = jax.make_jaxpr(function)(*trees)
+    program = Program()
+    tracer = Tracer(program)
+    arrays: list[Nodes] = []
+    for tree, still in zip(trees, steady, strict=True):
+        arrays += tracer.inputs(tree, sum(array.size for array in arrays), steady=still)
+    given = tracer.read(closed, arrays)
+    inputs, outputs = ([int(at) for array in side for at in array.ravel()] for side in (arrays, given))
+    return Traced(program, inputs, outputs)
 
 
 class _OfArrays(ast.NodeTransformer):

@@ -15,7 +15,7 @@ import numpy as np
 
 import gaitsweep as gs
 from gaitsweep.job import Job
-from gaitsweep.job.steps import row_steps
+from gaitsweep.job.step_lengths import row_steps
 
 from .parameter_sets import Found, Subject, Values
 

@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.run_kinds import ReturnMap
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import return_map as map_of
+from gaitsweep.engine.poincare.return_map import ReturnMap as map_of
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -53,7 +53,11 @@ class PoincareMap:
         settings |= {name: 0.0 for name in moving if name not in plan.derived}
         self.model = plan.model
         self.mapping = map_of(
-            plan.model, settings, numerics=job.integration, engine=job.engine.name, cycles=cycles
+            plan.model,
+            tuple(settings.items()),
+            numerics=job.integration,
+            engine=job.engine.name,
+            cycles=cycles,
         )
         self._values = {name: parameters[name] for name in moving if name not in plan.derived}
         self._parameters = parameters
@@ -116,7 +120,12 @@ class PoincareMap:
             starts: numbers or (n,) by name; the others as given to `return_map`, else the model's defaults.
             cycles: crossings, 0 or more. A trajectory that fails stays where it failed, with a warning.
         """
-        given = {**self._starts, **self._checked(starts or {})}
+        known = [quantity.name for quantity in self.model.initial_conditions]
+        for name in starts or {}:
+            if name not in known:
+                near = near_miss.suggestion(name, known)
+                raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
+        given = {**self._starts, **(starts or {})}
         missing = [name for name in self._without_start if name not in given]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
@@ -232,14 +241,6 @@ class PoincareMap:
     @cached_property
     def _start(self) -> Points:
         return self.settled({}, 0)
-
-    def _checked(self, starts: Mapping[str, Any]) -> Mapping[str, Any]:
-        known = [quantity.name for quantity in self.model.initial_conditions]
-        for name in starts:
-            if name not in known:
-                near = near_miss.suggestion(name, known)
-                raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        return starts
 
     def _require_derivative(self) -> None:
         method = self.mapping.numerics.of(self.model).method

@@ -31,15 +31,7 @@ class ProgressBar:
         self._task: TaskID | None = None
 
     def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        """Update the bar.
-
-        Args:
-            done: rows that have ended.
-            total: rows of the whole sweep.
-            rate: rows a second; 0 while it is not known.
-            fraction: share of the whole, rows under way counted by their part (0 to 1).
-            note: the current activity, such as a compilation.
-        """
+        """Update the bar; `rate` is 0 while it is not known, and `fraction` counts rows under way in part."""
         rows = f"{done}/{total}"
         speed = f"{rate:.3g} {self._unit}/s" if rate > 0 else ""
         steps = round(fraction * _WHOLE)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Any, cast
 
 import jax
@@ -49,27 +48,7 @@ STEEPEST_CUT = 0.2
 LEAST_SHARE = 1e-9
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "state",
-        "t",
-        "h",
-        "h_max",
-        "near",
-        "far",
-        "far_guards",
-        "weight",
-        "trials",
-        "chain",
-        "attempts",
-        "stop",
-        "halt",
-        "dt",
-        "share",
-    ],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Carry:
     """The state of a trajectory's integration.
@@ -302,11 +281,7 @@ def _controlled(
     locating: jax.Array,
     guess: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """`h_max` and the next step, for methods with step control.
-
-    `change` is the result of `_fitting_change`, `failed` whether the step of length `h` missed the tolerance;
-    the other arguments are those of an attempt.
-    """
+    """`h_max` and the next step, for methods with step control; `failed`: the step missed the tolerance."""
     least = LEAST_SHARE * dt
     # at the start the time scale of the flow is unknown
     begun = jnp.maximum(jnp.where(carry.h_max > 0.0, method.first_step * carry.h_max, 1e-3 * dt), least)

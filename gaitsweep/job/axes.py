@@ -28,15 +28,9 @@ def _of_length(value: Any, length: int, words: str) -> Any:
     return value
 
 
-def _three() -> BeforeValidator:
-    return BeforeValidator(checked(_of_length, length=3, words="[first, last, number of points]"))
-
-
-def _two() -> BeforeValidator:
-    return BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
-
-
-Ends = Annotated[tuple[Number, Number, PointCount], _three()]
+_THREE = BeforeValidator(checked(_of_length, length=3, words="[first, last, number of points]"))
+_TWO = BeforeValidator(checked(_of_length, length=2, words="[low, high]"))
+Ends = Annotated[tuple[Number, Number, PointCount], _THREE]
 At = Annotated[Literal["ends", "centre"], word("ends", "centre")]
 _AT = "ends: both ends are points; centre: the points are the middles of equal cells"
 _SEED = "seed of the points, with the name of what varies"
@@ -84,7 +78,7 @@ class Sample(Part):
     method: Annotated[Literal["random", "sobol"], word("random", "sobol")] = Field(
         default="random", description="random: independent uniform points; sobol: one joint Sobol sequence"
     )
-    of: dict[Text, Annotated[tuple[Number, Number], _two()]] = Field(
+    of: dict[Text, Annotated[tuple[Number, Number], _TWO]] = Field(
         min_length=1, description="[low, high] of each name that varies"
     )
 
@@ -119,7 +113,8 @@ class Listed:
         result = self._plain[index]
         for place in np.intersect1d(index, self._written):
             number, here = self.numbers[place], index == place
-            used = {name: _picked(names[name], here) for name in names_in(number)}
+            some = {name: names[name] for name in names_in(number)}
+            used = {name: value if np.ndim(value) == 0 else value[here] for name, value in some.items()}
             result[here] = evaluate(number, used)
         return result
 
@@ -158,7 +153,9 @@ class Box:
     def points(self) -> dict[str, np.ndarray]:
         """Points of [0, 1) by name, (count,)."""
         if self.method == "random":
-            return {name: _uniform(self.seed, name, self.count) for name in self.names}
+            # 53 bits of each word, as a float of [0, 1) has
+            shift = np.uint64(11)
+            return {name: (_bits(self.seed, name, self.count) >> shift) * 2.0**-53 for name in self.names}
         return _sobol(self.seed, list(self.names), self.count)
 
 
@@ -229,20 +226,10 @@ def sample_points(sample: Sample) -> dict[str, Spread]:
     return {name: Spread(*ends, sample.n, Drawn(box, name)) for name, ends in sample.of.items()}
 
 
-def _picked(value: Any, here: np.ndarray) -> Any:
-    return value if np.ndim(value) == 0 else value[here]
-
-
 def _bits(seed: int, name: str, count: int) -> np.ndarray:
     """Raw 64-bit words, of which NumPy promises that they never change; each name has a stream of its own."""
     key = int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], "big")
     return np.asarray(np.random.Philox(key=key).random_raw(count))
-
-
-def _uniform(seed: int, name: str, count: int) -> np.ndarray:
-    words = _bits(seed, name, count)
-    words >>= np.uint64(11)
-    return words * 2.0**-53
 
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Whether a run can be made, and every value that its rows take is one that its model allows."""
+"""Whether formulas can be worked out, rows have values that the model allows, and figures fit the run."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from gaitsweep.expression import CONSTANTS, ExpressionError
 from gaitsweep.job.axes import Spread
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
-from gaitsweep.kinds import RunKind
+from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.diagnostics import Diagnostic, Path
+from gaitsweep.kinds.part import kind_of
+from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.plot.figure_kind import FigureKind, PlannedTable
 
 _CHUNK = 50_000
 _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
@@ -77,11 +80,11 @@ def _check_quantity(plan: Plan, spec: ModelSpec, name: str, quantity: Quantity) 
         return None  # Plan.values checks these, block by block
     if _between_its_ends(plan, name, quantity):
         return None
-    spans = [(plan.groups[position].length, plan.stride(position)) for position in plan.spans(name)]
-    count = math.prod(length for length, _ in spans)
+    spans = plan.spans(name)
+    count = math.prod(plan.groups[position].length for position in spans)
     for begin in range(0, count, _CHUNK):
         points = np.arange(begin, min(begin + _CHUNK, count), dtype=np.int64)
-        rows = _rows_of(points, spans)
+        rows = plan.rows_over(points, spans)
         try:
             values = plan.at(rows, [name])[name]
         except ExpressionError as error:
@@ -102,15 +105,6 @@ def _between_its_ends(plan: Plan, name: str, quantity: Quantity) -> bool:
             ends = np.array([points.low, points.high], np.float64)
             return bool(inside(ends, quantity).all()) and not (points.logarithmic and ends.min() <= 0.0)
     return False
-
-
-def _rows_of(points: np.ndarray, spans: list[tuple[int, int]]) -> np.ndarray:
-    """The rows that go through all combinations of some axes, the others at their first point."""
-    rows = np.zeros_like(points)
-    for length, stride in reversed(spans):
-        rows += points % length * stride
-        points = points // length
-    return rows
 
 
 def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: int | None) -> str:
@@ -142,3 +136,39 @@ def _check_path(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
                 diagnostics.append(Diagnostic(diagnostic.path, text))
                 break
     return diagnostics
+
+
+def check_figures(figures: list[FigureKind], plan: Plan, run: RunKind) -> list[Diagnostic]:
+    """Diagnostics about figures that cannot be drawn of the run's table, or that have the same name."""
+    model = plan.model
+    columns = table_columns(plan, run)
+    table = PlannedTable(plan, run, columns)
+    observables = [quantity.name for quantity in model.observables]
+    wrong: list[Diagnostic] = []
+    stems: dict[str, int] = {}
+    for index, figure in enumerate(figures):
+        path = ("figures", index)
+        if not figure.suits(run):
+            others = [kind_of(part) for part in RUN_KINDS.values() if figure.kind_name in part.figures]
+            suited = " or ".join(dict.fromkeys([*figure.runs, *others]))
+            text = f"is {figure.kind_name}, which needs a run of {suited}"
+            wrong.append(Diagnostic((*path, "kind"), f"{text}, not of {run.kind_name}."))
+            continue
+        before = len(wrong)
+        for field, column in figure.columns().items():
+            if column not in columns:
+                near = near_miss.suggestion(column, columns)
+                text = f"is {column}, which is not a column of this job's table{near}"
+                wrong.append(Diagnostic((*path, field), text))
+        for place, name in figure.observed().items():
+            if name not in observables:
+                near = near_miss.suggestion(name, observables)
+                text = f"is {name}, which is not an observable of {model.name}{near}"
+                wrong.append(Diagnostic((*path, *place), text))
+        if len(wrong) == before:
+            wrong += [Diagnostic((*path, *place), text) for place, text in figure.refusals(table)]
+        if figure.stem in stems:
+            text = f"is {figure.stem}, the name of figures[{stems[figure.stem]}] too"
+            wrong.append(Diagnostic((*path, "name"), f"{text}: give each figure a name of its own."))
+        stems.setdefault(figure.stem, index)
+    return wrong

@@ -32,7 +32,11 @@ class Config:
         try:
             self._document = read_document(folder / named)
         except JobError as error:
-            self.diagnostics.extend(_under_config(diagnostic) for diagnostic in error.diagnostics)
+            # what has no line of its own is told at the job's field
+            self.diagnostics.extend(
+                each if each.line else Diagnostic(("config",), f"names {each.file}, which {each.text}")
+                for each in error.diagnostics
+            )
             return
         self._merge(self._document.data)
 
@@ -41,6 +45,11 @@ class Config:
         if self._document is None or diagnostic.file or diagnostic.path[:2] not in self._own:
             return diagnostic
         return self._document.locate(diagnostic)
+
+    def refuse(self, diagnostics: list[Diagnostic]) -> None:
+        """Raise JobError if there is anything to complain about."""
+        if diagnostics:
+            raise JobError([self.locate(diagnostic) for diagnostic in diagnostics])
 
     def _merge(self, data: Mapping[str, Any]) -> None:
         assert self._document is not None
@@ -71,13 +80,6 @@ class Config:
         if isinstance(other, Mapping):
             overridden |= {str(key) for key in other}
         return {str(key): value for key, value in theirs.items() if key not in overridden}
-
-
-def _under_config(diagnostic: Diagnostic) -> Diagnostic:
-    """A diagnostic about the config's file, told at the job's field where it has no line of its own."""
-    if diagnostic.line is not None:
-        return diagnostic
-    return Diagnostic(("config",), f"names {diagnostic.file}, which {diagnostic.text}")
 
 
 def _moving(raw: Mapping[str, Any]) -> set[str]:

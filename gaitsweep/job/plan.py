@@ -7,7 +7,7 @@ import functools
 import graphlib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,19 +18,11 @@ from gaitsweep.job.axes import Spread, Steps
 from gaitsweep.job.vary import Group
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import bound
-from gaitsweep.kinds.run_kind import GridAxis
+from gaitsweep.kinds.run_kind import GridAxis, PlanAxis
 
 MOST_CHECKED = 1_000_000  # combinations of a formula's axes that are checked before a job runs
 MOST_DRAWN = 200_000  # points of an axis that are looked at for how they are drawn
 MOST_WORK = 20_000_000  # the same times the letters of all formulas that are worked out for each of them
-
-
-@dataclasses.dataclass(frozen=True)
-class PlanAxis:
-    """What moves together and how many points it has: one name, or those of a `zip` or `sample`."""
-
-    names: tuple[str, ...]
-    length: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +62,11 @@ class Plan:
         """
         parameters = [quantity.name for quantity in self.model.parameters]
         formulas = {name: self.settings[name] for name in parameters if name in self.settings}
-        return {name: self._with_sizes(text) for name, text in formulas.items() if isinstance(text, str)}
+        derived = {name: text for name, text in formulas.items() if isinstance(text, str)}
+        for size, number in self.sizes.items():
+            word = rf"\b{re.escape(size)}\b"
+            derived = {name: re.sub(word, repr(number), text) for name, text in derived.items()}
+        return derived
 
     def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
         """What varies in rows start..stop-1: a float64 array (stop - start,) by name.
@@ -190,6 +186,15 @@ class Plan:
         needed = self.closure([name])
         return tuple(place for place, group in enumerate(self.groups) if needed & set(group.points))
 
+    def rows_over(self, points: np.ndarray, positions: Sequence[int]) -> np.ndarray:
+        """The rows at combinations (n,) of the groups at `positions`, the others at their first point."""
+        rows = np.zeros_like(points)
+        for position in reversed(positions):
+            length = self.groups[position].length
+            rows += points % length * self.stride(position)
+            points = points // length
+        return rows
+
     def checkable(self, name: str) -> bool:
         """Whether all values of a name are few enough to be checked before the job runs.
 
@@ -198,12 +203,9 @@ class Plan:
         if name in self._places and not self.uses(name):
             return True
         count = math.prod(self.groups[place].length for place in self.spans(name))
-        return count <= MOST_CHECKED and count * self._letters(name) <= MOST_WORK
-
-    def _letters(self, name: str) -> int:
-        """How many letters the formulas have that the value of a name follows from."""
         texts = (self.settings.get(each) for each in self.closure([name]))
-        return sum(len(text) for text in texts if isinstance(text, str))
+        letters = sum(len(text) for text in texts if isinstance(text, str))
+        return count <= MOST_CHECKED and count * letters <= MOST_WORK
 
     def _check_block(self, rows: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
         for quantity in (*self.model.parameters, *self.model.initial_conditions):
@@ -231,11 +233,6 @@ class Plan:
         if not 0 <= start <= stop <= self.n_rows:
             raise IndexError(f"Rows {start} to {stop} are not all among the {self.n_rows} rows of this job.")
         return np.arange(start, stop, dtype=np.int64)
-
-    def _with_sizes(self, text: str) -> str:
-        for name, size in self.sizes.items():
-            text = re.sub(rf"\b{re.escape(name)}\b", repr(size), text)
-        return text
 
 
 def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:

@@ -10,73 +10,58 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
-from gaitsweep.job.checks import check_names, check_ranges
+from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.config import Config
-from gaitsweep.job.figures import check_figures
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec, read_settings
-from gaitsweep.job.numerics import Numerics
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.steps import check_numerics, check_steps
-from gaitsweep.job.vary import Vary, read_vary
-from gaitsweep.kinds import RunKind, parameter_written
+from gaitsweep.job.step_lengths import check_numerics, check_steps
+from gaitsweep.job.vary import Group, read_vary
+from gaitsweep.kinds import parameter_written
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
 from gaitsweep.kinds.numbers import SCOPE, Scope
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.plot.figure_kind import FigureKind
+
+_READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
 
 
-@dataclasses.dataclass
-class Reading:
-    """What was read of a job before its `run`, `numerics`, `engine` and `figures`."""
+def read_job(
+    data: Any, folder: Path, handler: Callable[[Any], Any], owners: dict[str, Owner]
+) -> tuple[Any, Plan]:
+    """A job as pydantic makes it, and its rows.
 
-    raw: dict[str, Any]
-    config: Config
-    spec: ModelSpec | None
-    vary: Vary
-    settings: dict[str, float | str]
-    diagnostics: list[Diagnostic]
-    moved: str | None
-    plan: Plan | None = None
-
-    def refuse(self, diagnostics: list[Diagnostic]) -> None:
-        """Raise JobError if there is anything to complain about."""
-        if diagnostics:
-            raise JobError([self.config.locate(diagnostic) for diagnostic in diagnostics])
-
-
-def read_parts(data: Any, folder: Path) -> Reading:
-    """The model, structure, params, start and vary of a job.
+    Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
     Args:
         data: the job's mapping as written.
         folder: the folder to which `config` is relative and where the user's own modules are.
+        handler: pydantic's reader of the whole mapping.
+        owners: the parts of a job by the keys under which pydantic reports them.
 
     Raises:
-        JobError: data that is not a mapping; other diagnostics are gathered in the result.
+        JobError: everything that is wrong with the job.
     """
     if not isinstance(data, Mapping):
         raise JobError([Diagnostic((), f"holds {found(data)}, but a job is a mapping (key: value).")])
-    given = {str(key): _plain(value) for key, value in data.items() if value is not None}
-    config = Config(given, folder)
-    raw = config.raw
-    diagnostics = list(config.diagnostics)
+    config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
+    raw, diagnostics = config.raw, list(config.diagnostics)
+    ready = {key: value for key, value in raw.items() if key not in _READ_HERE}
     spec = None
     if "model" in raw:
         spec, wrong = read_model_spec(raw["model"], raw.get("structure"), raw.get("params"), [folder])
         diagnostics.extend(wrong)
     settings: dict[str, float | str] = {}
     if spec is not None:
+        ready["structure"] = spec.structure
         for field in ("params", "start"):
-            read, wrong = read_settings(raw.get(field), field, spec)
-            settings |= read
+            ready[field], wrong = read_settings(raw.get(field), field, spec)
+            settings |= ready[field]
             diagnostics.extend(wrong)
     moved = _moved(raw, spec)
-    written = dict(settings)
 
     def reason(name: str) -> str | None:
         if spec is None:
             return None
-        if name in written:
+        if name in settings:
             field = "params" if name in spec.parameters else "start"
             return f"varies, but {field}.{name} fixes it: take one of the two out."
         if name == moved:
@@ -84,11 +69,33 @@ def read_parts(data: Any, folder: Path) -> Reading:
         return spec.unknown(name, "vary")
 
     vary = read_vary(raw.get("vary"), spec.quantities if spec else {}, reason)
+    ready["vary"] = vary.plain
     diagnostics.extend(vary.diagnostics)
-    reading = Reading(raw, config, spec, vary, settings, diagnostics, moved)
+    plan = None
     if spec is not None and not vary.diagnostics:
-        _lay_out(reading, spec)
-    return reading
+        plan = _laid_out(spec, vary.groups, settings, moved, diagnostics)
+    token = SCOPE.set(_scope(plan, spec, moved))
+    job = None
+    try:
+        job = handler(ready)
+    except ValidationError as error:
+        diagnostics.extend(from_pydantic(error, owners, ""))
+    finally:
+        SCOPE.reset(token)
+    config.refuse(diagnostics)
+    assert job is not None
+    assert plan is not None
+    assert spec is not None
+    moving = job.run.moved
+    if moving is not None:
+        if moving not in spec.parameters:
+            why = spec.unknown(moving, "params") or ""
+            config.refuse([Diagnostic(("run", "parameter"), f"is {moving}, which {why}")])
+        first = {moving: job.run.turns[0]} if job.run.turns else {}  # a trace may lack it: its check says so
+        plan = dataclasses.replace(plan, settings={**plan.settings, **first})
+    config.refuse(_check_whole(plan, spec, job))
+    config.refuse(check_steps(plan, job.run, job.numerics.engine(spec.model)))
+    return job, plan
 
 
 def _plain(value: Any) -> Any:
@@ -101,47 +108,51 @@ def _moved(raw: Mapping[str, Any], spec: ModelSpec | None) -> str | None:
     return name if spec is not None and isinstance(name, str) and name in spec.parameters else None
 
 
-def _lay_out(reading: Reading, spec: ModelSpec) -> None:
+def _laid_out(
+    spec: ModelSpec,
+    groups: list[Group],
+    given: Mapping[str, float | str],
+    moved: str | None,
+    diagnostics: list[Diagnostic],
+) -> Plan | None:
     """The plan, with the model's defaults; a parameter that moves has 1 until its path is read."""
-    varied = {name for group in reading.vary.groups for name in group.points}
+    varied = {name for group in groups for name in group.points}
     settings: dict[str, float | str] = {}
     for name, quantity in spec.quantities.items():
         field = "params" if name in spec.parameters else "start"
         if name in varied:
             continue
-        if name == reading.moved and name in reading.settings:
+        if name == moved and name in given:
             text = "is fixed, but run.parameter moves it: take one of the two out."
-            reading.diagnostics.append(Diagnostic((field, name), text))
-        if name in reading.settings:
-            settings[name] = reading.settings[name]
-        elif name == reading.moved:
+            diagnostics.append(Diagnostic((field, name), text))
+        if name in given:
+            settings[name] = given[name]
+        elif name == moved:
             settings[name] = 1.0
         elif quantity.default is not None:
             settings[name] = (
                 quantity.default if isinstance(quantity.default, str) else float(quantity.default)
             )
-        elif (field, name) not in {diagnostic.path[:2] for diagnostic in reading.diagnostics}:
+        elif (field, name) not in {diagnostic.path[:2] for diagnostic in diagnostics}:
             text = (
                 f"is missing: {quantity.meaning} ({quantity.unit}) has no default; set it here or under vary."
             )
-            reading.diagnostics.append(Diagnostic((field, name), text))
+            diagnostics.append(Diagnostic((field, name), text))
             settings[name] = 1.0
-    plan = Plan(spec.model, tuple(reading.vary.groups), settings, spec.sizes)
+    plan = Plan(spec.model, tuple(groups), settings, spec.sizes)
     wrong = check_names(plan, spec)
-    reading.diagnostics.extend(wrong)
-    if not wrong:
-        reading.plan = plan
+    diagnostics.extend(wrong)
+    return None if wrong else plan
 
 
-def scope_of(reading: Reading) -> Scope:
+def _scope(plan: Plan | None, spec: ModelSpec | None, moved: str | None) -> Scope:
     """What expressions under `run`, `numerics` and `figures` may use: the parameters that stay fixed."""
-    plan, spec = reading.plan, reading.spec
     if plan is None or spec is None:
         return Scope(known=False)
     fixed: dict[str, float] = dict(spec.sizes)
     moving = dict.fromkeys(plan.names, "varies in this job")
-    if reading.moved is not None:
-        moving[reading.moved] = "moves in this run"
+    if moved is not None:
+        moving[moved] = "moves in this run"
     for name in plan.order:
         if name in moving or name not in spec.parameters:
             continue
@@ -156,72 +167,26 @@ def scope_of(reading: Reading) -> Scope:
     return Scope(fixed, moving)
 
 
-def read_rest(reading: Reading, handler: Callable[[Any], Any], owners: dict[str, Owner]) -> Any:
-    """The job as pydantic makes it, after the parts that `read_parts` read.
-
-    Raises:
-        JobError: everything that is wrong with the job, these parts included.
-    """
-    ready = {
-        key: value
-        for key, value in reading.raw.items()
-        if key not in ("params", "start", "vary", "structure")
-    }
-    if reading.spec is not None:
-        parameters = reading.spec.parameters
-        ready["structure"] = reading.spec.structure
-        ready["params"] = {name: value for name, value in reading.settings.items() if name in parameters}
-        ready["start"] = {name: value for name, value in reading.settings.items() if name not in parameters}
-    ready["vary"] = reading.vary.plain
-    token = SCOPE.set(scope_of(reading))
-    job = None
-    try:
-        job = handler(ready)
-    except ValidationError as error:
-        reading.diagnostics.extend(from_pydantic(error, owners, ""))
-    finally:
-        SCOPE.reset(token)
-    reading.refuse(reading.diagnostics)
-    return job
-
-
-def finish(reading: Reading, run: RunKind, numerics: Numerics, figures: list[FigureKind]) -> Plan:
-    """The plan of a job whose parts are all well formed, checked as a whole.
-
-    Raises:
-        JobError: values out of range, a run that does not fit its model, figures that name what is not there.
-    """
-    plan, spec = reading.plan, reading.spec
-    assert plan is not None
-    assert spec is not None
+def _check_whole(plan: Plan, spec: ModelSpec, job: Any) -> list[Diagnostic]:
+    """Diagnostics about a job whose parts are all well formed, but do not fit together."""
+    run, moving = job.run, job.run.moved
     diagnostics: list[Diagnostic] = []
-    moving = run.moved
-    if moving is not None:
-        if moving not in spec.parameters:
-            reason = spec.unknown(moving, "params") or ""
-            reading.refuse([Diagnostic(("run", "parameter"), f"is {moving}, which {reason}")])
-        first = {moving: run.turns[0]} if run.turns else {}  # a trace may lack it, which its check says
-        plan = dataclasses.replace(plan, settings={**plan.settings, **first})
-        for name in (moving, *plan.following(moving)):
-            if name not in spec.model.host_parameters:
-                continue
+    for name in (moving, *plan.following(moving)) if moving is not None else ():
+        if name in spec.model.host_parameters:
             moves = "" if name == moving else f", with which {name} moves"
             text = f"is {moving}{moves}: {name} is compiled into a row's body"
             text += " and cannot move while it runs."
             diagnostics.append(Diagnostic(("run", "parameter"), text))
-    diagnostics.extend(run.check(plan, numerics.engine(spec.model).method))
-    diagnostics.extend(check_numerics(spec.model, numerics))
+    diagnostics.extend(run.check(plan, job.numerics.engine(spec.model).method))
+    diagnostics.extend(check_numerics(spec.model, job.numerics))
     columns = table_columns(plan, run)
-    for group in plan.groups:
-        for name, path in group.paths.items():
-            if columns.count(name) > 1:
-                text = f"varies {name}, but the table has a column of that name: rename the model's quantity."
-                diagnostics.append(Diagnostic(path, text))
-    if moving is not None and columns.count(moving) > 1:
-        text = f"is {moving}, but the table has a column of that name: rename the model's quantity."
-        diagnostics.append(Diagnostic(("run", "parameter"), text))
+    places = [(name, path, "varies") for group in plan.groups for name, path in group.paths.items()]
+    if moving is not None:
+        places.append((moving, ("run", "parameter"), "is"))
+    for name, path, does in places:
+        if columns.count(name) > 1:
+            text = f"{does} {name}, but the table has a column of that name: rename the model's quantity."
+            diagnostics.append(Diagnostic(path, text))
     diagnostics.extend(check_ranges(plan, spec, run))
-    diagnostics.extend(check_figures(figures, plan, run))
-    reading.refuse(diagnostics)
-    reading.refuse(check_steps(plan, run, numerics.engine(spec.model)))
-    return plan
+    diagnostics.extend(check_figures(job.figures, plan, run))
+    return diagnostics

@@ -1,10 +1,8 @@
-"""A job: its fields, its resolved form, its hash, and its JSON schema."""
+"""A job: its fields, its resolved form, and its JSON schema."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import math
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,17 +21,16 @@ from pydantic import (
 
 from gaitsweep.effort import Effort
 from gaitsweep.engine.numerics import Numerics as EngineNumerics
+from gaitsweep.job.job_hash import job_hash
 from gaitsweep.job.numerics import EngineChoice, Numerics
 from gaitsweep.job.plan import Plan
-from gaitsweep.job.reading import finish, read_parts, read_rest
+from gaitsweep.job.reading import read_job
 from gaitsweep.job.vary import vary_schema
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
 from gaitsweep.kinds.numbers import Stem, Text, VerifyCount
 from gaitsweep.kinds.part import OneOf, Part
 from gaitsweep.plot import FIGURES, FigureKind
-
-_HASHED_FORM = 4  # raised when the meaning of a resolved job changes, so that no old directory is resumed
 
 _KINDS = ", ".join(RUN_KINDS).rsplit(", ", 1)
 _PATH = PlainValidator(lambda path: path)  # `Config` has read it, or complained, before pydantic sees it
@@ -99,9 +96,9 @@ class Job(Part):
         if isinstance(data, Job):
             return data
         with Effort.limited():
-            reading = read_parts(data, (info.context or {}).get("folder", Path.cwd()))
-            job = read_rest(reading, handler, _owners())
-            job._plan = finish(reading, job.run, job.numerics, job.figures)
+            folder = (info.context or {}).get("folder", Path.cwd())
+            job, plan = read_job(data, folder, handler, _owners())
+            job._plan = plan
         return job
 
     @property
@@ -135,9 +132,9 @@ class Job(Part):
         dumped["engine"]["name"] = engine or self.engine.name
         dumped["numerics"] |= {"method": self.integration.method}
         for name in ("rtol", "atol"):
-            tolerance = getattr(self.integration, name) if self.integration.adaptive else None
-            dumped["numerics"][name] = tolerance
-            if tolerance is None:
+            if self.integration.adaptive:
+                dumped["numerics"][name] = getattr(self.integration, name)
+            else:
                 del dumped["numerics"][name]
         return {name: dumped[name] for name in type(self).model_fields if name in dumped}
 
@@ -159,37 +156,13 @@ class Job(Part):
             lanes: the lanes that the engine chose, where the job leaves them open.
             steps: what the model recommends for the rows' steps, where the job leaves them open.
         """
-        resolved = self.resolved()
-        deciding = {
-            key: resolved[key] for key in ("model", "structure", "params", "start", "run", "numerics")
-        }
-        deciding["vary"] = _in_order(resolved["vary"])
-        deciding["run"] = self.run.hashed(resolved["run"])
-        deciding["engine"] = {
+        runs_on = {
             "name": engine if engine is not None else self.engine.name,
             "lanes": lanes if lanes is not None else self.engine.lanes,
             "block": self.engine.block,
             "device": device,
         }
-        if steps is not None:
-            deciding["steps"] = steps
-        deciding["form"] = _HASHED_FORM
-        text = json.dumps(deciding, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _in_order(vary: dict[str, Any]) -> list[Any]:
-    """`vary` with its names in lists, so that their order is hashed."""
-    ordered: list[Any] = []
-    for name, value in vary.items():
-        groups = value if isinstance(value, list) else [value]
-        if name == "zip":
-            ordered.append([name, [list(group.items()) for group in groups]])
-        elif name == "sample":
-            ordered.append([name, [[*group.items(), list(group["of"].items())] for group in groups]])
-        else:
-            ordered.append([name, value])
-    return ordered
+        return job_hash(self.resolved(), self.run, runs_on, steps)
 
 
 def _owners() -> dict[str, Owner]:

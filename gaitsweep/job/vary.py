@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -50,11 +50,18 @@ class Group:
 
 @dataclass
 class Vary:
-    """What was read of `vary`: its groups, itself in plain normal form, and what is wrong with it."""
+    """What was read of `vary`: its groups, itself in plain normal form, and what is wrong with it.
 
-    groups: list[Group]
-    plain: dict[str, Any]
-    diagnostics: list[Diagnostic]
+    `quantities`: the model's parameters and starts; empty while the model is unknown.
+    """
+
+    quantities: Mapping[str, Quantity]
+    groups: list[Group] = field(default_factory=list)
+    plain: dict[str, Any] = field(default_factory=dict)
+    diagnostics: list[Diagnostic] = field(default_factory=list)
+
+    def refuse(self, path: Path, text: str) -> None:
+        self.diagnostics.append(Diagnostic(path, text))
 
 
 def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[str], str | None]) -> Vary:
@@ -65,23 +72,21 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
         quantities: the model's parameters and starts; empty while the model is unknown.
         refuse: why a name may not vary, as the end of a sentence, or None where it may.
     """
-    vary = Vary([], {}, [])
+    vary = Vary(quantities)
     if raw is None:
         return vary
     if not isinstance(raw, Mapping):
-        vary.diagnostics.append(Diagnostic(("vary",), f"is {found(raw)}, but takes axes (name: axis)."))
+        vary.refuse(("vary",), f"is {found(raw)}, but takes axes (name: axis).")
         return vary
     for name, value in raw.items():
         path: Path = ("vary", str(name))
         if name in ("zip", "sample"):
             read = _read_zip if name == "zip" else _read_sample
             if isinstance(value, list):
-                vary.plain[name] = [
-                    read(item, (*path, place), quantities, vary) for place, item in enumerate(value)
-                ]
+                vary.plain[name] = [read(item, (*path, place), vary) for place, item in enumerate(value)]
             else:
-                vary.plain[name] = read(value, path, quantities, vary)
-        elif (points := _read_axis(str(name), value, path, quantities, vary)) is not None:
+                vary.plain[name] = read(value, path, vary)
+        elif (points := _read_axis(str(name), value, path, vary)) is not None:
             vary.groups.append(Group({str(name): points[0]}, {str(name): path}))
             vary.plain[str(name)] = points[1]
     _check_names(vary, refuse)
@@ -98,7 +103,7 @@ def _check_size(vary: Vary) -> None:
             break
     if rows > MOST_ROWS:
         made = f"{rows}" if rows < 10**30 else "more than 1e30"
-        vary.diagnostics.append(Diagnostic(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}."))
+        vary.refuse(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}.")
     drawn = sum(
         points.length
         for group in vary.groups
@@ -107,12 +112,10 @@ def _check_size(vary: Vary) -> None:
     )
     if drawn > MOST_DRAWN:
         text = f"draws {drawn} numbers (points times names); a job draws at most {MOST_DRAWN}."
-        vary.diagnostics.append(Diagnostic(("vary",), text))
+        vary.refuse(("vary",), text)
 
 
-def _read_axis(
-    name: str, value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary
-) -> tuple[Points, dict[str, Any]] | None:
+def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Points, dict[str, Any]] | None:
     """The points of an axis and its normal form, or None with a diagnostic."""
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.ndim == 1 and len(value) <= MOST_LISTED else {"values": value}
@@ -122,7 +125,7 @@ def _read_axis(
     if not isinstance(value, Mapping):
         kinds_of = ", ".join(AXIS_KINDS)
         text = f"is {found(value)}, but takes a list or one of {kinds_of}; one value goes under params."
-        vary.diagnostics.append(Diagnostic(path, text))
+        vary.refuse(path, text)
         return None
     if len(kinds) != 1:
         vary.diagnostics.append(_about_kinds(value, kinds, path))
@@ -133,9 +136,9 @@ def _read_axis(
         listed = value["values"]
         if len(listed) > MOST_LISTED:
             text = f"has {len(listed)} points; a list has at most {MOST_LISTED}: use linspace, or a sample."
-            vary.diagnostics.append(Diagnostic((*path, "values"), text))
+            vary.refuse((*path, "values"), text)
             return None
-        value["values"] = [_switch(item, quantities.get(name)) for item in listed]
+        value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
     try:
         axis: Axis = _many_numbers(value) or part.model_validate(value)  # type: ignore[assignment]
     except ValidationError as error:
@@ -178,31 +181,29 @@ def _switch(item: Any, quantity: Quantity | None) -> Any:
     return float(item) if switch and isinstance(item, bool) else item
 
 
-def _read_zip(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
+def _read_zip(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping) or not value:
-        vary.diagnostics.append(
-            Diagnostic(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
-        )
+        vary.refuse(path, f"is {found(value)}, but takes axes (name: axis) of equal length.")
         return {}
     points: dict[str, Points] = {}
     plain: dict[str, Any] = {}
     for name, axis in value.items():
-        read = _read_axis(str(name), axis, (*path, str(name)), quantities, vary)
+        read = _read_axis(str(name), axis, (*path, str(name)), vary)
         if read is not None:
             points[str(name)], plain[str(name)] = read
     lengths = {name: each.length for name, each in points.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-        vary.diagnostics.append(Diagnostic(path, f"needs axes of equal length, but {shown}."))
+        vary.refuse(path, f"needs axes of equal length, but {shown}.")
     elif points:
         vary.groups.append(Group(points, {name: (*path, name) for name in points}))
     return plain
 
 
-def _read_sample(value: Any, path: Path, quantities: Mapping[str, Quantity], vary: Vary) -> dict[str, Any]:
+def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     if not isinstance(value, Mapping):
         text = f"is {found(value)}, but takes fields. {near_miss.allowing(Sample.model_fields)}"
-        vary.diagnostics.append(Diagnostic(path, text))
+        vary.refuse(path, text)
         return {}
     try:
         sample = Sample.model_validate(dict(value))
@@ -218,9 +219,7 @@ def _read_sample(value: Any, path: Path, quantities: Mapping[str, Quantity], var
 
 def _check_order(low: float | str, high: float | str, path: Path, vary: Vary) -> None:
     if isinstance(low, float) and isinstance(high, float) and low > high:
-        vary.diagnostics.append(
-            Diagnostic(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
-        )
+        vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end comes first.")
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
@@ -229,9 +228,9 @@ def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
         for name, path in group.paths.items():
             if name in seen:
                 where = ".".join(map(str, seen[name]))
-                vary.diagnostics.append(Diagnostic(path, f"varies {name}, which {where} varies already."))
+                vary.refuse(path, f"varies {name}, which {where} varies already.")
             elif (reason := refuse(name)) is not None:
-                vary.diagnostics.append(Diagnostic(path, reason))
+                vary.refuse(path, reason)
             seen.setdefault(name, path)
 
 

@@ -126,18 +126,13 @@ class Document:
 
     def _place(self, path: diagnostics.Path) -> int | str | None:
         # Where the file wrote a field and an override changed it inside, what is wrong is the override's.
-        for inner, place in self._overrides:
-            if len(inner) > len(path) > 1 and inner[: len(path)] == path:
-                return place
+        for inner in self.overridden:  # few, where `places` may be many
+            if inner in self.places and len(inner) > len(path) > 1 and inner[: len(path)] == path:
+                return self.places[inner]
         for length in range(len(path), 0, -1):
             if path[:length] in self.places:
                 return self.places[path[:length]]
         return None
-
-    @property
-    def _overrides(self) -> list[tuple[diagnostics.Path, str]]:
-        """The fields that a `--set` wrote: few, where `places` may be many."""
-        return [(path, self.places[path]) for path in self.overridden if path in self.places]  # type: ignore
 
     def located(self, error: JobError) -> JobError:
         """The error with every diagnostic located, in the order of the lines."""
@@ -178,7 +173,8 @@ def _read_text(path: Path, name: str) -> str:
     try:
         kind = _kind(os.stat(path).st_mode)
         if kind == "a directory":
-            raise _refused(name, None, f"is a directory, not a file.{_jobs_in(path)}")
+            jobs = ", ".join(sorted(_yaml_files(path))[:8])
+            raise _refused(name, None, f"is a directory, not a file.{f' It holds {jobs}.' if jobs else ''}")
         if kind:
             raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
         raw = _read_regular(path, name)
@@ -234,11 +230,6 @@ def _yaml_files(folder: Path) -> list[str]:
             return list(itertools.islice(names, _MOST_LISTED))
     except OSError:
         return []
-
-
-def _jobs_in(folder: Path) -> str:
-    jobs = sorted(_yaml_files(folder))
-    return f" It holds {', '.join(jobs[:8])}." if jobs else ""
 
 
 def _compose(text: str, name: str) -> yaml.Node | None:

@@ -166,11 +166,12 @@ def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, pre
     loc = tuple(details["loc"])
     path: Path = (*prefix, *_without_tags(loc, owners))
     sort, value, context = details["type"], details["input"], details.get("ctx", {})
-    owner = owners.get(_key(loc, -2) if len(loc) > 1 else top, owners[top])
+    key = _key(loc, -2) if len(loc) > 1 else top
+    owner = owners.get(key, owners[top])
     if sort == "gaitsweep":
         return Diagnostic(path, context["text"])
     if sort == "extra_forbidden":
-        return unknown_field(path, owner.words, owner.fields, owner.part.former_fields)
+        return unknown_field(path, owner.words, owner.fields, former_names.RUN_FIELDS.get(key))
     if sort == "missing":
         return Diagnostic(path, f"is missing: {owner.part.model_fields[str(path[-1])].description}.")
     if sort in ("union_tag_invalid", "union_tag_not_found"):

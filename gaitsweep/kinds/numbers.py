@@ -118,11 +118,6 @@ def read_fixed(value: Any) -> float | None:
         raise InvalidValue(f"is not a number: {error}") from None
 
 
-def between(number: float, low: float, high: float, open_ends: bool) -> bool:
-    """Whether a bound lets a number pass."""
-    return low < number < high if open_ends else low <= number <= high
-
-
 def bound(low: float, high: float, open_ends: bool) -> str:
     """A bound in words: "above 0", "from 0 to 1", "between 0 and 1, ends excluded"."""
     if math.isinf(high):
@@ -137,7 +132,7 @@ def read_real(value: Any, low: float = -math.inf, high: float = math.inf, open_e
     number = read_fixed(value)
     if number is None:
         return math.nan
-    if not between(number, low, high, open_ends):
+    if not (low < number < high if open_ends else low <= number <= high):
         raise InvalidValue(f"is {number:g}, but must be {bound(low, high, open_ends)}.")
     return number
 
@@ -223,7 +218,9 @@ def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
     return validate
 
 
-_NUMBER = WithJsonSchema({"type": ["number", "string"]})
+_NUMBER_TYPE = {"type": ["number", "string"]}
+_EACH_TYPE = {"type": "object", "additionalProperties": _NUMBER_TYPE, "minProperties": 1}
+_NUMBER = WithJsonSchema(_NUMBER_TYPE)
 _WHOLE = WithJsonSchema({"type": ["integer", "string"]})
 _TEXT = WithJsonSchema({"type": "string"})
 
@@ -233,18 +230,7 @@ Positive = Annotated[float, PlainValidator(checked(read_real, low=0.0, open_ends
 PositiveOrEach = Annotated[
     float | dict[str, float],
     PlainValidator(checked(read_each)),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": ["number", "string"]},
-                {
-                    "type": "object",
-                    "additionalProperties": {"type": ["number", "string"]},
-                    "minProperties": 1,
-                },
-            ]
-        }
-    ),
+    WithJsonSchema({"anyOf": [_NUMBER_TYPE, _EACH_TYPE]}),
 ]
 NotNegative = Annotated[float, PlainValidator(checked(read_real, low=0.0)), _NUMBER]
 Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), _WHOLE]

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import operator
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic.json_schema import JsonSchemaValue
@@ -17,8 +17,6 @@ class Part(BaseModel):
     """A part of a job: it has no field but its own and is frozen; its numbers may be expressions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-    former_fields: ClassVar[Mapping[str, str]] = {}  # old name -> the name that a field has now
 
 
 def kind_of(part: type[Part]) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,13 +14,10 @@ from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, Records, observed
 from gaitsweep.kinds.numbers import NotNegative, Positive, Real, Text
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
-from gaitsweep.table import former_names
 
 
 class Ramp(RunKind):
     """Move one parameter slowly along a path and record every section crossing."""
-
-    former_fields: ClassVar[Mapping[str, str]] = former_names.RUN_FIELDS["ramp"]
 
     kind: Literal["ramp"] = Field(description="ramp: a parameter moved slowly, every crossing recorded")
     parameter: Text = Field(description="the model's parameter that moves")

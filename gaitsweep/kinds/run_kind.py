@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
@@ -21,49 +21,31 @@ from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.part import Part, kind_of
 
 
-class Axis(Protocol):
-    """What varies together, and the number of its points."""
+@dataclasses.dataclass(frozen=True)
+class PlanAxis:
+    """What moves together and how many points it has: one name, or those of a `zip` or `sample`."""
 
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def length(self) -> int: ...
+    names: tuple[str, ...]
+    length: int
 
 
 class Rows(Protocol):
-    """The rows of a job, as a run kind and a figure see them."""
+    """The rows of a job, as a run kind and a figure see them; `gaitsweep.job.Plan` says what each gives."""
 
     @property
     def model(self) -> Model: ...
     @property
     def n_rows(self) -> int: ...
     @property
-    def names(self) -> tuple[str, ...]:
-        """The names that vary."""
-        ...
-
+    def names(self) -> tuple[str, ...]: ...
     @property
-    def axes(self) -> Sequence[Axis]: ...
+    def axes(self) -> Sequence[PlanAxis]: ...
     @property
-    def grids(self) -> Mapping[str, GridAxis]:
-        """The axes of equal steps that move alone, by name."""
-        ...
-
-    def following(self, parameter: str) -> Mapping[str, str]:
-        """The formulas of the parameters that move with another, in the order of their evaluation."""
-        ...
-
-    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
-        """What varies, by name, in rows start..stop-1."""
-        ...
-
-    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """All parameters and all starts in `rows` (n,)."""
-        ...
-
-    def in_cells(self, name: str) -> bool:
-        """Whether the points of a name are sure to be drawn as cells."""
-        ...
+    def grids(self) -> Mapping[str, GridAxis]: ...
+    def following(self, parameter: str) -> Mapping[str, str]: ...
+    def columns(self, start: int, stop: int) -> dict[str, np.ndarray]: ...
+    def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]: ...
+    def in_cells(self, name: str) -> bool: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +90,6 @@ class RunKind(Part):
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
     own_blocks: ClassVar[bool] = False  # whether `block_table` makes the table, not the sweep engine
     figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
-    good_end: ClassVar[Status] = Status.complete  # how a row of it should end
 
     @classmethod
     def moves(cls) -> bool:

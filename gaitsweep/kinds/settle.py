@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model, Status
+from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.settle import SettleRecorder as Recorder
 from gaitsweep.engine.recorders.settle import tolerances
 from gaitsweep.engine.sweep.refine import Grid
@@ -46,7 +46,6 @@ class Settle(RunKind):
 
     compared: ClassVar = "settled"
     one_a_row: ClassVar[bool] = True
-    good_end: ClassVar[Status] = Status.settled
 
     kind: Literal["settle"] = Field(
         description="settle: until the section's state stops moving, or repeats every 2 to 8 crossings"

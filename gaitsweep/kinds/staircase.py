@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,15 +28,12 @@ from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import Positive, PositiveOrEach, Real, Text
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 from gaitsweep.kinds.settle import check_tolerance
-from gaitsweep.table import former_names
 
 MOST_STAIRS = 10_000  # of a staircase
 
 
 class Staircase(RunKind):
     """Move one parameter in stairs along a path, keep it constant on each, and record the end of each."""
-
-    former_fields: ClassVar[Mapping[str, str]] = former_names.RUN_FIELDS["staircase"]
 
     kind: Literal["staircase"] = Field(
         description="staircase: a parameter moved in stairs and kept on each, the end of each recorded"

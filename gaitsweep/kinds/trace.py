@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -15,7 +14,6 @@ from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import CountOrZero, NotNegative, Positive, Real, Text
 from gaitsweep.kinds.ramp import moving_columns
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
-from gaitsweep.table import former_names
 
 MOST_SAMPLES = 10_000_000  # of a row's trace
 _MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how a parameter moves
@@ -23,8 +21,6 @@ _MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how 
 
 class Trace(RunKind):
     """Record the signals of each row at equal intervals of time, a parameter moving if one is named."""
-
-    former_fields: ClassVar[Mapping[str, str]] = former_names.RUN_FIELDS["trace"]
 
     kind: Literal["trace"] = Field(description="trace: a time series of each row")
     duration: Positive = Field(description="length of the recording, in s")

@@ -1,4 +1,4 @@
-"""Figures from tables: a kind of figure is one class with its fields in a job and its drawing.
+"""Figures from tables; each function is a kind of figure that a job may ask for.
 
 `register` adds a kind from another package, before its jobs are read; it is usable as a decorator.
 """
@@ -11,108 +11,29 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
-from gaitsweep.kinds.part import Registry
-from gaitsweep.plot.basins.basin import basin
-from gaitsweep.plot.basins.basin_measures import basin_measures
-from gaitsweep.plot.basins.gait_map import gait_map
-from gaitsweep.plot.basins.shock import shock
-from gaitsweep.plot.branches.branches import branches
-from gaitsweep.plot.branches.continuation import continuation
-from gaitsweep.plot.branches.cycles import cycles
-from gaitsweep.plot.branches.hysteresis import hysteresis
-from gaitsweep.plot.branches.return_map import return_map
-from gaitsweep.plot.branches.stable_ranges import stable_ranges
-from gaitsweep.plot.chain.drift_law import drift_law
-from gaitsweep.plot.chain.gait_shares import gait_shares_figure as gait_shares
-from gaitsweep.plot.chain.solution_set import solution_set
-from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.figure_kind import FigureKind
-from gaitsweep.plot.gaits.footprints import footprints
-from gaitsweep.plot.gaits.gait_ramp import gait_ramp
-from gaitsweep.plot.gaits.gait_series import gait_series
-from gaitsweep.plot.gaits.loading_rule import loading_rule
-from gaitsweep.plot.gaits.nine_gaits import nine_gaits
-from gaitsweep.plot.gaits.speed_gaits import speed_gaits
-from gaitsweep.plot.schemas.basins import (
-    Basin,
-    BasinMeasures,
-    GaitMap,
-    Shock,
-)
-from gaitsweep.plot.schemas.branches import (
-    Branches,
-    Continuation,
-    Cycles,
-    Hysteresis,
-    ReturnMaps,
-    StableRanges,
-)
-from gaitsweep.plot.schemas.chain import (
-    DriftLaw,
-    GaitShares,
-    SolutionSet,
-)
-from gaitsweep.plot.schemas.gaits import (
-    Footprints,
-    GaitRamp,
-    GaitSeries,
-    LoadingRule,
-    NineGaits,
-    SpeedGaits,
-)
+from gaitsweep.plot.basins.basin import basin as basin
+from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
+from gaitsweep.plot.basins.gait_map import gait_map as gait_map
+from gaitsweep.plot.basins.shock import shock as shock
+from gaitsweep.plot.branches.branches import branches as branches
+from gaitsweep.plot.branches.continuation import continuation as continuation
+from gaitsweep.plot.branches.cycles import cycles as cycles
+from gaitsweep.plot.branches.hysteresis import hysteresis as hysteresis
+from gaitsweep.plot.branches.return_map import return_map as return_map
+from gaitsweep.plot.branches.stable_ranges import stable_ranges as stable_ranges
+from gaitsweep.plot.chain.drift_law import drift_law as drift_law
+from gaitsweep.plot.chain.gait_shares import gait_shares as gait_shares
+from gaitsweep.plot.chain.solution_set import solution_set as solution_set
+from gaitsweep.plot.columns import PlotError as PlotError
+from gaitsweep.plot.figure_kind import FIGURES as FIGURES
+from gaitsweep.plot.figure_kind import FigureKind as FigureKind
+from gaitsweep.plot.gaits.footprints import footprints as footprints
+from gaitsweep.plot.gaits.gait_ramp import gait_ramp as gait_ramp
+from gaitsweep.plot.gaits.gait_series import gait_series as gait_series
+from gaitsweep.plot.gaits.loading_rule import loading_rule as loading_rule
+from gaitsweep.plot.gaits.nine_gaits import nine_gaits as nine_gaits
+from gaitsweep.plot.gaits.speed_gaits import speed_gaits as speed_gaits
 
-__all__ = [
-    "FIGURES",
-    "FigureKind",
-    "PlotError",
-    "basin",
-    "basin_measures",
-    "branches",
-    "continuation",
-    "cycles",
-    "draw",
-    "drift_law",
-    "footprints",
-    "gait_map",
-    "gait_ramp",
-    "gait_series",
-    "gait_shares",
-    "hysteresis",
-    "loading_rule",
-    "nine_gaits",
-    "register",
-    "return_map",
-    "shock",
-    "solution_set",
-    "speed_gaits",
-    "stable_ranges",
-    "unregister",
-]
-
-FIGURES: Registry[FigureKind] = Registry(
-    "figure",
-    [
-        Basin,
-        SolutionSet,
-        Cycles,
-        Footprints,
-        Hysteresis,
-        ReturnMaps,
-        Branches,
-        Continuation,
-        StableRanges,
-        GaitMap,
-        DriftLaw,
-        GaitShares,
-        BasinMeasures,
-        Shock,
-        SpeedGaits,
-        GaitSeries,
-        GaitRamp,
-        NineGaits,
-        LoadingRule,
-    ],
-)
 register = FIGURES.register
 unregister = FIGURES.unregister
 

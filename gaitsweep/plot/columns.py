@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.circular import is_circular
-from gaitsweep.analysis.records import in_order, outcome_labels
+from gaitsweep.analysis.circular import is_circular as is_angle
+from gaitsweep.analysis.records import outcome_labels
 from gaitsweep.errors import UserError
 
 _GREEK = frozenset(
@@ -45,14 +45,14 @@ def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
     return cast(pd.DataFrame, table.loc[np.asarray(mask, bool)])
 
 
+def moved_parameter(table: pd.DataFrame) -> str | None:
+    """The parameter that the table's job moves."""
+    return table.attrs.get("job", {}).get("run", {}).get("parameter")
+
+
 def base_name(name: str) -> str:
     """The quantity that a column holds: psi_1 for psi_1_end and psi_1_n."""
     return re.sub(r"_(end|n)$", "", name) if re.fullmatch(r"\w+_\w+_(end|n)", name) else name
-
-
-def is_angle(table: pd.DataFrame, name: str) -> bool:
-    """Whether a column is an angle of period 2 pi: from `table.attrs["quantities"]`, else by its name."""
-    return is_circular(table, name)
 
 
 def symbol(table: pd.DataFrame, name: str) -> str:
@@ -109,11 +109,6 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
     """The outcome of each row: its hue if it settled, else `not settled` or `failed`; NaN becomes `none`."""
     column(table, hue)
     return outcome_labels(table, hue)
-
-
-def categories(table: pd.DataFrame, hue: str, shown: pd.Series) -> list[str]:
-    """The outcomes that occur: in the order of the hue's categories, failed rows last."""
-    return in_order(table, hue, shown)
 
 
 def _quantity(table: pd.DataFrame, name: str) -> dict:

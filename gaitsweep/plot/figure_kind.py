@@ -1,23 +1,49 @@
-"""What every kind of figure gives: its fields in a job, the runs and columns that it needs, its drawing."""
+"""What every kind of figure gives: its fields in a job, the runs and columns that it needs, its drawing.
+
+`figure_kind` makes a kind of a function that draws; its fields in a job are the function's arguments.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ClassVar
+import functools
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Literal, ParamSpec, Union, get_args, get_origin
 
+import pandas as pd
 from matplotlib.figure import Figure
+from pydantic import Field, create_model
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.kinds.diagnostics import Path, found
-from gaitsweep.kinds.part import Part, kind_of
+from gaitsweep.kinds.numbers import Positive, Stem, Text
+from gaitsweep.kinds.part import Part, Registry, kind_of
 from gaitsweep.kinds.run_kind import Rows, RunKind
+from gaitsweep.plot.provenance_marks import mark, remarks
 
-TITLE = "text above the figure"
-NAME = "file stem of the figure; its kind if not given"
-HUE = "column that colours the points"
-BANDWIDTH = "half the window of the smoothing, in the unit of y; 0.05 rad for an angle if not given"
+# What an argument names: a column of the table, one of numbers that is drawn along an axis, an observable.
+Column = Annotated[Text, "column_fields"]
+AlongAxis = Annotated[Text, "column_fields", "axis_fields"]
+Observable = Annotated[Text, "observable_fields"]
+
+# Arguments that several figures have.
+Horizontal = Annotated[AlongAxis, "column along the horizontal axis"]
+Vertical = Annotated[AlongAxis, "column along the vertical axis"]
+Observed = Annotated[Observable, "observable of the model"]
+GaitColumn = Annotated[Column, "column of the gait"]
+Hue = Annotated[Column, "column that colours the points"]
+Panels = Annotated[Column | None, "column of which each value gets a panel"]
+Name = Annotated[Stem | None, Field(description="file stem of the figure; its kind if not given")]
+Title = Annotated[Text | None, "text above the figure"]
+Bandwidth = Annotated[
+    Positive | None,
+    "half the window of the smoothing, in the unit of y; if not given, 0.05 rad for an angle, and a "
+    "twentieth of the range of other values",
+]
+
 TEXT_COLUMNS = frozenset({"status", "gait", "special", "end", "slowest", "stalled_by"})
 
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
@@ -63,6 +89,7 @@ class FigureKind(Part):
     column_fields: ClassVar[tuple[str, ...]] = ()  # the fields that name columns of the table
     observable_fields: ClassVar[tuple[str, ...]] = ()  # those that name observables, one or a list
     axis_fields: ClassVar[tuple[str, ...]] = ()  # those that name columns of numbers, drawn along an axis
+    worked_out: ClassVar[tuple[str, ...]] = ()  # columns that it adds to the table
 
     @property
     def kind_name(self) -> str:
@@ -80,19 +107,22 @@ class FigureKind(Part):
 
     def columns(self) -> dict[str, str]:
         """The columns that it names, by field."""
-        named = {field: getattr(self, field) for field in self.column_fields}
-        return {field: column for field, column in named.items() if column is not None}
+        return {
+            "".join([str(field), *(f"[{number}]" for number in rest)]): name
+            for (field, *rest), name in self._named(self.column_fields).items()
+        }
 
-    def observed(self) -> dict[tuple[str | int, ...], str]:
+    def observed(self) -> dict[Path, str]:
         """The observables that it names, by where in it they stand."""
-        places: dict[tuple[str | int, ...], str] = {}
-        for field in self.observable_fields:
-            named = getattr(self, field)
-            if isinstance(named, list):
-                places |= {(field, number): name for number, name in enumerate(named)}
-            else:
-                places[field,] = named
-        return places
+        return self._named(self.observable_fields)
+
+    def _named(self, fields: Sequence[str]) -> dict[Path, str]:
+        places: dict[Path, Any] = {}
+        for field in fields:
+            value = getattr(self, field)
+            several = isinstance(value, list)
+            places |= {(field, n): each for n, each in enumerate(value)} if several else {(field,): value}
+        return {place: name for place, name in places.items() if name not in (None, *self.worked_out)}
 
     def check(self, table: PlannedTable) -> Iterator[Refusal]:
         """Why this kind of figure cannot be drawn of the table, beside what all kinds have in common."""
@@ -140,3 +170,92 @@ class FigureKind(Part):
             except (ValueError, RuntimeError, RecursionError):
                 told = f"is {found(text)}, whose formula Matplotlib cannot set"
                 yield path, f"{told}: write TeX between two dollar signs, and \\$ for a dollar."
+
+    def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
+        return _unpickled, (self.kind_name, dict(self))  # the class of a function has no name in its module
+
+
+FIGURES: Registry[FigureKind] = Registry("figure", [])
+Spec = ParamSpec("Spec")
+
+
+def figure_kind(
+    *runs: str,
+    check: Callable[[Any, PlannedTable], Iterator[Refusal]] | None = None,
+    worked_out: tuple[str, ...] = (),
+) -> Callable[[Callable[Spec, Figure]], Callable[Spec, Figure]]:
+    """Decorates a function from a table to a figure: it is registered, and its figures carry remarks.
+
+    Its arguments that are annotated with a description are the kind's fields in a job, besides `name`.
+
+    Args:
+        runs: the kinds of runs that it suits.
+        check: as `FigureKind.check`, of the figure in a job and the table that the job will have.
+        worked_out: columns that it adds to the table.
+    """
+
+    def registered(draw: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
+        @functools.wraps(draw)
+        def with_marks(*args: Spec.args, **spec: Spec.kwargs) -> Figure:
+            figure = draw(*args, **spec)
+            table = args[0] if args else spec.get("table")
+            if isinstance(table, pd.DataFrame):
+                mark(figure, remarks(table))
+            return figure
+
+        name, about = draw.__name__, (inspect.getdoc(draw) or "").partition("\n\n")[0]
+        fields: dict[str, Any] = {
+            "kind": (Literal[name], Field(description=f"{name}: {about}")),
+            **_fields(draw),
+            "name": (Name, Field(None)),
+        }
+        title, of = name.title().replace("_", ""), draw.__module__
+        kind = create_model(title, __base__=FigureKind, __doc__=about, __module__=of, **fields)
+        kind.draw, kind.runs, kind.worked_out = staticmethod(with_marks), runs, worked_out
+        for role in ("column_fields", "axis_fields", "observable_fields"):
+            setattr(kind, role, tuple(n for n, each in fields.items() if role in _parts(each[:1])))
+        if check is not None:
+            kind.check = check  # pyright: ignore[reportAttributeAccessIssue]
+        FIGURES.register(kind)
+        return with_marks
+
+    return registered
+
+
+def _unpickled(kind: str, fields: dict[str, Any]) -> FigureKind:
+    return FIGURES[kind].model_construct(**fields)
+
+
+def _fields(draw: Callable[..., Figure]) -> dict[str, Any]:
+    """The described arguments of a function as fields of a job."""
+    fields = {}
+    for name, argument in inspect.signature(draw, eval_str=True).parameters.items():
+        description = getattr(argument.annotation, "__metadata__", (None,))[-1]
+        if isinstance(description, str):
+            given: dict[str, Any] = (
+                {} if argument.default is argument.empty else {"default": argument.default}
+            )
+            if isinstance(argument.default, Mapping):
+                given = {"default_factory": dict}
+            fields[name] = (_in_job(argument.annotation), Field(**given, description=description))
+    return fields
+
+
+def _in_job(annotation: Any) -> Any:
+    """What a job can give of an argument's type: lists and dicts, and no table."""
+    origin, (first, *rest) = get_origin(annotation), get_args(annotation) or (None,)
+    if origin is Annotated:
+        return Annotated[_in_job(first), *rest]
+    if origin in (Union, UnionType):
+        return Union[tuple(_in_job(each) for each in (first, *rest) if each is not pd.DataFrame)]  # noqa: UP007
+    if origin in (Sequence, Mapping):
+        plain = list if origin is Sequence else dict
+        return plain[*(_in_job(each) for each in (first, *rest))]  # pyright: ignore[reportInvalidTypeArguments]
+    return annotation
+
+
+def _parts(annotations: Sequence[Any]) -> Iterator[Any]:
+    """Annotations and all that they are made of."""
+    for each in annotations:
+        yield each
+        yield from _parts(get_args(each))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
-from typing import Any, ParamSpec
+from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -12,7 +11,6 @@ from matplotlib.figure import Figure
 _BAND = 0.2  # inches; height of the band added on top of the figure
 _TITLE = 0.22  # inches; height of the title
 _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", "ha": "right", "va": "center"}
-Spec = ParamSpec("Spec")
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
@@ -66,17 +64,3 @@ def mark(figure: Figure, told: list[str]) -> None:
     if engine is not None:
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - taken))  # pyright: ignore[reportCallIssue]
     figure.text(1.0 - 0.05 / width, 1.0 - 0.5 * share, text, **_LOOK)
-
-
-def marked(figure_of: Callable[Spec, Figure]) -> Callable[Spec, Figure]:
-    """Decorates a function from a table to a figure: its figures carry the table's remarks."""
-
-    @functools.wraps(figure_of)
-    def with_marks(*args: Spec.args, **spec: Spec.kwargs) -> Figure:
-        figure = figure_of(*args, **spec)
-        table = args[0] if args else spec.get("table")
-        if isinstance(table, pd.DataFrame):
-            mark(figure, remarks(table))
-        return figure
-
-    return with_marks

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,29 +88,17 @@ def dataset_of(table: pd.DataFrame) -> xarray.Dataset:
 
 def _axes(vary: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...], int]]:
     """The dimension, the names that move along it, and its length, of each axis of a resolved job."""
-    return list(_named(_groups(vary)))
-
-
-def _groups(vary: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
+    groups: list[tuple[tuple[str, ...], int]] = []
     for name, value in vary.items():
-        if name not in ("zip", "sample"):
-            yield (name,), _length(value)
-            continue
-        for group in value if isinstance(value, list) else [value]:
-            if name == "sample":
-                yield tuple(group["of"]), int(group["n"])
-            else:
-                yield tuple(group), _length(next(iter(group.values())))
-
-
-def _named(groups: Iterator[tuple[tuple[str, ...], int]]) -> Iterator[tuple[str, tuple[str, ...], int]]:
-    several = 0
-    for names, length in groups:
-        if len(names) == 1:
-            yield names[0], names, length
+        several: list[Any] = value if isinstance(value, list) else [value]
+        if name == "sample":
+            groups += [(tuple(group["of"]), int(group["n"])) for group in several]
+        elif name == "zip":
+            groups += [(tuple(group), _length(next(iter(group.values())))) for group in several]
         else:
-            several += 1
-            yield POINT if several == 1 else f"{POINT}_{several}", names, length
+            groups.append(((name,), _length(vary[name])))
+    points = itertools.chain([POINT], (f"{POINT}_{number}" for number in itertools.count(2)))
+    return [(names[0] if len(names) == 1 else next(points), names, length) for names, length in groups]
 
 
 def _length(axis: Mapping[str, Any]) -> int:

@@ -32,7 +32,7 @@ def run_job(
     out: str | Path | None = None,
     *,
     progress: Progress | None = None,
-    tell: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] = lambda _: None,
     figures: bool = True,
     strict: bool = False,
 ) -> Path:
@@ -57,7 +57,7 @@ def run_job(
     path = RESULTS / job.name if out is None else Path(out)
     ready = prepare(job)
     work = ready.work
-    if ready.note is not None and tell is not None:
+    if ready.note is not None:
         tell(ready.note)
     resolved = job.resolved(engine=ready.engine)
     with (
@@ -65,8 +65,7 @@ def run_job(
         ResultDirectory.open(path, resolved, ready.job_hash, work.n_rows, work.block) as directory,
     ):
         for note in directory.notes:
-            if tell is not None:
-                tell(note)
+            tell(note)
         missing = directory.missing_blocks()
         if missing:
             _run_missing(ready, directory, missing, progress)
@@ -98,7 +97,7 @@ def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progres
 
 
 def _tell_of_self_check(
-    found: dict[str, Any], dt: float | None, tell: Callable[[str], None] | None, strict: bool
+    found: dict[str, Any], dt: float | None, tell: Callable[[str], None], strict: bool
 ) -> None:
     """Warn where a self-check did; its own line is shown with the outcome."""
     if found.get("verdict") != "warned":
@@ -106,8 +105,7 @@ def _tell_of_self_check(
     text = f"{sentence(found)} {advice(found, dt)}"
     if strict:
         raise SelfCheckError(text)
-    if tell is not None:
-        tell(f"Warning: {text}")
+    tell(f"Warning: {text}")
 
 
 def _run_missing(

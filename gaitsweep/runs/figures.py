@@ -51,7 +51,7 @@ def draw_of_complete(
     directory: ResultDirectory,
     specs: list[dict[str, Any]],
     progress: Progress | None,
-    tell: Callable[[str], None] | None,
+    tell: Callable[[str], None],
 ) -> None:
     """Draw the figures that a complete table lacks, none of which may hide by failing that it is complete."""
     rows = directory.n_rows
@@ -63,8 +63,7 @@ def draw_of_complete(
     except UserError as error:
         raise FigureError(f"{safe}, but its figures are not drawn. {error}", ()) from error
     except Exception:
-        if tell is not None:
-            tell(f"{safe}. What follows is a fault in drawing its figures.")
+        tell(f"{safe}. What follows is a fault in drawing its figures.")
         raise
 
 
@@ -89,7 +88,7 @@ def _draw_missing_figures(
         if progress is not None:
             progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
 
-    _draw(directory.path, wanted, between)
+    draw_figures(directory.path, wanted, between)
     now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
     directory.update_manifest(figures_drawn={name: digest for name, digest in now.items() if digest})
 
@@ -103,10 +102,17 @@ def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
     return hashlib.sha256(json.dumps([spec, version()], sort_keys=True).encode() + drawn).hexdigest()
 
 
-def draw_figures(path: str | Path) -> list[Path]:
+def draw_figures(
+    path: str | Path, names: set[str] | None = None, between: Callable[[int], None] | None = None
+) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
     They are those of its `job.yaml`, where their titles and columns may be edited.
+
+    Args:
+        path: the directory.
+        names: file names of those that are drawn; all by default.
+        between: called before each with its number.
 
     Returns:
         The files, in the job's order.
@@ -116,18 +122,11 @@ def draw_figures(path: str | Path) -> list[Path]:
         WriteError: a figure cannot be written; the old one stands.
         FigureError: the table does not give what some of them show; the others are drawn.
     """
-    return _draw(Path(path))
-
-
-def _draw(
-    path: Path, names: set[str] | None = None, between: Callable[[int], None] | None = None
-) -> list[Path]:
-    """Draw the figures of a directory, or those with these file names; `between` is called before each."""
     snapshot, table = load_with_snapshot(path)
     specs = _figures_of(snapshot)
     if not specs:
         return []
-    folder = path / FIGURES
+    folder = Path(path) / FIGURES
     try:
         own_folder(folder)
     except OSError as error:

@@ -21,7 +21,7 @@ from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
 from gaitsweep.job import Job, Plan
-from gaitsweep.job.steps import RowSteps, row_steps, values_with_right_steps
+from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.table import WriteError, reason

@@ -77,13 +77,10 @@ class SelfCheck:
                 most = max(float(column.max()), self.largest.get(quantity.name, 0.0))
                 self.largest[quantity.name] = most
 
-    def judged(self) -> SelfCheck:
-        """With its verdict."""
+    def judged(self) -> dict[str, Any]:
+        """Its fields, with its verdict."""
         wrong = self.status_differs or self.gait_differs or self.moved
-        return dataclasses.replace(self, verdict="warned" if wrong else "passed")
-
-
-OFF = {"rows": 0, "verdict": "off"}
+        return dataclasses.asdict(self) | {"verdict": "warned" if wrong else "passed"}
 
 
 def circular(model: Model) -> np.ndarray:
@@ -139,12 +136,12 @@ def self_check(
         The fields of a `SelfCheck`, as the manifest has them.
     """
     if count == 0:
-        return dict(OFF)
+        return {"rows": 0, "verdict": "off"}
     rows, compared = sample_rows(ready.plan, count), ready.job.run.compared
     check = SelfCheck(rows=rows.size)
     if compared == "starting_points":
         _compare_starting_points(ready, rows, check)
-        return dataclasses.asdict(check.judged())
+        return check.judged()
     if ready.work.numerics.adaptive:
         check.half = "tolerances 32 times finer"
     if compared in ("settled", "ends"):
@@ -152,7 +149,7 @@ def self_check(
         rows = rows[~resting]
     if rows.size:
         _compare_crossings(ready, rows, check, progress)
-    return dataclasses.asdict(check.judged())
+    return check.judged()
 
 
 def _repeated(
@@ -256,14 +253,14 @@ def _compare_crossings(
         recorder = CrossingRecorder(model, crossings=CROSSINGS)
     work = dataclasses.replace(ready.work, recorder=recorder)
     lanes = [(rows, 1.0, 0.0), (rows, HALF, 0.0), (rows, 1.0, MOVED)]
-    repeated = _repeated(work, plan, lanes, progress)
-    once, half, moved = (_crossings(each, rows.size, recorder.after_cycles) for each in repeated)
+    once, half, moved = repeated = _repeated(work, plan, lanes, progress)
+    observed = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
     differs = once.status != half.status
     boundary = differs & (once.status != moved.status)
     check.sensitive += int(boundary.sum())
     check.status_differs += int((differs & ~boundary).sum())
-    change = changes(model, once.observed, half.observed)
-    spread = np.nanmax(changes(model, once.observed, moved.observed), axis=1, initial=0.0)
+    change = changes(model, observed[0], observed[1])
+    spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
     most = np.nanmax(change, axis=1, initial=0.0)
     check.take_largest(model, most)
     if own_steps(ready.work.numerics.method, model) is not None:
@@ -277,18 +274,11 @@ def _compare_crossings(
     check.moved += int(wrong.sum())
 
 
-@dataclasses.dataclass(frozen=True)
-class _FirstCrossings:
-    """`status` (n,) and the observables (n, crossings, observables), NaN where a row did not get so far."""
-
-    status: np.ndarray
-    observed: np.ndarray
-
-
-def _crossings(result: BlockResult, n: int, after: int) -> _FirstCrossings:
+def _crossings(result: BlockResult, n: int, after: int) -> np.ndarray:
+    """The observables (n, crossings, observables), NaN where a row did not get so far."""
     observed = np.full((n, CROSSINGS + 1, result.last.shape[1]), np.nan)
     samples = result.samples.reshape(-1, 2 + result.last.shape[1])
     at = samples[:, 0].astype(int) - after
     kept = at <= CROSSINGS
     observed[result.owner[kept], at[kept]] = samples[kept, 2:]
-    return _FirstCrossings(result.status, observed)
+    return observed

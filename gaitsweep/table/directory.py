@@ -20,12 +20,12 @@ from gaitsweep.table.files import (
     Lock,
     TableError,
     WriteError,
-    not_written,
     own_folder,
     read_file,
     reason,
     remove_partials,
     replace_file,
+    writing,
 )
 from gaitsweep.table.manifest import (
     FIGURES,
@@ -35,6 +35,7 @@ from gaitsweep.table.manifest import (
     DamagedManifest,
     claim,
     new_manifest,
+    rows_of,
     sealed,
 )
 from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes, open_name
@@ -100,13 +101,9 @@ class ResultDirectory:
                 directory.notes.append(
                     f"The file system of {path} has no locks: do not run this job twice at once."
                 )
-            directory._prepare(job, new=manifest is None)
-            directory._examine()
-        except OSError as error:
-            lock.release()
-            raise not_written(
-                f"The result directory {path} cannot be written: {reason(error)}.", error
-            ) from error
+            with writing(f"The result directory {path} cannot be written"):
+                directory._prepare(job, new=manifest is None)
+                directory._examine()
         except BaseException:
             lock.release()
             raise
@@ -217,8 +214,7 @@ class ResultDirectory:
 
     def rows_of(self, number: int) -> tuple[int, int]:
         """Return the first row of a block and the row after its last (equal past the table's end)."""
-        block, rows = self.manifest["block"], self.manifest["rows"]
-        return min(number * block, rows), min((number + 1) * block, rows)
+        return rows_of(self.manifest, number)
 
     def missing_blocks(self) -> list[int]:
         """Return the blocks without a part, in order."""
@@ -251,15 +247,12 @@ class ResultDirectory:
             )
         quantities = self.manifest.get("quantities")
         data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts, quantities)
-        try:
+        with writing(
+            f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}",
+            f"; {self.rows_done} of {self.n_rows} rows are safe there, "
+            "and the same command continues from them",
+        ):
             self._write(part_name(number), data)
-        except OSError as error:
-            raise not_written(
-                f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}: "
-                f"{reason(error)}; {self.rows_done} of {self.n_rows} rows are safe there, "
-                "and the same command continues from them.",
-                error,
-            ) from error
         self._footers[number] = footer
         self._restored.pop(number, None)
         for file, blocks in list(self._open_files.items()):
@@ -283,14 +276,8 @@ class ResultDirectory:
             WriteError: the disk is full or the file cannot be written.
         """
         name = open_name(self._last_open + 1)
-        try:
+        with writing(f"{len(rows['row'])} finished rows could not be stored in {self.path / TABLE / name}"):
             self._write(name, open_bytes(rows, self.manifest["job_hash"]))
-        except OSError as error:
-            raise not_written(
-                f"{len(rows['row'])} finished rows could not be stored in {self.path / TABLE / name}: "
-                f"{reason(error)}.",
-                error,
-            ) from error
         self._last_open += 1
         blocks = {int(number) for number in np.unique(rows["row"] // self.manifest["block"])}
         self._open_files[self.path / TABLE / name] = blocks
@@ -315,12 +302,11 @@ class ResultDirectory:
         manifest = {k: v for k, v in (self.manifest | fields).items() if v is not None}
         old, self.manifest = self.manifest, manifest
         try:
-            self._write_manifest()
-        except OSError as error:
+            with writing(f"{self.path / MANIFEST} could not be written"):
+                self._write_manifest()
+        except TableError:
             self.manifest = old
-            raise not_written(
-                f"{self.path / MANIFEST} could not be written: {reason(error)}.", error
-            ) from error
+            raise
 
     def tidy_digests(self) -> None:
         """Reduce `SHA256SUMS` to one line for each existing file.
@@ -331,12 +317,8 @@ class ResultDirectory:
         names = {JOB, *(f"{TABLE}/{part_name(number)}" for number in self._footers)}
         names |= {f"{TABLE}/{file.name}" for file in self._open_files}
         known = read_digests(self.path)
-        try:
+        with writing(f"{self.path / DIGESTS} could not be written"):
             write_digests(self.path, {name: known[name] for name in names if name in known})
-        except OSError as error:
-            raise not_written(
-                f"{self.path / DIGESTS} could not be written: {reason(error)}.", error
-            ) from error
 
     def _write_manifest(self) -> None:
         plain = json.loads(json.dumps(self.manifest, default=_plain))
@@ -360,11 +342,7 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest from `claim`, or its error if it is damaged but the parts belong to this job.
-
-    Raises:
-        TableError: the directory is not for this job.
-    """
+    """The manifest from `claim`, or its error if it is damaged but the parts belong to this job."""
     try:
         return claim(path, job_hash, n_rows, block)
     except DamagedManifest as error:

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
 from gaitsweep.table.files import TableError, is_partial, read_file, reason
-from gaitsweep.table.manifest import TABLE
+from gaitsweep.table.manifest import TABLE, rows_of
 from gaitsweep.table.open_rows import open_name, open_number, read_open
 from gaitsweep.table.parts import DamagedPart, Footer, part_name, part_number, read_footer, read_records
 
@@ -48,7 +48,7 @@ class Examination:
             TableError: the folder cannot be read.
         """
         self.path, self.folder = path, path / TABLE
-        self.rows, self.block = manifest["rows"], manifest["block"]
+        self.manifest, self.rows, self.block = manifest, manifest["rows"], manifest["block"]
         self.job_hash: str = manifest["job_hash"]
         self._needs_digests = manifest["format"] > 1
         self.footers: dict[int, Footer] = {}
@@ -76,22 +76,13 @@ class Examination:
                 what = "its name is none that this table's files have: move it out of this directory."
                 self.strangers.append(Fault(self.folder / name, what, foreign=True))
 
-    @property
-    def n_blocks(self) -> int:
-        """Parts of the whole table."""
-        return -(-self.rows // self.block)
-
-    def rows_of(self, number: int) -> tuple[int, int]:
-        """Return the first row of a block and the row after its last (equal past the table's end)."""
-        return min(number * self.block, self.rows), min((number + 1) * self.block, self.rows)
-
     def parts(self, records: bool = False) -> Iterator[tuple[int, pa.Table | None]]:
         """Iterate over the valid parts in order, with their records if `records`."""
         for number in self._numbers:
             file = self.folder / part_name(number)
             name = f"{TABLE}/{file.name}"
             digest = self.digests.get(name)
-            start, stop = self.rows_of(number)
+            start, stop = rows_of(self.manifest, number)
             try:
                 data = read_file(file)
                 footer, table = None, None
@@ -99,10 +90,7 @@ class Examination:
                     self._say_whose(data, number)
                     raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
                 footer = read_footer(data)
-                if footer.job_hash != self.job_hash:
-                    raise _ForeignPart(
-                        f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})"
-                    )
+                self._check_job(footer)
                 if footer.part != number or footer.rows != stop - start:
                     raise DamagedPart(
                         f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
@@ -113,14 +101,10 @@ class Examination:
                     table = read_records(data, footer, start, stop)
             except FileNotFoundError:
                 continue
-            except OSError as error:
-                self.faults[number] = Fault(file, f"{reason(error)}.", digest_known=digest is not None)
-                continue
-            except _ForeignPart as error:
-                self.faults[number] = Fault(file, f"{error}.", True, digest is not None)
-                continue
-            except DamagedPart as error:
-                self.faults[number] = Fault(file, f"{error}.", digest_known=digest is not None)
+            except (OSError, DamagedPart) as error:
+                what = reason(error) if isinstance(error, OSError) else error
+                foreign = isinstance(error, _ForeignPart)
+                self.faults[number] = Fault(file, f"{what}.", foreign, digest is not None)
                 continue
             if digest is None:
                 self.without_digest.append(number)
@@ -133,10 +117,13 @@ class Examination:
             footer = read_footer(data)
         except DamagedPart:
             return
-        if footer.job_hash != self.job_hash:
-            raise _ForeignPart(f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})")
+        self._check_job(footer)
         if footer.part != number:
             raise DamagedPart(f"it holds part {footer.part}, not {number}")
+
+    def _check_job(self, footer: Footer) -> None:
+        if footer.job_hash != self.job_hash:
+            raise _ForeignPart(f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})")
 
     def open_rows(self) -> Iterator[tuple[Path, dict[str, np.ndarray]]]:
         """Iterate over the files of ended rows of incomplete blocks."""
@@ -150,10 +137,9 @@ class Examination:
                 yield file, read_open(data, self.job_hash, self.rows)
             except FileNotFoundError:
                 continue
-            except OSError as error:
-                self.open_faults.append(Fault(file, f"{reason(error)}."))
-            except DamagedPart as error:
-                self.open_faults.append(Fault(file, f"{error}."))
+            except (OSError, DamagedPart) as error:
+                what = reason(error) if isinstance(error, OSError) else error
+                self.open_faults.append(Fault(file, f"{what}."))
 
     @property
     def last_open(self) -> int:
@@ -161,5 +147,5 @@ class Examination:
         return max(self._open_numbers, default=0)
 
 
-class _ForeignPart(Exception):
+class _ForeignPart(DamagedPart):
     """A valid part of another job."""

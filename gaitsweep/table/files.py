@@ -8,7 +8,7 @@ import fcntl
 import os
 import socket
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -52,6 +52,15 @@ def reason(error: OSError) -> str:
 def not_written(sentence: str, error: OSError) -> TableError:
     """Return the exception for a file that could not be written: `TableError` or `WriteError`."""
     return (TableError if error.errno in _PLACE_AT_FAULT else WriteError)(sentence)
+
+
+@contextlib.contextmanager
+def writing(what: str, then: str = "") -> Iterator[None]:
+    """A context in which `what` is written: an OSError becomes the exception that says so, and `then`."""
+    try:
+        yield
+    except OSError as error:
+        raise not_written(f"{what}: {reason(error)}{then}.", error) from error
 
 
 def read_file(path: Path, most: int | None = None) -> bytes:

@@ -153,6 +153,12 @@ def new_manifest(job_hash: str, n_rows: int, block: int, job: Mapping[str, Any])
     }
 
 
+def rows_of(manifest: Mapping[str, Any], number: int) -> tuple[int, int]:
+    """Return the first row of a block and the row after its last (equal past the table's end)."""
+    block, rows = manifest["block"], manifest["rows"]
+    return min(number * block, rows), min((number + 1) * block, rows)
+
+
 def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | None:
     """Check whether a job may use a directory, without writing to it.
 

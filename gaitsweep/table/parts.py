@@ -17,6 +17,13 @@ import pyarrow.parquet as pq
 _KEY = b"gaitsweep"
 _NAME = re.compile(r"part-([0-9]{5,18})\.parquet")
 
+# Units of the columns that run kinds add to a model's own; "1" for counts and other plain numbers.
+_UNITS = {
+    **dict.fromkeys(("t", "t_end", "time"), "s"),
+    **dict.fromkeys(("cycles", "crossing", "attractor_period", "stair", "pass", "point"), "1"),
+    **dict.fromkeys(("multiplier", "multiplier_re", "multiplier_im", "unstable", "corrections"), "1"),
+}
+
 
 @dataclasses.dataclass(frozen=True)
 class Footer:
@@ -92,8 +99,8 @@ def part_bytes(
         number: the block.
         job_hash: the hash of the job.
         counts: rows by status.
-        quantities: `unit` and `meaning` by the name of the column, as in the manifest; columns that are not
-            there get no metadata.
+        quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
+            are not there, those that run kinds add have a unit.
     """
     plain = frame.copy(deep=False)
     categories: dict[str, list[str]] = {}
@@ -109,7 +116,7 @@ def part_bytes(
     for column in plain.columns:
         text = pa.string() if column in categories else None
         arrays.append(pa.Array.from_pandas(plain[column], type=text))
-        known = (quantities or {}).get(column, {})
+        known = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
         said = {name: known[name] for name in ("unit", "meaning") if name in known}
         fields.append(pa.field(column, arrays[-1].type, metadata=said or None))
     footer = Footer(number, job_hash, dict(counts), categories)

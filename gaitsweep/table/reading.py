@@ -60,11 +60,6 @@ class Snapshot:
         return self.written is not self.job
 
     @property
-    def damaged(self) -> tuple[int, ...]:
-        """The blocks whose parts cannot be used."""
-        return tuple(sorted(self.faults))
-
-    @property
     def counts(self) -> dict[str, int]:
         """Numbers of ended rows by status."""
         return add_counts(self.footers)
@@ -173,11 +168,7 @@ def _job_of(
 
 
 def _parsed(text: str) -> Any:
-    """The values of a YAML text that may have been edited.
-
-    Raises:
-        ValueError, yaml.YAMLError, and errors of YAML's value readers: the text cannot be read.
-    """
+    """The values of a YAML text that may have been edited; raises what YAML's readers raise."""
     depth = 0
     for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
         # the time of PyYAML grows with the square of the depth, and its value readers are recursive

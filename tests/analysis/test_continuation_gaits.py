@@ -14,7 +14,7 @@ from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
+from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.job import load_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.plot.branches.stable_ranges import stable_ranges as draw
@@ -128,7 +128,7 @@ def test_pieces_of_branches() -> None:
 
 @pytest.fixture(scope="module")
 def quadruped() -> ReturnMap:
-    return return_map(WaistQuadruped(), numerics=Numerics(dt=3e-4))
+    return ReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from gaitsweep.contract import Quantity, Status
 from gaitsweep.dynamics.plane_section import Plane
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.hidden_events import may_hide
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 
 

@@ -22,7 +22,7 @@ from toy_model import Toy
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.kernel import cpu, llvm_code
+from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
@@ -169,9 +169,9 @@ def test_lanes_run_in_vector_registers() -> None:
         pytest.skip("this processor has no AVX2")
     recorder = CrossingRecorder(Multilegged(), crossings=10)
     kernel = kernel_of(Multilegged(), recorder, Numerics(dt=4e-3, method="rk4"), None)
-    run = cpu.compiled(kernel.chunk, kernel.title)
+    run = cpu_program.compiled(kernel.chunk, kernel.title)
     module = sys.modules[run.py_func.__module__]
-    tile = np.zeros(cpu.slots(kernel.chunk) * cpu.TILE)
+    tile = np.zeros(cpu_program.slots(kernel.chunk) * cpu_program.TILE)
     module.attempt(tile)
     (assembly,) = module.attempt.inspect_asm().values()
     packed = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul)pd\t.*[yz]mm", assembly))

@@ -22,10 +22,10 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues, slowest_limit
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
 from gaitsweep.engine.propose import METHODS
-from gaitsweep.engine.propose.tsit5 import DIFFERENCE, STAGES
+from gaitsweep.engine.propose.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.steps import row_steps
+from gaitsweep.job.step_lengths import row_steps
 from gaitsweep.models.multilegged.model import Multilegged
 
 
@@ -195,9 +195,9 @@ def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, senten
 
 
 def _params(model: Multilegged, given: dict[str, float]) -> Any:
-    from gaitsweep.engine.poincare.return_map import return_map
+    from gaitsweep.engine.poincare.return_map import ReturnMap
 
-    return return_map(model, given).params({})
+    return ReturnMap(model, tuple(given.items())).params({})
 
 
 def _eigenvalues(p: Any) -> np.ndarray:

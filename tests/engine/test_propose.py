@@ -18,7 +18,7 @@ from toy_model import Toy, flight_time
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.recorders.crossings import CrossingRecorder

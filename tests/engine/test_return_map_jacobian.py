@@ -16,9 +16,8 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus
-from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
+from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.waist_quadruped import WaistQuadruped
@@ -53,7 +52,7 @@ def off(jacobian: np.ndarray, expected: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def chain() -> ReturnMap:
-    return return_map(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
+    return ReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +71,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     -23 % of the entry, for example.
     """
     model, w, d, r, kick = Toy(2), 2.0, 0.5, 0.5, 0.5
-    mapping = return_map(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
+    mapping = ReturnMap(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
     names = [quantity.name for quantity in mapping.coordinates]
     assert names == [f"{part}_{i}" for part in ("height", "speed", "launch") for i in (1, 2)]
     starts, way = mapping.settled({"launch_1": 0.8, "launch_2": 2.0}, {}, 0)
@@ -95,7 +94,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
 
 def test_fixed_point_of_a_bouncing_mass() -> None:
     """u* = kick/(1 - r), multiplier r, and zeros for what the landing forgets."""
-    mapping = return_map(Toy(), numerics=Numerics(dt=1e-3))
+    mapping = ReturnMap(Toy(), numerics=Numerics(dt=1e-3))
     starts, _ = mapping.settled({"launch_1": np.array([0.3, 2.0])}, {}, 1)
     found = newton(mapping, starts, {"restitution": np.array([0.5, 0.8])})
     assert found.converged.all()
@@ -225,7 +224,7 @@ def test_multipliers_of_the_reduced_chain_are_the_theorys() -> None:
 
     Their polynomials, since the double multiplier has one direction only; exact but for event location.
     """
-    mapping = return_map(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
+    mapping = ReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
     points, _ = mapping.settled(GAITS, {}, 40)
     found = multipliers(mapping.linearised(points, {}).jacobian)
     for row, theory in zip(found, ([1, 2 / 3, 2 / 3], [1, 2 / 3, 2 / 3], [1, 2 / 3, 1 / 2]), strict=True):
@@ -268,7 +267,7 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
 
 def test_unknown_names_are_told() -> None:
     with pytest.raises(ValueError, match="did you mean beta"):
-        return_map(Multilegged(), {"betta": 0.8}).complete({}, 1)
+        ReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
     with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
         crossing_of(Multilegged(), Numerics(), "gpu")
 
@@ -279,7 +278,7 @@ def test_jacobian_of_the_quadruped() -> None:
 
     A step that suits the differences: 1e-7, since a tenth of a micrometre is much for a foot on hard ground.
     """
-    mapping = return_map(WaistQuadruped(), numerics=Numerics(dt=3e-4))
+    mapping = ReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
     points, way = mapping.settled({"delta_13": np.array([2.81, 2.38])}, {}, 60)
     assert np.all(way == ReturnStatus.crossed)
     found = newton(mapping, points, {})

@@ -8,12 +8,10 @@ import pytest
 from job_tables import table_of
 from matplotlib import pyplot as plt
 
-from gaitsweep.analysis.gaits.loading_rule import MEASURES as ALL_MEASURES
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job, JobError
 from gaitsweep.plot import draw
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.schemas.gaits import MEASURES
 
 GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
 MASSES = {"m_B": {"values": [0.85, 0.9]}}
@@ -111,7 +109,3 @@ def test_what_check_refuses_plot_refuses_too() -> None:
     with pytest.raises(UserError, match="A distance needs one unit"):
         draw("shock", table, x="psi_1", y="m_B")
     plt.close("all")
-
-
-def test_the_measures_are_those_of_the_analysis() -> None:
-    assert tuple(ALL_MEASURES) == MEASURES

@@ -15,8 +15,7 @@ from sweeping import run_rows, scalars
 from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.advance import GOING, advance, start
 from gaitsweep.engine.numerics import Numerics, step_of
-from gaitsweep.engine.poincare.poincare_return import LATEST
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import GAITS, Multilegged
 

@@ -14,7 +14,7 @@ from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, touchdown_phase

@@ -14,7 +14,7 @@ from gaitsweep.job import Job
 from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.plot.movie.animation import Clip
 from gaitsweep.plot.movie.side_view import heading, turned
-from gaitsweep.runs.motion import read_motion
+from gaitsweep.runs.movie import read_motion
 from gaitsweep.skeleton import Skeleton
 
 

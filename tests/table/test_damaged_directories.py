@@ -55,7 +55,8 @@ def test_no_flipped_bit_of_a_part_is_read(whole: Path) -> None:
         broken = bytearray(data)
         broken[random.integers(len(data))] ^= 1 << int(random.integers(8))
         file.write_bytes(broken)
-        with pytest.raises(TableError, match=r"part-00001\.parquet is damaged"):
+        # a flip in the hash that its footer keeps reads as another job's
+        with pytest.raises(TableError, match=r"part-00001\.parquet is (damaged|no part of this table)"):
             load(whole)
     assert any("part-00001.parquet was damaged" in note for note in mended(whole))
     pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)

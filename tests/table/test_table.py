@@ -15,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
 from toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, WriteError, load
+from gaitsweep.table.parts import part_bytes
 
 
 def test_a_new_directory_is_filled_and_loaded(tmp_path: Path) -> None:
@@ -55,10 +57,21 @@ def test_columns_carry_their_unit_and_meaning_in_the_parquet_field(tmp_path: Pat
         fill(directory)
     old, new = (pq.read_schema(path / "table" / f"part-0000{number}.parquet") for number in (0, 1))
     assert new.field("a").metadata == {b"unit": b"m/s", b"meaning": b"speed"}
-    assert new.field("cycles").metadata is None
+    assert new.field("cycles").metadata == {b"unit": b"1"}
+    assert new.field("status").metadata is None
     assert old.field("a").metadata is None
     assert old.equals(new)
     pd.testing.assert_series_equal(load(path)["a"], block_frame(0, 10)["a"])
+
+
+def test_columns_of_a_run_kind_carry_their_unit_unless_the_model_has_a_quantity_of_that_name() -> None:
+    frame = pd.DataFrame({"row": [0], "status": ["settled"], "t_end": [1.5], "cycles": [3], "t": [0.5]})
+    data, _ = part_bytes(frame, 0, "hash", {"settled": 1}, {"t": {"unit": "K", "meaning": "temperature"}})
+    fields = pq.read_schema(pa.BufferReader(data))
+    assert fields.field("t_end").metadata == {b"unit": b"s"}
+    assert fields.field("cycles").metadata == {b"unit": b"1"}
+    assert fields.field("t").metadata == {b"unit": b"K", b"meaning": b"temperature"}
+    assert fields.field("row").metadata is None
 
 
 def test_a_partial_table_loads_and_says_so(tmp_path: Path) -> None:
@@ -228,7 +241,7 @@ def test_a_truncated_part_is_removed_and_made_anew(tmp_path: Path) -> None:
         part.write_bytes(part.read_bytes()[:length])
         with pytest.raises(TableError, match="damaged"):
             load(tmp_path / "toy")
-        assert Snapshot.of(tmp_path / "toy").damaged == (1,)
+        assert tuple(Snapshot.of(tmp_path / "toy").faults) == (1,)
         with open_toy(tmp_path / "toy") as directory:
             assert directory.missing_blocks() == [1]
             assert "part-00001.parquet was damaged" in directory.notes[0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaitsweep.engine.kernel import arithmetic
 from gaitsweep.engine.kernel.program import Kind
-from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
+from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, kind_of
 
 
 def _broadcast_in_dim(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -24,10 +24,6 @@ def _reshape(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [args[0].reshape(equation.outvars[0].aval.shape)]
 
 
-def _transpose(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.transpose(args[0], equation.params["permutation"])]
-
-
 def _slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     p = equation.params
     strides = p["strides"] or (1,) * args[0].ndim
@@ -35,29 +31,9 @@ def _slice(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [args[0][cut]]
 
 
-def _concatenate(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.concatenate(args, axis=equation.params["dimension"])]
-
-
-def _stack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.stack(args, axis=equation.params.get("axis", 0))]
-
-
-def _unstack(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return list(np.moveaxis(args[0], equation.params["axis"], 0))
-
-
-def _tile(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.tile(args[0], equation.params["reps"])]
-
-
 def _split(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     places = np.cumsum(equation.params["sizes"])[:-1]
     return list(np.split(args[0], places, axis=equation.params["axis"]))
-
-
-def _rev(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return [np.flip(args[0], equation.params["dimensions"])]
 
 
 def _iota(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -131,19 +107,17 @@ def _sort(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [np.moveaxis(c, 0, axis) for c in columns]
 
 
-RULES = {
+RULES: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast_in_dim,
-    "reshape": _reshape,
-    "squeeze": _reshape,
-    "expand_dims": _reshape,
-    "transpose": _transpose,
+    **dict.fromkeys(("reshape", "squeeze", "expand_dims"), _reshape),
+    "transpose": lambda tracer, equation, args: [np.transpose(args[0], equation.params["permutation"])],
     "slice": _slice,
-    "concatenate": _concatenate,
-    "stack": _stack,
-    "unstack": _unstack,
+    "concatenate": lambda tracer, equation, args: [np.concatenate(args, axis=equation.params["dimension"])],
+    "stack": lambda tracer, equation, args: [np.stack(args, axis=equation.params.get("axis", 0))],
+    "unstack": lambda tracer, equation, args: list(np.moveaxis(args[0], equation.params["axis"], 0)),
     "split": _split,
-    "tile": _tile,
-    "rev": _rev,
+    "tile": lambda tracer, equation, args: [np.tile(args[0], equation.params["reps"])],
+    "rev": lambda tracer, equation, args: [np.flip(args[0], equation.params["dimensions"])],
     "pad": _pad,
     "iota": _iota,
     "dot_general": _dot_general,

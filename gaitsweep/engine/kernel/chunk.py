@@ -12,8 +12,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.engine.kernel.emit import steady_results
 from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.python_source import steady_results
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
 from gaitsweep.engine.sweep.lane import OneLane
 

@@ -1,4 +1,4 @@
-"""The lanes of an NVIDIA GPU, one thread for each; `threads` has their program."""
+"""The lanes of an NVIDIA GPU, one thread for each; `gpu_program` has their program."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.kernel import threads
+from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
-from gaitsweep.engine.sweep.lane import ChunkOutput
-from gaitsweep.engine.sweep.xla import Device, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 # Threads of a block; 64, 128 and 256 are equally fast.
 THREADS = 128
@@ -53,14 +53,14 @@ class CudaLanes(KernelLanes):
 
     batch = 4096
 
-    def __init__(self, *args: Any, device: Device, **options: Any) -> None:
-        super().__init__(*args, **options)
+    def __init__(self, spec: SweepSpec, device: Device) -> None:
+        super().__init__(spec)
         _load_numba_cuda()
         from numba import cuda
 
         self._cuda = cuda
         self._number = getattr(device, "local_hardware_id", None) or 0
-        self._placing = module_of(threads.placing(self.chunk, self.kernel.title))
+        self._placing = module_of(gpu_program.placing(self.chunk, self.kernel.title))
         self._steady = Steady(self.chunk)
         slots = np.zeros((self.chunk.n_slots, self.size))
         slots[self.chunk.record.status.first] = Status.complete
@@ -84,7 +84,7 @@ class CudaLanes(KernelLanes):
             if self._steady.differs(opened):
                 one = int(lanes[0])
                 self._same = self._steady.values(lambda slot: float(self._slots[slot, one]))
-                source = threads.running(self.chunk, self._steady.varying, self.kernel.title)
+                source = gpu_program.running(self.chunk, self._steady.varying, self.kernel.title)
                 self._running = module_of(source)
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
@@ -135,6 +135,6 @@ class Steady:
 
     def values(self, read: Callable[[int], float]) -> tuple[Any, ...]:
         """The values that are equal in all rows, in the order and with the types of the kernel's argument."""
-        same, nodes = threads.same(self.chunk, self.varying), self.chunk.program.nodes
+        same, nodes = gpu_program.same(self.chunk, self.varying), self.chunk.program.nodes
         kinds: dict[str, Callable[[float], Any]] = {"bool": bool, "f32": np.float32}
         return tuple(kinds.get(nodes[at].kind, float)(read(slot)) for at, slot in same.items()) or (0.0,)

@@ -17,8 +17,8 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import SHARE, Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
-from gaitsweep.engine.sweep.xla import Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
 
@@ -63,30 +63,16 @@ def _opening_device() -> Any:
 
 
 class KernelLanes(abc.ABC):
-    """The trajectories that one device runs at a time.
-
-    Args:
-        model, recorder, numerics: the program.
-        size: number of lanes.
-        drive: the parameters at a time (s) from the values of a row, for ramps and staircases.
-    """
+    """The trajectories of a sweep that one device runs at a time."""
 
     # rows opened in one call: constant, since the last bits of XLA depend on it
     batch: ClassVar[int] = 64
 
-    def __init__(
-        self,
-        model: Model,
-        recorder: Recorder,
-        numerics: Numerics,
-        *,
-        size: int,
-        drive: RowDrive | None = None,
-    ) -> None:
-        self.size = size
-        self.kernel = kernel_of(model, recorder, numerics, drive)
+    def __init__(self, spec: SweepSpec) -> None:
+        self.size = spec.lanes
+        self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self.chunk = self.kernel.chunk
-        self._dtype = np.dtype(numerics.carried)
+        self._dtype = np.dtype(spec.numerics.carried)
 
     @abc.abstractmethod
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
@@ -146,16 +132,16 @@ def _aligned(shape: tuple[int, ...]) -> np.ndarray:
 class CpuLanes(KernelLanes):
     """Lanes on one core, in tiles that fill vector registers; each core has its own lanes."""
 
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        from gaitsweep.engine.kernel import cpu
+    def __init__(self, spec: SweepSpec) -> None:
+        super().__init__(spec)
+        from gaitsweep.engine.kernel import cpu_program
 
-        self._tile = cpu.TILE
+        self._tile = cpu_program.TILE
         tiles = -(-self.size // self._tile)
-        self._slots = _aligned((tiles, cpu.slots(self.chunk), self._tile))
+        self._slots = _aligned((tiles, cpu_program.slots(self.chunk), self._tile))
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
-        self._run = cpu.compiled(self.chunk, self.kernel.title)
+        self._run = cpu_program.compiled(self.chunk, self.kernel.title)
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         tile, lane = np.divmod(lanes, self._tile)

@@ -4,10 +4,10 @@ Numba takes half a minute for a function of a thousand statements, mostly in pas
 not need: loops, branches, type inference. Here each expression becomes an instruction directly. Numba itself
 compiles only the loop around it, a few lines.
 
-The language is the output of `emit`: assignments to names and to elements of flat arrays, arithmetic, single
-comparisons, `a if c else b`, calls of functions of one or two numbers, `if` around assignments (to elements,
-and to names that nothing reads afterwards), and a returned tuple, whose kinds the function's annotation gives
-by the letters of `KINDS`.
+The language is that of `python_source`: assignments to names and to elements of flat arrays, arithmetic,
+single comparisons, `a if c else b`, calls of functions of one or two numbers, `if` around assignments (to
+elements, and to names that nothing reads afterwards), and a returned tuple, whose kinds the function's
+annotation gives by the letters of `KINDS`.
 """
 
 from __future__ import annotations

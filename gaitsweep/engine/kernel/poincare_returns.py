@@ -8,7 +8,7 @@ kernel without derivatives takes a third of the time.
 from __future__ import annotations
 
 import dataclasses
-import os
+import math
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -18,16 +18,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Params, State, Status
-from gaitsweep.engine.kernel import cpu
+from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Leaf, chunk_of
 from gaitsweep.engine.leaves import float_leaves, tangent_of, vector, with_float_leaves
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnState
+from gaitsweep.engine.sweep.xla import usable_cores
 
 # Polls in one call of the kernel: every return ends long before.
 _POLLS = 1 << 40
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["status", "filled"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Ends:
     """Whether a lane has ended, a `Status`; no buffer is ever `filled`."""
@@ -36,7 +37,7 @@ class _Ends:
     filled: jax.Array
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["trajectory", "rate"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _LaneState:
     """A trajectory, and the tangent `rate` of its float leaves along one direction; [] without derivative."""
@@ -127,22 +128,16 @@ class KernelReturns:
     def _value(self, params: Params, state: State) -> tuple[jax.Array, State, jax.Array]:
         held, carry = self._without_tangent(*self._opened(params, state))
         ends = self._ends_of(self._plain, vector((held, carry)), self._values)
-        trajectory, at = [], 0
-        for leaf in jax.tree.leaves(self._shape):
-            size = int(np.prod(leaf.shape))
-            trajectory.append(ends[at : at + size].reshape(leaf.shape).astype(leaf.dtype))
-            at += size
+        leaves = jax.tree.leaves(self._shape)
+        trajectory = [x.astype(leaf.dtype) for x, leaf in zip(_split(ends, leaves), leaves, strict=True)]
         ended: ReturnState = jax.tree.unflatten(jax.tree.structure(self._shape), trajectory)
         return ended.carry.t, ended.carry.state, self.crossing.status(ended)
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
         params, state = primals
         along, rate = (
-            [dot for leaf, dot in zip(jax.tree.leaves(tree), jax.tree.leaves(dots), strict=True)]
-            for tree, dots in zip(primals, tangents, strict=True)
+            [dot for dot in jax.tree.leaves(dots) if dot.dtype != jax.dtypes.float0] for dots in tangents
         )
-        along = [dot for dot in along if dot.dtype != jax.dtypes.float0]
-        rate = [dot for dot in rate if dot.dtype != jax.dtypes.float0]
 
         def begun(numbers: Any, moving: Any) -> Any:
             trajectory = self.crossing.begin(
@@ -156,14 +151,8 @@ class KernelReturns:
         ends = self._ends_of(
             self._differentiated, vector(((params, along), _LaneState(trajectory, rate))), self._rates
         )
-        pieces, at = [], 0
-        for leaf in (*float_leaves(state), jnp.zeros(())):
-            size = int(np.prod(jnp.shape(leaf)))
-            pieces.append(ends[at : at + size].reshape(jnp.shape(leaf)))
-            at += size
-        value = self._function(params, state)
-        *numbers, t = pieces
-        return value, (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
+        *numbers, t = _split(ends, [*float_leaves(state), jnp.zeros(())])
+        return self._function(params, state), (t, tangent_of(state, numbers), np.zeros((), jax.dtypes.float0))
 
     def _ends_of(self, kernel: _Kernel, slots: jax.Array, read: np.ndarray) -> jax.Array:
         """The slots `read` (n,) of a lane at the end of its return, from its slots at the beginning."""
@@ -176,22 +165,22 @@ class _Kernel:
 
     def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
-        self._run = cpu.compiled(self._chunk, f"{crossing.model.name}, {title}")
+        self._run = cpu_program.compiled(self._chunk, f"{crossing.model.name}, {title}")
         self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
         slots = np.asarray(slots)
         lanes, back = _different(slots.reshape(-1, slots.shape[-1]))
-        tiles = -(-len(lanes) // cpu.TILE)
+        tiles = -(-len(lanes) // cpu_program.TILE)
         # the last tile is filled up with its own last lane, which costs nothing
-        order = np.minimum(np.arange(tiles * cpu.TILE), len(lanes) - 1)
-        room = np.zeros((tiles, cpu.slots(self._chunk), cpu.TILE))
-        room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu.TILE, -1).transpose(0, 2, 1)
-        kept = np.zeros((tiles * cpu.TILE, 0, 0))
-        with ThreadPoolExecutor(_cores()) as pool:
+        order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
+        room = np.zeros((tiles, cpu_program.slots(self._chunk), cpu_program.TILE))
+        room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
+        kept = np.zeros((tiles * cpu_program.TILE, 0, 0))
+        with ThreadPoolExecutor(usable_cores()) as pool:
             flat = room.reshape(tiles, -1)
             list(pool.map(lambda i: self._run(flat[i : i + 1], kept, _POLLS), range(tiles)))
-        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu.TILE, -1)[back]
+        found = room[:, read].transpose(0, 2, 1).reshape(tiles * cpu_program.TILE, -1)[back]
         return found.reshape(*slots.shape[:-1], read.size)
 
 
@@ -202,9 +191,12 @@ def _different(lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return lanes[np.unique(back, return_index=True)[1]], back
 
 
+def _split(numbers: jax.Array, leaves: list[Any]) -> list[jax.Array]:
+    """A vector cut into arrays of the leaves' shapes."""
+    shapes = [jnp.shape(leaf) for leaf in leaves]
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+    return [part.reshape(shape) for part, shape in zip(jnp.split(numbers, ends[:-1]), shapes, strict=True)]
+
+
 def _slots(leaves: list[Leaf]) -> np.ndarray:
     return np.concatenate([np.arange(leaf.first, leaf.first + leaf.size) for leaf in leaves])
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

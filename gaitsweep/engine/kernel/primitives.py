@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gaitsweep.engine.kernel import arithmetic, elementary, inverse
-from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of, refuse
-
-Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
+from gaitsweep.engine.kernel import arithmetic, arrays, control, elementary, indexing
+from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, kind_of, refuse
 
 
 def rule_for(name: str) -> Rule:
@@ -20,8 +18,6 @@ def rule_for(name: str) -> Rule:
     Raises:
         UnsupportedError: there is no rule of that name.
     """
-    from gaitsweep.engine.kernel import arrays, control, indexing
-
     for rules in (_ELEMENTWISE, _REDUCTIONS, arrays.RULES, indexing.RULES, control.RULES):
         if name in rules:
             return rules[name]
@@ -35,23 +31,14 @@ def _elementwise(build: Callable[..., int]) -> Rule:
     return rule
 
 
-def _convert(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    kind = kind_of(equation.params["new_dtype"])
-    return [tracer.each(lambda at: arithmetic.converted(tracer.program, at, kind), args[0])]
+def _parametric(build: Callable[..., int], read: Callable[[dict[str, Any]], Any]) -> Rule:
+    """A rule for each element, with one parameter of the equation as the last argument."""
 
+    def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+        parameter = read(equation.params)
+        return [tracer.each(lambda at: build(tracer.program, at, parameter), args[0])]
 
-def _integer_pow(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    power = equation.params["y"]
-    return [tracer.each(lambda at: arithmetic.whole_power(tracer.program, at, power), args[0])]
-
-
-def _round(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    method = equation.params["rounding_method"]
-    return [tracer.each(lambda at: arithmetic.rounded(tracer.program, at, method), args[0])]
-
-
-def _same(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
-    return list(args)
+    return rule
 
 
 def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
@@ -167,7 +154,7 @@ _ELEMENTWISE: dict[str, Rule] = {
     "not": _elementwise(arithmetic.logical("not")),
     "sign": _elementwise(arithmetic.sign),
     "ceil": _elementwise(arithmetic.ceiling),
-    "round": _round,
+    "round": _parametric(arithmetic.rounded, lambda params: params["rounding_method"]),
     "square": _elementwise(lambda program, a: program.apply("mul", a, a)),
     "rsqrt": _elementwise(elementary.reciprocal_root),
     "cbrt": _elementwise(elementary.cube_root),
@@ -178,23 +165,22 @@ _ELEMENTWISE: dict[str, Rule] = {
     "sin": _elementwise(elementary.sine),
     "cos": _elementwise(elementary.cosine),
     "tan": _elementwise(elementary.tangent),
-    "asin": _elementwise(inverse.arcsine),
-    "acos": _elementwise(inverse.arccosine),
-    "atan": _elementwise(inverse.arctangent),
-    "atan2": _elementwise(inverse.angle_of_point),
+    "asin": _elementwise(elementary.arcsine),
+    "acos": _elementwise(elementary.arccosine),
+    "atan": _elementwise(elementary.arctangent),
+    "atan2": _elementwise(elementary.angle_of_point),
     "sinh": _elementwise(elementary.hyperbolic_sine),
     "cosh": _elementwise(elementary.hyperbolic_cosine),
     "tanh": _elementwise(elementary.hyperbolic_tangent),
     "is_finite": _elementwise(arithmetic.is_finite),
-    "integer_pow": _integer_pow,
-    "convert_element_type": _convert,
+    "integer_pow": _parametric(arithmetic.whole_power, lambda params: params["y"]),
+    "convert_element_type": _parametric(arithmetic.converted, lambda params: kind_of(params["new_dtype"])),
     "clamp": _clamp,
     "select_n": _select_n,
-    "copy": _same,
-    "name": _same,
-    "device_put": _same,
-    "optimization_barrier": _same,
-    "stop_gradient": _same,
+    **dict.fromkeys(
+        ("copy", "name", "device_put", "optimization_barrier", "stop_gradient"),
+        lambda tracer, equation, args: list(args),
+    ),
     "reduce_precision": _reduce_precision,
 }  # fmt: skip
 

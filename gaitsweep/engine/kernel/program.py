@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from gaitsweep.engine.kernel.fold import simplified
 from gaitsweep.engine.kernel.operations import OPERATIONS
+from gaitsweep.engine.kernel.simplify import simplified
 
 Kind = Literal["f64", "f32", "int", "bool"]
 Value = float | int | bool
@@ -36,7 +36,7 @@ class Node:
 class Program:
     """Nodes in topological order; a node is identified by its index.
 
-    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.fold`).
+    Equal operations share one node, and operations are simplified (`gaitsweep.engine.kernel.simplify`).
     """
 
     def __init__(self) -> None:

@@ -6,7 +6,6 @@ slicing and indexing cost nothing: only scalar arithmetic remains.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,9 +16,8 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from gaitsweep.engine.kernel.program import Kind, Program
 
-Nodes = (
-    np.ndarray
-)  # of int64: the nodes of the program that represent the elements of an array of the same shape
+# Of int64: the nodes of the program that represent the elements of an array of the same shape.
+Nodes = np.ndarray
 
 
 class UnsupportedError(Exception):
@@ -28,15 +26,6 @@ class UnsupportedError(Exception):
 
 class _Refusal(UnsupportedError):
     """A rule cannot translate an equation, whose place in the source it does not know; see `refuse`."""
-
-
-@dataclasses.dataclass
-class Traced:
-    """A function as a scalar program: `inputs` and `outputs` are flat lists of nodes."""
-
-    program: Program
-    inputs: list[int]
-    outputs: list[int]
 
 
 class Tracer:
@@ -75,10 +64,10 @@ class Tracer:
     def inputs(self, tree: Any, first: int, *, steady: bool) -> list[Nodes]:
         """Input nodes, numbered from `first`, for each leaf of a pytree of arrays or of shapes."""
         arrays = []
-        for shape, kind in leaves_of(tree):
-            size = int(np.prod(shape))
+        for leaf in jax.tree.leaves(tree):
+            size, kind = int(np.prod(leaf.shape)), kind_of(leaf.dtype)
             nodes = [self.program.input(first + i, kind, steady=steady) for i in range(size)]
-            arrays.append(np.array(nodes, np.int64).reshape(shape))
+            arrays.append(np.array(nodes, np.int64).reshape(leaf.shape))
             first += size
         return arrays
 
@@ -99,6 +88,10 @@ class Tracer:
         return None if any(v is None for v in values) else np.array(values).reshape(nodes.shape)
 
 
+# The output nodes of an equation from its input nodes.
+Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
+
+
 def refuse(reason: str) -> UnsupportedError:
     """The error to raise if a rule cannot translate its equation; the tracer adds the place in the source."""
     return _Refusal(reason)
@@ -116,33 +109,6 @@ def kind_of(dtype: Any) -> Kind:
         if np.dtype(dtype) == np.float64:
             return "f64"
     raise refuse(f"numbers of type {dtype} cannot run in the scalar kernel")
-
-
-def leaves_of(tree: Any) -> list[tuple[tuple[int, ...], Kind]]:
-    """Shape and kind of each leaf of a pytree of arrays or of shapes."""
-    return [(tuple(leaf.shape), kind_of(leaf.dtype)) for leaf in jax.tree.leaves(tree)]
-
-
-def trace(function: Callable[..., Any], *trees: Any, steady: Sequence[bool]) -> Traced:
-    """The scalar program of `function` for arguments of these shapes.
-
-    Args:
-        function: a pure JAX function of one trajectory.
-        trees: its arguments, pytrees of arrays or of shapes with dtypes.
-        steady: for each argument, whether it is constant along a trajectory.
-
-    Raises:
-        UnsupportedError: the function uses an operation that the kernel does not have.
-    """
-    closed = jax.make_jaxpr(function)(*trees)
-    program = Program()
-    tracer = Tracer(program)
-    arrays: list[Nodes] = []
-    for tree, still in zip(trees, steady, strict=True):
-        arrays += tracer.inputs(tree, sum(array.size for array in arrays), steady=still)
-    given = tracer.read(closed, arrays)
-    inputs, outputs = ([int(at) for array in side for at in array.ravel()] for side in (arrays, given))
-    return Traced(program, inputs, outputs)
 
 
 def _place(equation: Any) -> str:

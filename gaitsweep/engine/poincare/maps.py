@@ -6,7 +6,7 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -22,9 +22,20 @@ BATCH_SIZES = (1, 8, 64)
 Values = Mapping[str, Any]  # a parameter's name: a number, or one for each point (n,)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["at", "modes"], meta_fields=[])
+class _Batch:
+    """Arrays of n points or images, as a JAX pytree."""
+
+    def __getitem__(self, which: Any) -> Self:
+        return jax.tree.map(lambda leaf: leaf[which], self)
+
+    def merged(self, which: np.ndarray, others: Self) -> Self:
+        """These, with those at the indices `which` replaced by `others`."""
+        return jax.tree.map(partial(_put, which), self, others)
+
+
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Points:
+class Points(_Batch):
     """A batch of points: their coordinates `at` (n, size), and states `modes` with their discrete modes."""
 
     at: np.ndarray
@@ -33,30 +44,10 @@ class Points:
     def __len__(self) -> int:
         return len(self.at)
 
-    def __getitem__(self, which: Any) -> Points:
-        return jax.tree.map(lambda leaf: leaf[which], self)
 
-    def merged(self, which: np.ndarray, others: Points) -> Points:
-        """These points, with those at the indices `which` replaced by `others`."""
-        return jax.tree.map(partial(_put, which), self, others)
-
-
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "points",
-        "status",
-        "observed",
-        "conserved_values",
-        "jacobian",
-        "d_parameter",
-        "conserved_jacobian",
-        "conserved_d_parameter",
-    ],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class MapEvaluation:
+class MapEvaluation(_Batch):
     """The images of n points under a map, and their derivatives.
 
     `points` are the images; `status` (n,) their `ReturnStatus`; `observed` the observables (n,) by name;
@@ -74,13 +65,6 @@ class MapEvaluation:
     d_parameter: np.ndarray
     conserved_jacobian: np.ndarray
     conserved_d_parameter: np.ndarray
-
-    def __getitem__(self, which: Any) -> MapEvaluation:
-        return jax.tree.map(lambda leaf: leaf[which], self)
-
-    def merged(self, which: np.ndarray, others: MapEvaluation) -> MapEvaluation:
-        """These images, with those at the indices `which` replaced by `others`."""
-        return jax.tree.map(partial(_put, which), self, others)
 
     @property
     def sound(self) -> np.ndarray:

@@ -1,9 +1,15 @@
-"""One return of a trajectory to the Poincare section: its state, its functions, its result code."""
+"""One return of a trajectory to the Poincare section: its state, its functions, its result code.
+
+`crossing_of` is the whole return as a JAX function with forward-mode derivatives, by XLA or a kernel.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
+import importlib.util
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +21,13 @@ from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
+from gaitsweep.errors import ArgumentError
 
 # Nominal periods within which a return has to end.
 LATEST = 4.0
+
+Returned = tuple[jax.Array, State, jax.Array]  # the time (s), the state, and the `ReturnStatus`
+Crossing = Callable[[Params, State], Returned]
 
 
 class ReturnStatus(ResultCode):
@@ -31,7 +41,7 @@ class ReturnStatus(ResultCode):
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["carry", "stages", "limit"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class ReturnState:
     """A trajectory between two crossings.
@@ -104,3 +114,76 @@ class PoincareReturn:
         )
         crossed = jnp.where(carry.halt == CROSSING, ReturnStatus.crossed, missed)
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
+
+
+@lru_cache(maxsize=16)
+def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: float = 1.0) -> Crossing:
+    """The function `(params, state) -> (t, state, status)` up to the next crossing.
+
+    `t` is the time that it takes (s), `state` the state just after the crossing's jump, `status` the
+    `ReturnStatus`. The function has forward-mode derivatives (`jax.jvp`, `jax.jacfwd`).
+
+    Args:
+        model: the model.
+        numerics: the method and its tolerances. With fixed steps no event is located: the state is a
+            discontinuous function of its start, and derivatives are refused.
+        engine: kernel, xla, or auto: kernel where the model and the machine allow it.
+        share: factor on the step lengths, at most 1.
+
+    Raises:
+        ArgumentError: the engine is unknown.
+        UnsupportedError: a kernel is required, but the model uses operations that no kernel has.
+    """
+    if engine not in ("auto", "kernel", "xla"):
+        raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
+    crossing = PoincareReturn(model, numerics, share)
+    numerics = crossing.numerics
+
+    def by_xla(params: Params, state: State) -> Returned:
+        end = jax.lax.while_loop(
+            lambda trajectory: ~crossing.ended(trajectory),
+            lambda trajectory: crossing.attempt(params, trajectory),
+            crossing.begin(params, state),
+        )
+        return end.carry.t, end.carry.state, crossing.status(end)
+
+    if not crossing.differentiable:
+        return _without_derivative(by_xla, numerics.method)
+    kernels = jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
+    if engine == "xla" or (engine == "auto" and not kernels):
+        return by_xla
+    made: dict[Any, Crossing] = {}
+
+    def by_kernel(params: Params, state: State) -> Returned:
+        from gaitsweep.engine.kernel.poincare_returns import KernelReturns
+        from gaitsweep.engine.kernel.trace import UnsupportedError
+
+        shapes = jax.tree.map(
+            lambda x: jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)), (params, state)
+        )
+        key = (jax.tree.structure(shapes), tuple((x.shape, x.dtype) for x in jax.tree.leaves(shapes)))
+        if key not in made:
+            try:
+                made[key] = KernelReturns(crossing, *shapes)
+            except UnsupportedError:
+                if engine == "kernel":
+                    raise
+                made[key] = by_xla
+        return made[key](params, state)
+
+    return by_kernel
+
+
+def _without_derivative(crossing: Crossing, method: str) -> Crossing:
+    @jax.custom_jvp
+    def run(params: Params, state: State) -> Returned:
+        return crossing(params, state)
+
+    @run.defjvp
+    def _refused(primals: Any, tangents: Any) -> Any:
+        raise ArgumentError(
+            f"{method} takes fixed steps and does not locate the crossing inside a step: its return map is a "
+            "step function without a derivative. Use rk4."
+        )
+
+    return run

@@ -21,8 +21,7 @@ from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.leaves import float_leaves, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.poincare.section_map import crossing_of
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_in, resolve
 
@@ -200,16 +199,3 @@ def _settler(mapping: ReturnMap, cycles: int) -> Callable[..., Any]:
         return jax.lax.fori_loop(0, cycles, turn, (begun, crossed))
 
     return jax.jit(jax.vmap(one))
-
-
-def return_map(
-    model: Model,
-    settings: Mapping[str, float | str] | None = None,
-    *,
-    numerics: Numerics | None = None,
-    engine: str = "auto",
-    cycles: int = 1,
-) -> ReturnMap:
-    """The return map of a model with these parameters, the others at their defaults; see `ReturnMap`."""
-    named = tuple((settings or {}).items())
-    return ReturnMap(model, named, numerics or Numerics(), engine, cycles)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +23,7 @@ from gaitsweep.engine.propose import move
 LAST, TRIAL = 3, 4
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["stage", "at", "first", "total"], meta_fields=[])
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Stages:
     """The progress of an attempt.

@@ -7,8 +7,7 @@ import dataclasses
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.propose.method import Estimate, Method, Propose, move
-from gaitsweep.engine.propose.rk4 import rk4
-from gaitsweep.engine.propose.tsit5 import tsit5
+from gaitsweep.engine.propose.runge_kutta import rk4, tsit5
 from gaitsweep.errors import ArgumentError
 
 # On the negative axis the polynomials approximate exp(z) down to -20. Away from the axis they are accurate

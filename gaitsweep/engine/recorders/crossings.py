@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import BUFFER, SPARE_CYCLES, Record, Recorder, counted
+from gaitsweep.engine.recorders.recorder import BUFFER, SPARE_CYCLES, Record, Recorder, Taken, counted
 
 # Largest number of jumps at one instant for an ordinary crossing.
 FEW_JUMPS = 2
@@ -47,9 +47,7 @@ class CrossingRecorder(Recorder):
         head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
         return jnp.concatenate([head, record.last])
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         most = None if self.crossings is None else self.after_cycles + self.crossings
         crossed = (carry.halt == CROSSING) & (record.filled < BUFFER)
         counts = crossed if most is None else crossed & (record.cycles < most)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import Readings, Record, Recorder, RowEnds, readings_at_the_end
+from gaitsweep.engine.recorders.recorder import Record, Recorder, Taken
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,13 +19,12 @@ class FixedTime(Recorder):
 
     model: Model
     duration: float
+    readings = Recorder.readings_at_the_end
 
     def stop(self, params: Params) -> jax.Array:
         return jnp.full_like(self.model.period(params), self.duration)
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         status = jnp.where(carry.halt == TIME, Status.complete, Status.running)
         taken = dataclasses.replace(
@@ -36,9 +35,6 @@ class FixedTime(Recorder):
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
-
-    def readings(self, block: RowEnds) -> Readings:
-        return readings_at_the_end(block)
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return t / self.duration

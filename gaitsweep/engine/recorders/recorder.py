@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +18,9 @@ import numpy as np
 
 from gaitsweep.contract import HybridModel, Model, Params, State, Status, Verdict
 from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.sweep.block import Block
 
 # Attempts between two polls of a trajectory. Results depend on it (a failed row ends at a multiple of it), so
 # it is a constant and not a tuning parameter.
@@ -39,22 +41,7 @@ LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not St
 UNSEEN = ("window", "moves")
 
 
-@partial(
-    jax.tree_util.register_dataclass,
-    data_fields=[
-        "status",
-        "cycles",
-        "last",
-        "window",
-        "moves",
-        "filled",
-        "samples",
-        "period",
-        "slowest",
-        "fired",
-    ],
-    meta_fields=[],
-)
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Record:
     """The progress and the results of a row.
@@ -79,18 +66,8 @@ class Record:
     fired: jax.Array
 
 
-class RowEnds(Protocol):
-    """How the rows of a block ended: (n,) each, `last` the observables (n, k) at the last crossing."""
-
-    rows: int
-    status: np.ndarray
-    cycles: np.ndarray
-    t_end: np.ndarray
-    last: np.ndarray
-
-    def kept(self) -> tuple[np.ndarray, np.ndarray]:
-        """The row in the block (m,) and the numbers (m, width) of each buffered row."""
-        ...
+# Carry and record after a poll, a row (width,) of numbers, and whether to keep that row.
+Taken = tuple[Carry, Record, jax.Array, jax.Array]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,12 +82,6 @@ class Readings:
     observed: np.ndarray
     readable: np.ndarray
     batch: int | None = None
-
-
-def readings_at_the_end(block: RowEnds) -> Readings:
-    """The readings of rows that are labelled where they end."""
-    readable = np.isin(block.status, LABELLED) & (block.cycles > 0)
-    return Readings(np.arange(block.rows), block.t_end, block.last, readable)
 
 
 class Recorder(abc.ABC):
@@ -137,9 +108,7 @@ class Recorder(abc.ABC):
         """The first time (s) at which the trajectory halts."""
 
     @abc.abstractmethod
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         """Record the halted or running trajectory.
 
         Returns:
@@ -172,9 +141,14 @@ class Recorder(abc.ABC):
         )
         return record, jnp.zeros((self.width,), last.dtype), jnp.asarray(False)
 
-    def readings(self, block: RowEnds) -> Readings | None:
+    def readings(self, block: Block) -> Readings | None:
         """Where the gaits of a block's rows are read; None where this recorder keeps no gaits."""
         return None
+
+    def readings_at_the_end(self, block: Block) -> Readings:
+        """The readings of rows that are labelled where they end."""
+        readable = np.isin(block.status, LABELLED) & (block.cycles > 0)
+        return Readings(np.arange(block.rows), block.t_end, block.last, readable)
 
     @abc.abstractmethod
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
@@ -183,9 +157,7 @@ class Recorder(abc.ABC):
         `typical_cycles` is the mean number of cycles of the ended rows, 0 if there are none.
         """
 
-    def poll(
-        self, params: Params, carry: Carry, record: Record, dt: jax.Array | float
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def poll(self, params: Params, carry: Carry, record: Record, dt: jax.Array | float) -> Taken:
         """Test for failure, then record; an ended row is unchanged."""
         running = record.status == Status.running
         taken_carry, taken, row, keep = self.take(params, carry, record)

@@ -12,14 +12,7 @@ import numpy as np
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import (
-    SPARE_CYCLES,
-    Readings,
-    Record,
-    Recorder,
-    RowEnds,
-    readings_at_the_end,
-)
+from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder, Taken
 
 # Crossings over which a settled state must be constant.
 SETTLE_WINDOW = 10
@@ -55,6 +48,7 @@ class SettleRecorder(Recorder):
     max_cycles: int = 150
     tolerance: float | tuple[float, ...] = TOLERANCE
     max_time: float | None = None
+    readings = Recorder.readings_at_the_end
 
     @property
     def window(self) -> int:
@@ -76,9 +70,7 @@ class SettleRecorder(Recorder):
         moves = jnp.zeros((2, MOST_PERIOD), record.last.dtype)
         return dataclasses.replace(record, moves=moves), row, keep
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         now = self.observables(params, carry.state)
         cycles = record.cycles + 1
@@ -140,9 +132,6 @@ class SettleRecorder(Recorder):
             holds = slow & (APART * now < way) & (dies_away | rests)
             found = jnp.where(holds, p, found)
         return found
-
-    def readings(self, block: RowEnds) -> Readings:
-        return readings_at_the_end(block)
 
     def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
         return np.minimum(np.asarray(record.cycles) / (typical_cycles or 0.4 * self.max_cycles), 0.95)

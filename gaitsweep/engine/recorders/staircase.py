@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -16,11 +17,14 @@ from gaitsweep.engine.recorders.recorder import (
     Readings,
     Record,
     Recorder,
-    RowEnds,
+    Taken,
     counted,
 )
 from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, TOLERANCE, bounds, change, slowest
 from gaitsweep.engine.recorders.stairs import StepSchedule
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.sweep.block import Block
 
 _HEAD = ("stair", "crossing", "t", "settled", "slowest")  # what stands before the observables
 # Stairs whose gaits are read in one call: a fixed number, since XLA's last bits depend on it.
@@ -50,7 +54,7 @@ class StepRecorder(Recorder):
     def names(self) -> tuple[str, ...]:
         return (*_HEAD, *(f"{q.name}_n" for q in self.model.observables))
 
-    def readings(self, block: RowEnds) -> Readings:
+    def readings(self, block: Block) -> Readings:
         rows, samples = block.kept()
         samples = samples.reshape(-1, self.width)
         observed = samples[:, len(_HEAD) :]
@@ -68,9 +72,7 @@ class StepRecorder(Recorder):
         record, row, keep = super().begin(params, carry)
         return dataclasses.replace(record, window=self._emptied(record)), row, keep
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         due = (carry.halt == TIME) & (record.filled < BUFFER)
         waits = (carry.halt == TIME) & ~due

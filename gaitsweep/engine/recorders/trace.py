@@ -16,6 +16,7 @@ from gaitsweep.engine.recorders.recorder import (
     SPARE_CYCLES,
     Record,
     Recorder,
+    Taken,
     counted,
 )
 
@@ -48,9 +49,7 @@ class TraceRecorder(Recorder):
         # an interval shorter than a step needs an attempt of its own
         return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.samples)
 
-    def take(
-        self, params: Params, carry: Carry, record: Record
-    ) -> tuple[Carry, Record, jax.Array, jax.Array]:
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         begins = crossed & (cycles == self.after_cycles)

@@ -23,6 +23,9 @@ class BlockResult:
     """
 
     first: int
+    labels: dict[str, np.ndarray]
+    owner: np.ndarray
+    samples: np.ndarray
     status: np.ndarray
     cycles: np.ndarray
     attempts: np.ndarray
@@ -31,9 +34,6 @@ class BlockResult:
     period: np.ndarray
     slowest: np.ndarray
     fired: np.ndarray
-    labels: dict[str, np.ndarray]
-    owner: np.ndarray
-    samples: np.ndarray
 
 
 # Rows that have ended, as arrays by name: `row` (n,), the number of the row in the table; the fields of
@@ -41,6 +41,7 @@ class BlockResult:
 # `samples` (sum of kept, width) are in the order of the rows. They are stored until their block is complete.
 EndedRows = Mapping[str, np.ndarray]
 _OF_ROWS = ("status", "cycles", "attempts", "t_end", "last", "period", "slowest", "fired")
+_RECORDED = [name for name in _OF_ROWS if name not in ("attempts", "t_end")]
 
 
 class Block:
@@ -101,15 +102,11 @@ class Block:
     def end(self, rows: np.ndarray, output: ChunkOutput, lanes: np.ndarray) -> None:
         """Store the final values of the rows in the lanes `lanes` (n,)."""
         mine, record = rows[lanes], output.record
-        self.status[mine] = record.status[lanes]
-        self.cycles[mine] = record.cycles[lanes]
+        self._make_room(record.fired.shape[1])
+        for name in _RECORDED:
+            getattr(self, name)[mine] = getattr(record, name)[lanes]
         self.attempts[mine] = output.attempts[lanes]
         self.t_end[mine] = output.t[lanes]
-        self.last[mine] = record.last[lanes]
-        self.period[mine] = record.period[lanes]
-        self.slowest[mine] = record.slowest[lanes]
-        self._make_room(record.fired.shape[1])
-        self.fired[mine] = record.fired[lanes]
         self.ended[mine] = True
 
     def _make_room(self, words: int) -> None:
@@ -144,20 +141,8 @@ class Block:
 
     def result(self, labels: dict[str, np.ndarray]) -> BlockResult:
         owner, samples = self.kept()
-        return BlockResult(
-            first=self.first,
-            status=self.status,
-            cycles=self.cycles,
-            attempts=self.attempts,
-            t_end=self.t_end,
-            last=self.last,
-            period=self.period,
-            slowest=self.slowest,
-            fired=self.fired,
-            labels=labels,
-            owner=owner + self.first,
-            samples=samples,
-        )
+        ends = {name: getattr(self, name) for name in _OF_ROWS}
+        return BlockResult(self.first, labels, owner + self.first, samples, **ends)
 
 
 _Samples = tuple[np.ndarray, np.ndarray]

@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import Any, Protocol
-
-import numpy as np
+import math
+from typing import TYPE_CHECKING
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep import xla
-from gaitsweep.engine.sweep.lane import ChunkOutput, RowDrive
+from gaitsweep.engine.sweep.lane import Device, RowDrive
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.engine.sweep.xla import Device, Values
 from gaitsweep.errors import UserError
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.kernel.lanes import KernelLanes
 
 # Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
 # for the end of its chunk; on a GPU the host's work after each chunk costs more.
 KERNEL_POLLS_PER_CHUNK = {"cpu": 16, "gpu": 128}
-
-
-class Lanes(Protocol):
-    """The trajectories that one device runs at a time: fills lanes, runs a chunk, returns its output."""
-
-    size: int
-
-    def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None: ...
-
-    def run_chunk(self, polls: int) -> ChunkOutput: ...
 
 
 class EngineError(UserError):
@@ -89,19 +80,17 @@ def _obstacle(
     return None
 
 
-def lanes_on(device: Device, spec: SweepSpec) -> Lanes:
+def lanes_on(device: Device, spec: SweepSpec) -> xla.XlaLanes | KernelLanes:
     """The lanes of a sweep on one device."""
-    what = spec.model, spec.recorder, spec.numerics
-    options: dict[str, Any] = {"size": spec.lanes, "drive": spec.drive}
     if spec.engine == "xla":
-        return xla.XlaLanes(*what, device=device, **options)
+        return xla.XlaLanes(spec, device)
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda import CudaLanes
 
-        return CudaLanes(*what, device=device, **options)
+        return CudaLanes(spec, device)
     from gaitsweep.engine.kernel.lanes import CpuLanes
 
-    return CpuLanes(*what, **options)
+    return CpuLanes(spec)
 
 
 def polls_per_chunk(spec: SweepSpec) -> int:
@@ -112,8 +101,16 @@ def polls_per_chunk(spec: SweepSpec) -> int:
 
 
 def default_lanes(engine: str, n_rows: int, platform: str) -> int:
-    """Default number of lanes on each device, a function of the job, the engine and the kind of device."""
-    if engine == "kernel" and platform == "cpu":
+    """Default number of lanes on each device, a function of the number of rows, engine and kind of device.
+
+    XLA on a CPU reaches its full rate at about 256 lanes, and an attempt on a GPU costs about the same for 1
+    lane and for 16 384. With fewer lanes than rows, lanes are refilled and devices end almost together.
+    """
+    if platform != "cpu":
+        least, most, share = 256, 131072, 1.0
+    elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
-        return int(min(512, max(16, xla.power_of_two(n_rows / 8))))
-    return xla.default_lanes(n_rows, platform)
+        least, most, share = 16, 512, 8.0
+    else:
+        least, most, share = 8, 256, 4.0
+    return min(most, max(least, 2 ** math.ceil(math.log2(max(n_rows / share, 1.0)))))

@@ -28,32 +28,21 @@ class Labels:
         if found is None:
             return {}
         width = found.batch or min(self.spec.block, self.spec.n_rows)
-        return self._read(block, width, found.rows, found.t, found.observed, found.readable)
-
-    def _read(
-        self,
-        block: Block,
-        width: int,
-        rows: np.ndarray,
-        t: np.ndarray,
-        observed: np.ndarray,
-        good: np.ndarray,
-    ) -> dict[str, np.ndarray]:
-        """Labels of `rows` (n,) of a block at times (n,) with observables (n, ...), in batches of `width`."""
+        good = found.readable
         values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
         parts = []
-        for first in range(0, max(rows.size, 1), width):
+        for first in range(0, max(found.rows.size, 1), width):
             part = slice(first, first + width)
-            n = rows[part].size
+            n = found.rows[part].size
             # batches are filled up with the first row, so that their size is constant
-            padded = np.concatenate([rows[part], np.zeros(width - n, np.int64)])
-            times, seen = np.zeros(width), np.zeros((width, observed.shape[1]))
-            times[:n], seen[:n] = t[part], np.where(good[part, None], observed[part], 0.0)
+            padded = np.concatenate([found.rows[part], np.zeros(width - n, np.int64)])
+            times, seen = np.zeros(width), np.zeros((width, found.observed.shape[1]))
+            times[:n], seen[:n] = found.t[part], np.where(good[part, None], found.observed[part], 0.0)
             given = self._label({k: v[padded] for k, v in values.items()}, times, jnp.asarray(seen))
             parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
-        found = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-        gait = np.where(good, found.pop("gait"), -1).astype(np.int32)
-        fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in found.items()}
+        labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+        gait = np.where(good, labels.pop("gait"), -1).astype(np.int32)
+        fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in labels.items()}
         return {"gait": gait, **fields}
 
 

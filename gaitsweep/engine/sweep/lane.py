@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +17,9 @@ from gaitsweep.engine.recorders.recorder import Record, Recorder
 # The parameters at a time (s), from the values of a row: a ramp or a staircase. Its optional attribute
 # `times` lists the times (s) at which the step length has to be evaluated.
 RowDrive = Callable[[Any, jax.Array], Params]
+
+Values = Mapping[str, np.ndarray]
+Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
 class ChunkOutput(NamedTuple):

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
-from gaitsweep.engine.sweep.xla import Device, Values
+from gaitsweep.engine.sweep.lane import Device, Values
 
 
 @dataclasses.dataclass(frozen=True)

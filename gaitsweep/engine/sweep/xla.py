@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,15 +22,18 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive
+from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.
 POLLS_PER_CHUNK = 64
 
-Values = Mapping[str, np.ndarray]
-Device = Any  # a jax.Device, which type checkers do not accept as a type
+
+def usable_cores() -> int:
+    """The number of CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def see_all_cores() -> None:
@@ -40,7 +42,7 @@ def see_all_cores() -> None:
     Enables float64, gaitsweep's default.
     """
     jax.config.update("jax_enable_x64", True)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = usable_cores()
     # after the first computation the number of devices is fixed
     with contextlib.suppress(RuntimeError):
         if jax.config.jax_num_cpu_devices < cores:  # pyright: ignore
@@ -60,62 +62,31 @@ def local_devices(count: int | None = None) -> list[Device]:
     return devices[:count]
 
 
-def default_lanes(n_rows: int, platform: str) -> int:
-    """Default number of lanes on each device, a function of the number of rows and the kind of device.
-
-    A CPU reaches its full rate at about 256 lanes; with fewer lanes than rows, lanes are refilled and devices
-    end at about the same time. On a GPU an attempt costs about the same for 1 lane and for 16 384 lanes.
-    """
-    if platform == "cpu":
-        return int(min(256, max(8, power_of_two(n_rows / 4))))
-    return int(min(131072, max(256, power_of_two(n_rows))))
-
-
-def power_of_two(least: float) -> int:
-    return 2 ** math.ceil(math.log2(max(least, 1.0)))
-
-
 class XlaLanes:
-    """The trajectories that one device runs at a time.
+    """The trajectories of a sweep that one device runs at a time."""
 
-    Args:
-        model, recorder, numerics: the program.
-        size: number of lanes.
-        device: the device.
-        drive: the parameters at a time (s) from the values of a row, for ramps and staircases.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        recorder: Recorder,
-        numerics: Numerics,
-        *,
-        size: int,
-        device: Device,
-        drive: RowDrive | None = None,
-    ) -> None:
-        self.size = size
-        self._dtype = np.dtype(numerics.carried)
+    def __init__(self, spec: SweepSpec, device: Device) -> None:
+        self.size = spec.lanes
+        self._dtype = np.dtype(spec.numerics.carried)
         self._device = device
-        self._programs = _programs(model, recorder, numerics, drive)
+        self._open, self._merge, self._chunk = _programs(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._lanes: Any = None
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
         """Start new trajectories in the lanes marked `fresh` (bool, (size,)); values are (size,) each."""
         values = {k: self._put(np.asarray(v, self._dtype)) for k, v in params.items()}
         begin = {k: self._put(np.asarray(v, self._dtype)) for k, v in starts.items()}
-        opened = self._programs.open(values, begin)
+        opened = self._open(values, begin)
         if self._lanes is None:
             held, carry, record, kept = opened
             status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
             self._lanes = held, carry, dataclasses.replace(record, status=status), kept
         else:
-            self._lanes = self._programs.merge(self._put(fresh), opened, self._lanes)
+            self._lanes = self._merge(self._put(fresh), opened, self._lanes)
 
-    def run_chunk(self, polls: int = POLLS_PER_CHUNK) -> ChunkOutput:
+    def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
-        self._lanes, output = self._programs.chunk(self._put(np.int32(polls)), self._lanes)
+        self._lanes, output = self._chunk(self._put(np.int32(polls)), self._lanes)
         if not np.asarray(output.record.filled).any():
             # buffers are large and mostly empty: a broadcast zero has the same shape and needs no transfer
             output = output._replace(kept=np.broadcast_to(np.zeros((), self._dtype), output.kept.shape))
@@ -125,23 +96,15 @@ class XlaLanes:
         return jax.device_put(array, self._device)
 
 
-class _Programs(NamedTuple):
-    """The three programs of a run, vmapped over lanes and jitted; each device compiles its own."""
-
-    open: Callable[..., Any]
-    merge: Callable[..., Any]
-    chunk: Callable[..., Any]
-
-
 # cached for the process, so that a notebook that runs a job again does not compile again
 @lru_cache(maxsize=16)
-def _programs(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> _Programs:
+def _programs(
+    model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
+) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    """The programs that open rows, merge them into lanes and run a chunk; each device compiles its own."""
     one = OneLane(model, recorder, numerics, drive)
-    return _Programs(
-        open=jax.jit(jax.vmap(partial(_open, one))),
-        merge=jax.jit(jax.vmap(select)),
-        chunk=jax.jit(partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_poll, one)))),
-    )
+    chunk = partial(_chunk, jax.vmap(one.attempt), jax.vmap(partial(_poll, one)))
+    return jax.jit(jax.vmap(partial(_open, one))), jax.jit(jax.vmap(select)), jax.jit(chunk)
 
 
 def _open(one: OneLane, values: Any, starts: Any) -> tuple[Any, Carry, Record, jax.Array]:

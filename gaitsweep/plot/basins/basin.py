@@ -11,13 +11,12 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.plot import style
-from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
+from gaitsweep.plot.basins.cells import cell_edges, check_cells, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import (
     PlotError,
     axis_label,
-    categories,
     column,
     is_angle,
     outcome,
@@ -25,7 +24,7 @@ from gaitsweep.plot.columns import (
     symbol,
     written,
 )
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import Horizontal, Hue, Panels, Title, Vertical, figure_kind
 
 _PANELS_A_ROW = 4
 _MOST_PANELS = 40
@@ -33,27 +32,23 @@ _MOST_PANELS = 40
 _Looks = tuple[dict[str, str], dict[str, str]]  # colour and marker of each outcome, the same in all panels
 
 
-@marked
+@figure_kind("settle", "fixed_time", check=check_cells)
 def basin(
     table: pd.DataFrame,
     *,
-    x: str,
-    y: str,
-    hue: str = "gait",
-    panels: str | None = None,
-    title: str | None = None,
+    x: Horizontal,
+    y: Vertical,
+    hue: Hue = "gait",
+    panels: Panels = None,
+    title: Title = None,
 ) -> Figure:
-    """Cells coloured by the outcome of each start, one panel for each value of `panels`, shares in the
-    legend.
+    """Cells coloured by the outcome of each start, with the share of each outcome in the legend.
 
     Starts on a grid are drawn as cells; others as points. A numeric `hue` is drawn on a colour scale. Rows
     that failed or did not settle are hatched grey; cells without a row yet are left white.
 
     Args:
         table: a settle table; a partial table is drawn as far as it goes.
-        x, y: columns along the axes.
-        hue: column that sets the colour; panels: column; each of its values has a panel.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or a cell has several rows.
@@ -76,7 +71,7 @@ def basin(
         grid = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)).ravel()
         parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
         shown = outcome(table, hue)
-        names = categories(table, hue, shown)
+        names = in_order(table, hue, shown)
         looks = style.colours(names), style.markers(names)
         limits = (table[hue].min(), table[hue].max()) if numeric else None
         image = None
@@ -134,8 +129,16 @@ def _cells(
     across, up = np.unique(part[x]), np.unique(part[y])
     regular = on_grid(across) and on_grid(up) and len(part) >= 0.02 * len(across) * len(up)
     shown = shown.loc[part.index]
+    palette, marker = looks
     if not regular:
-        return _points(axes, part, x, y, hue, shown, limits, looks)
+        size = float(np.clip(4e3 / len(part), 2.0, 30.0))
+        if limits is not None:
+            low, high = limits
+            return axes.scatter(part[x], part[y], c=part[hue], s=size, cmap="viridis", vmin=low, vmax=high)
+        for name in shown.unique():
+            mine = rows_where(part, shown == name)
+            axes.scatter(mine[x], mine[y], c=palette[name], marker=marker[name], s=size, linewidths=0.6)
+        return None
     if part.duplicated([x, y]).any():
         raise PlotError(
             f"Several rows have the same {x} and {y}: another quantity varies too. Name it as `panels`, or "
@@ -152,32 +155,8 @@ def _cells(
         cells[at] = part[hue].where(~shown.isin([FAILED]))
         return axes.pcolormesh(*edges, cells, cmap="viridis", vmin=limits[0], vmax=limits[1], rasterized=True)
     cells = np.zeros((len(up), len(across), 4))
-    cells[at] = np.array([to_rgba(looks[0][name]) for name in shown])
+    cells[at] = np.array([to_rgba(palette[name]) for name in shown])
     axes.pcolormesh(*edges, cells, rasterized=True)
-    return None
-
-
-def _points(
-    axes: Axes,
-    part: pd.DataFrame,
-    x: str,
-    y: str,
-    hue: str,
-    shown: pd.Series,
-    limits: tuple | None,
-    looks: _Looks,
-):
-    """Starts that form no grid, one point each."""
-    size = float(np.clip(4e3 / len(part), 2.0, 30.0))
-    if limits is not None:
-        colour = part[hue]
-        return axes.scatter(
-            part[x], part[y], c=colour, s=size, cmap="viridis", vmin=limits[0], vmax=limits[1]
-        )
-    palette, marker = looks
-    for name in shown.unique():
-        mine = rows_where(part, shown == name)
-        axes.scatter(mine[x], mine[y], c=palette[name], marker=marker[name], s=size, linewidths=0.6)
     return None
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from pydantic import Field
 
 from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
@@ -19,29 +20,52 @@ from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, rows_where, unit_of, written
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
 
 _MOST_NAMED = 6  # most lines in a legend; more lines have a colour bar
 _SHADES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if figure.panels == "attractor":
+        yield ("panels",), "is attractor, which is worked out, and no column of this job's table."
+    axes = figure.axes
+    if axes is None:
+        axes = [name for name in table.varied if name != figure.panels]
+        if not axes:
+            yield ("axes",), "is missing: besides panels nothing varies that could be the starts."
+    for at, name in enumerate(axes):
+        if name in TEXT_COLUMNS:
+            yield ("axes", at), f"is {name}, which has no numbers: take what varies."
+        elif name in axes[:at] or name == figure.panels:
+            yield ("axes", at), f"is {name}, which is named twice."
+    units = {name: table.unit(name) for name in axes if name not in TEXT_COLUMNS}
+    if len(set(units.values())) > 1:
+        shown = ", ".join(f"{name} in {unit or '1'}" for name, unit in units.items())
+        yield ("axes",), f"needs one unit for the distance between starts, but there are {shown}."
+    if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
+        yield ("hue",), "is attractor, but run.refine infers rows, which have no state to tell one by."
+
+
+@figure_kind("settle", "fixed_time", check=_check, worked_out=("attractor",))
 def basin_measures(
     table: pd.DataFrame,
     *,
-    axes: Sequence[str] | None = None,
-    hue: str = "gait",
-    panels: str | None = None,
-    title: str | None = None,
+    axes: Annotated[
+        Sequence[Column] | None,
+        Field(min_length=1),
+        "columns of the starts; what varies besides panels if not given",
+    ] = None,
+    hue: Annotated[
+        Column, "column of what starts come to; attractor groups the settled states, matched along panels"
+    ] = "gait",
+    panels: Annotated[Column | None, "column of which each value is measured by itself"] = None,
+    title: Title = None,
 ) -> Figure:
     """Three panels: the fraction of each outcome with its interval, entropies, uncertainty fraction over eps.
 
     Args:
         table: a settle table, refined or not; a partial table is measured as far as it goes.
-        axes: columns of the starts; by default the swept axes other than `panels`.
-        hue: column of the outcomes; `attractor` groups the settled states, and matches them along `panels`.
-        panels: column; each of its values is measured separately.
-        title: text above the figure.
 
     Raises:
         PlotError, AnalysisError: the table does not have a column, or no axis is left.

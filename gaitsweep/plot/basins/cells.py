@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from gaitsweep.plot import style
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal
+
+
+def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Why a figure with x, y and panels would have several rows in one cell."""
+    if figure.x == figure.y or not {figure.x, figure.y} <= set(table.varied):
+        return  # cells that only the table has
+    if figure.panels not in (None, *table.varied):
+        return
+    shown = {figure.x, figure.y, figure.panels}
+    others = [axis for axis in table.rows.axes if axis.length > 1 and not shown & set(axis.names)]
+    if others and table.rows.in_cells(figure.x) and table.rows.in_cells(figure.y):
+        name = others[0].names[0]
+        field = "params" if name in [q.name for q in table.model.parameters] else "start"
+        near = f"name it as panels, or fix its value under {field}"
+        yield (
+            ("panels",),
+            f"leaves {name} out, which varies too: a cell of {figure.x} and {figure.y} would have "
+            f"several rows; {near}.",
+        )
 
 
 def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, marked: np.ndarray) -> None:

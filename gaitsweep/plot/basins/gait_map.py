@@ -15,14 +15,16 @@ from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
 from gaitsweep.plot.columns import column, described, is_angle, outcome, rows_where
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
 
 OTHER = "another gait"  # settled, but in no gait of the model
 _HATCHED = (NOT_SETTLED, FAILED)
 
 
-@marked
-def gait_map(table: pd.DataFrame, *, x: str, y: str, hue: str = "gait", title: str | None = None) -> Figure:
+@figure_kind("settle", "fixed_time")
+def gait_map(
+    table: pd.DataFrame, *, x: Horizontal, y: Vertical, hue: GaitColumn = "gait", title: Title = None
+) -> Figure:
     """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
 
     A gait belongs to a cell's set if any start of the cell settles in it; starts that fall or do not settle
@@ -31,8 +33,7 @@ def gait_map(table: pd.DataFrame, *, x: str, y: str, hue: str = "gait", title: s
 
     Args:
         table: a settle table, several starts for each pair of x and y; a partial table is drawn as far as it
-        goes. x, y: columns along the axes. hue: the column of the gait; `none` is not a gait. title: text
-        above the figure.
+            goes. `none` is not a gait.
 
     Raises:
         PlotError: the table does not have a column.

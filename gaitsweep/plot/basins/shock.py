@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Annotated, Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -9,28 +12,44 @@ from matplotlib.figure import Figure
 from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.contract import Status
 from gaitsweep.plot.basins.basin import basin
+from gaitsweep.plot.basins.cells import check_cells
 from gaitsweep.plot.columns import column, unit_of
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import (
+    TEXT_COLUMNS,
+    AlongAxis,
+    Column,
+    Horizontal,
+    Panels,
+    PlannedTable,
+    Refusal,
+    Title,
+    figure_kind,
+)
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    units = {column: table.unit(column) for column in (figure.x, figure.y)}
+    if not TEXT_COLUMNS & set(units) and len(set(units.values())) > 1:
+        shown = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
+        yield ("y",), f"is {figure.y}, but a shock is a distance, which needs one unit: {shown}."
+    else:
+        yield from check_cells(figure, table)
+
+
+@figure_kind("settle", "fixed_time", check=_check)
 def shock(
     table: pd.DataFrame,
     *,
-    x: str,
-    y: str,
-    hue: str = "gait",
-    panels: str | None = None,
-    title: str | None = None,
+    x: Horizontal,
+    y: Annotated[AlongAxis, "column along the vertical axis, in the unit of x"],
+    hue: Annotated[Column, "column of what starts come to"] = "gait",
+    panels: Panels = None,
+    title: Title = None,
 ) -> Figure:
     """Cells coloured by their distance, along x and y, to the nearest start with another outcome.
 
     Args:
         table: a settle table, refined or not; a partial table is drawn as far as it goes.
-        x, y: columns of the starts along the axes, in one unit.
-        hue: column of the outcomes.
-        panels: column; each of its values has a panel, measured separately.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or a cell has several rows.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -10,18 +11,38 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, rows_where
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import (
+    TEXT_COLUMNS,
+    AlongAxis,
+    Bandwidth,
+    Observed,
+    PlannedTable,
+    Refusal,
+    Title,
+    figure_kind,
+)
 
 _COLOUR = {True: "#0072B2", False: "#D55E00"}
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if figure.x not in table.varied and figure.x not in TEXT_COLUMNS:
+        yield ("x",), f"is {figure.x}, which does not vary between rows. {near_miss.allowing(table.varied)}"
+
+
+@figure_kind("return_map", check=_check)
 def branches(
-    table: pd.DataFrame, *, y: str, x: str, bandwidth: float | None = None, title: str | None = None
+    table: pd.DataFrame,
+    *,
+    x: Annotated[AlongAxis, "column of the parameter, which varies"],
+    y: Observed,
+    bandwidth: Bandwidth = None,
+    title: Title = None,
 ) -> Figure:
     """The fixed points of the return map over a parameter: stable ones filled, unstable ones open.
 
@@ -30,11 +51,6 @@ def branches(
 
     Args:
         table: a return map's table over several values of x.
-        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
-        x: the column of the parameter.
-        bandwidth: half the window of the regression, in the observable's unit; by default 0.05 rad for an
-            angle and a twentieth of the values' range for others.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from types import MappingProxyType
+from typing import Annotated, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,10 +16,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from pydantic import Field
 
+from gaitsweep.kinds.numbers import Real, Text
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described, is_angle
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
+from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
 
 _STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
 POLLS_PER_CHUNK = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
@@ -29,15 +32,20 @@ WORDS = {
 }
 
 
-@marked
+@figure_kind("continuation")
 def continuation(
     table: pd.DataFrame,
     *,
-    y: str,
+    y: Observed,
     x: str | None = None,
-    hue: str | None = None,
-    intervals: Mapping[str, Sequence[float]] | None = None,
-    title: str | None = None,
+    hue: Annotated[
+        Column | None, "column of another parameter that differs between branches, or of the gait"
+    ] = None,
+    intervals: Annotated[
+        Mapping[Text, Annotated[Sequence[Real], Field(min_length=2, max_length=2)]],
+        "ranges of the parameter to show beside, by name, two numbers each",
+    ] = MappingProxyType({}),
+    title: Title = None,
 ) -> Figure:
     """Branches over a parameter: solid where stable, dashed where not, bifurcations marked.
 
@@ -45,17 +53,13 @@ def continuation(
 
     Args:
         table: a continuation's table.
-        y: the observable of the map (delta_13).
         x: the column of the parameter; by default the one that the table's job moves.
-        hue: column shown by colour: another parameter that differs between branches, or the gait.
-        intervals: by name, ranges (low, high) of x to show for comparison.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.
     """
     name = column(table, y, ("_n", ""))
-    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    x = x or moved_parameter(table) or "parameter"
     for each in (x, "row", "point", "stable", "special", *([hue] if hue else [])):
         column(table, each)
     table = table.dropna(subset=[name]).sort_values(["row", "point"], kind="stable")
@@ -67,13 +71,13 @@ def continuation(
             style.message(axes, "no fixed point was found")
             return figure
         colours = _colours(table, hue)
-        for low, high in (intervals or {}).values():
+        for low, high in intervals.values():
             axes.axvspan(low, high, color=_BESIDE, lw=0, zorder=0)
         for row, branch in table.groupby("row", sort=True):
             _draw(axes, branch, x, name, colours.get(row))
         if is_angle(table, name):
             style.angle_ticks(axes, "y")
-        handles = _key(table, list(intervals or {}), hue is not None)
+        handles = _key(table, list(intervals), hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)

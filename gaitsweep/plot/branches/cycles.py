@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from pydantic import Field
 
 from gaitsweep.contract import Status, Verdict
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, is_angle, symbol
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import Horizontal, Hue, Observable, Title, figure_kind
 
 _NAMED_LINES = 8
 
 
-@marked
+@figure_kind("return_map", "ramp")
 def cycles(
     table: pd.DataFrame,
     *,
-    y: Sequence[str],
-    x: str = "crossing",
-    hue: str = "row",
-    title: str | None = None,
+    y: Annotated[Sequence[Observable], Field(min_length=1), "observables of the model, a panel each"],
+    x: Horizontal = "crossing",
+    hue: Hue = "row",
+    title: Title = None,
 ) -> Figure:
     """One panel for each observable, one line for each row.
 
@@ -34,9 +35,6 @@ def cycles(
 
     Args:
         table: a crossing table (return map or ramp).
-        y: observables by their own name or their column's (psi_1 or psi_1_n), a panel each.
-        x: column along the axis; hue: column that sets the colour of the lines, or their start.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,6 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 from gaitsweep.analysis.circular import cut
 from gaitsweep.analysis.records import sound
 from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
+from gaitsweep.kinds.numbers import Positive, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
@@ -24,12 +25,14 @@ from gaitsweep.plot.columns import (
     column,
     described,
     is_angle,
+    moved_parameter,
     rows_where,
     symbol,
     unit_of,
     written,
 )
-from gaitsweep.plot.provenance_marks import marked, remarks
+from gaitsweep.plot.figure_kind import Observed, Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
@@ -45,16 +48,24 @@ class _Panel(NamedTuple):
     note: str = ""
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if figure.parameter not in (None, table.run.moved):
+        yield ("parameter",), f"is {figure.parameter}, but this run moves {table.run.moved}: leave it out."
+
+
+@figure_kind("ramp", "staircase", check=_check)
 def hysteresis(
     table: pd.DataFrame,
     *,
-    y: str,
-    parameter: str | None = None,
-    panels: str | None = None,
-    with_table: str | pd.DataFrame | None = None,
-    least: float = LEAST,
-    title: str | None = None,
+    y: Observed,
+    parameter: Annotated[Text | None, "the parameter that the run moves; it need not be said"] = None,
+    panels: Panels = None,
+    with_table: Annotated[
+        Text | pd.DataFrame | None,
+        "a second result directory to show beside, by its path or its job's name",
+    ] = None,
+    least: Annotated[Positive, "change of y that counts as a jump, in its unit"] = LEAST,
+    title: Title = None,
 ) -> Figure:
     """An observable over the moving parameter, rising and falling passes distinguished, jumps shaded.
 
@@ -64,19 +75,17 @@ def hysteresis(
 
     Args:
         table: a ramp or staircase table.
-        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
-        parameter: the column of the parameter; by default the one that the job moves.
-        panels: column; each of its values has a panel.
-        with_table: a second table to show beside the first, such as the staircase beside the ramp: a table,
-            or the path of a result directory (relative to here, or to the parent of the first table's
-            directory).
-        least: the least change of the observable at a jump, in its unit.
-        title: text above the figure.
+        with_table: a table, or a path relative to here or to the parent of the first table's directory.
 
     Raises:
         PlotError: the table does not have a column, or no parameter moves.
     """
-    parameter = parameter or _moving(table)
+    parameter = parameter or moved_parameter(table)
+    if parameter is None:
+        raise PlotError(
+            "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
+            "for another table name the column as `parameter`."
+        )
     shown = [*_split(table, panels, with_table is not None), *_second(table, with_table, panels)]
     if len(shown) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(shown)} panels)".strip()
@@ -107,22 +116,6 @@ def hysteresis(
         drawn = {str(line.get_color()) for axes in grid for line in axes.lines}
         figure.legend(handles=_key(shown, table, parameter, drawn), loc="outside lower center", ncols=3)
     return figure
-
-
-def _moving(table: pd.DataFrame) -> str:
-    run = _run_of(table)
-    if "parameter" not in run:
-        raise PlotError(
-            "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
-            "for another table name the column as `parameter`."
-        )
-    return str(run["parameter"])
-
-
-def _run_of(table: pd.DataFrame) -> Mapping[str, Any]:
-    job = table.attrs.get("job")
-    run = job.get("run") if isinstance(job, Mapping) else None
-    return run if isinstance(run, Mapping) else {}
 
 
 def _split(table: pd.DataFrame, panels: str | None, beside: bool) -> list[_Panel]:
@@ -160,7 +153,7 @@ def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
 
 def _pace(table: pd.DataFrame) -> str:
     """How a table's parameter moves, in words, with its speed if the job gives it."""
-    run = _run_of(table)
+    run = table.attrs.get("job", {}).get("run", {})
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
         return f"held {run['dwell']:g} s at each value" if "dwell" in run else "held at each value"
@@ -241,17 +234,8 @@ def _key(shown: list[_Panel], table: pd.DataFrame, parameter: str, drawn: set[st
     for colour, marker, words in ((UP, "^", "rises"), (DOWN, "v", "falls")):
         if colour not in drawn:
             continue
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=colour,
-                lw=1.0,
-                marker=marker if stairs else "",
-                ms=4,
-                label=f"{symbol(table, parameter)} {words}",
-            )
-        )
+        look: dict[str, Any] = {"color": colour, "lw": 1.0, "marker": marker if stairs else "", "ms": 4}
+        handles.append(Line2D([], [], label=f"{symbol(table, parameter)} {words}", **look))
     if any("settled" in each.columns and not each["settled"].to_numpy(bool).all() for each in stairs):
         handles.append(
             Line2D([], [], ls="", marker="^", ms=4, mfc="white", color="#555555", label="hold not settled")

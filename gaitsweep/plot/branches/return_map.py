@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.transitions.return_map import drift, fixed_points, ghosts, pairs
+from gaitsweep.kinds.numbers import word
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import (
     PlotError,
@@ -24,7 +25,7 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import Bandwidth, Observed, Panels, Title, figure_kind
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
@@ -33,15 +34,19 @@ _FAST = 2.0  # steps larger than so many ranges of the others are left out of th
 FORMS = ("change", "next")
 
 
-@marked
+@figure_kind("return_map")
 def return_map(
     table: pd.DataFrame,
     *,
-    y: str,
-    panels: str | None = None,
-    form: str = "change",
-    bandwidth: float | None = None,
-    title: str | None = None,
+    y: Observed,
+    panels: Panels = None,
+    form: Annotated[
+        Literal["change", "next"],
+        word("change", "next"),
+        "change: y's change over y; next: the next y over y",
+    ] = "change",
+    bandwidth: Bandwidth = None,
+    title: Title = None,
 ) -> Figure:
     """The change from crossing to crossing over the value, or the next value over it with the diagonal.
 
@@ -51,12 +56,6 @@ def return_map(
 
     Args:
         table: a return map's table.
-        y: the observable, by its own name or its column's (delta_13 or delta_13_n).
-        panels: column; each of its values has a panel.
-        form: "change" for x_{n+1} - x_n over x_n, "next" for x_{n+1}.
-        bandwidth: half the window of the regression, in the observable's unit; by default 0.05 rad for an
-            angle and a twentieth of the values' range for others.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or the form is none of these two.
@@ -134,20 +133,11 @@ def _panel(
         axes.plot(place, place * (form == "next"), mfc=_POINT if stable else "white", **look)
         seen.add("stable" if stable else "unstable")
     for place, least in zip(_on_axis(ghost["value"], origin), ghost["drift"], strict=True):
-        axes.plot(
-            place, least + place * (form == "next"), "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6
-        )
+        at = place, least + place * (form == "next")
+        axes.plot(*at, "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6)
         offset = (0, -14) if least > 0 else (0, 8)  # beyond zero, where fewer points are
-        told = f"{least:+.2g}".replace("-", "−")
-        axes.annotate(
-            told,
-            (place, least + place * (form == "next")),
-            offset,
-            textcoords="offset points",
-            ha="center",
-            fontsize=7,
-            color=_GHOST,
-        )
+        look = {"textcoords": "offset points", "ha": "center", "fontsize": 7, "color": _GHOST}
+        axes.annotate(f"{least:+.2g}".replace("-", "−"), at, offset, **look)
         seen.add("ghost")
     return seen
 

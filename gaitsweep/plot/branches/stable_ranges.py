@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -15,15 +15,20 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import POLLS_PER_CHUNK, WORDS
-from gaitsweep.plot.columns import PlotError, column, described
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import PlotError, column, described, moved_parameter
+from gaitsweep.plot.figure_kind import AlongAxis, GaitColumn, Title, figure_kind
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
 
 
-@marked
+@figure_kind("continuation")
 def stable_ranges(
-    table: pd.DataFrame, *, y: str, x: str | None = None, hue: str = "gait", title: str | None = None
+    table: pd.DataFrame,
+    *,
+    y: Annotated[AlongAxis, "column of the parameter that differs between branches"],
+    x: str | None = None,
+    hue: GaitColumn = "gait",
+    title: Title = None,
 ) -> Figure:
     """The range of one parameter in which each gait is stable, over another that differs between branches.
 
@@ -34,15 +39,12 @@ def stable_ranges(
     Args:
         table: a continuation's table. If several branches have the same gait at one value of y, their stable
             ranges must touch, and are joined.
-        y: the column of the parameter that differs between branches.
         x: the column of the continuation parameter; by default the one that the job moves.
-        hue: the column of the gait.
-        title: text above the figure.
 
     Raises:
         PlotError: a column is not there, y is not numeric, or a gait's ranges at one value of y are disjoint.
     """
-    x = x or str(table.attrs.get("job", {}).get("run", {}).get("parameter", "parameter"))
+    x = x or moved_parameter(table) or "parameter"
     for name in (x, y, hue, "row", "point", "stable", "special", "end"):
         column(table, name)
     if not pd.api.types.is_numeric_dtype(table[y]):

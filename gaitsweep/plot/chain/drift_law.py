@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
 import numpy as np
 import pandas as pd
 from matplotlib.axis import Axis
@@ -10,10 +13,11 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.kinds.numbers import word
 from gaitsweep.models.multilegged.theory.conserved import drift, worst_case_cycles
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, outcome, rows_where
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import GaitColumn, PlannedTable, Refusal, Title, figure_kind
 
 EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
 ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
@@ -25,8 +29,27 @@ APART = {
 }
 
 
-@marked
-def drift_law(table: pd.DataFrame, *, of: str = "m", hue: str = "gait", title: str | None = None) -> Figure:
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    pairs = list(ENDS.values()) if figure.of == "ends" else [ENDS[figure.of]]
+    if not any(table.missing(pair) is None for pair in pairs):
+        told = ", or ".join(" and ".join(pair) for pair in pairs)
+        yield ("of",), f"is {figure.of}, for which {told} have to vary in this job."
+    elif table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+
+
+@figure_kind("settle", check=_check)
+def drift_law(
+    table: pd.DataFrame,
+    *,
+    of: Annotated[
+        Literal["m", "kappa", "a", "ends"],
+        word("m", "kappa", "a", "ends"),
+        "what differs between head and tail: masses, end springs, amplitudes; ends: any of these",
+    ] = "m",
+    hue: GaitColumn = "gait",
+    title: Title = None,
+) -> Figure:
     """Cycles until settled over the asymmetry of the ends, and the worst case of eqs. (30)-(32).
 
     Shown are the largest and the median number of cycles for each pair of ends and each gait. Pairs that do
@@ -35,9 +58,6 @@ def drift_law(table: pd.DataFrame, *, of: str = "m", hue: str = "gait", title: s
 
     Args:
         table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.
-        of: the parameter that differs: m, kappa, a, or `ends` for all of these that the table has.
-        hue: the column of the gait.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or `of` is not one of those.

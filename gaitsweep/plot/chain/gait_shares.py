@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -12,12 +13,22 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from scipy.spatial import KDTree
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.chain.chain_of_table import chains_of, parameters_of
-from gaitsweep.analysis.chain.gait_shares import GAITS, existence, gait_shares, springs_of
+from gaitsweep.analysis.chain.gait_shares import GAITS, existence, springs_of
+from gaitsweep.analysis.chain.gait_shares import gait_shares as shares_of
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, on_grid
 from gaitsweep.plot.columns import axis_label, column, described
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import (
+    TEXT_COLUMNS,
+    AlongAxis,
+    Horizontal,
+    PlannedTable,
+    Refusal,
+    Title,
+    figure_kind,
+)
 
 _SHARES = (*GAITS, "elsewhere")
 # white around black shows on dark cells and on light ones
@@ -31,9 +42,25 @@ _LINES = {
 _PLACES = 240  # points along each axis of a map of sets that form no grid
 
 
-@marked
-def gait_shares_figure(
-    table: pd.DataFrame, *, x: str, y: str | None = None, title: str | None = None
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+        return
+    sets = [name for name in table.varied if not name.startswith(("psi_", "phi_"))]
+    for field in ("x", "y"):
+        column = getattr(figure, field)
+        if column is not None and column not in sets and column not in TEXT_COLUMNS:
+            allowed = near_miss.allowing(sets)
+            yield (field,), f"is {column}, which is no parameter that varies in this job. {allowed}"
+
+
+@figure_kind("settle", check=_check)
+def gait_shares(
+    table: pd.DataFrame,
+    *,
+    x: Horizontal,
+    y: Annotated[AlongAxis | None, "column along the vertical axis; curves over x without"] = None,
+    title: Title = None,
 ) -> Figure:
     """The fraction of starts with each gait: curves over x, or a map over x and y for each gait.
 
@@ -44,8 +71,6 @@ def gait_shares_figure(
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
-        x, y: columns along the axes; without y the shares are drawn as curves.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.
@@ -60,7 +85,7 @@ def gait_shares_figure(
         if not len(table):
             style.message(panels[0], "no rows yet")
             return figure
-        shares = gait_shares(table)
+        shares = shares_of(table)
         drawn = None
         for axes, gait in zip(panels, _SHARES, strict=True):
             drawn = _map(axes, shares, x, y, gait)
@@ -105,7 +130,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
         if not len(table):
             style.message(axes, "no rows yet")
             return figure
-        shares = gait_shares(table).sort_values(x)
+        shares = shares_of(table).sort_values(x)
         colour = {**style.colours(GAITS), "elsewhere": style.COLOURS["none"]}
         marker = {**style.markers(GAITS), "elsewhere": "x"}
         for gait in _SHARES:

@@ -3,42 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from types import MappingProxyType
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from pydantic import Field
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
-from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
+from gaitsweep.kinds.numbers import Flag, Real, Text
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import SHORTEST, segments
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, categories, column, is_angle, outcome, rows_where
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import PlotError, axis_label, column, is_angle, outcome, rows_where
+from gaitsweep.plot.figure_kind import Hue, Observable, Title, figure_kind
 
+_Three = Field(min_length=3, max_length=3)
 _PSI = ("psi_1", "psi_2", "psi_3")
 
 
-@marked
+@figure_kind("settle")
 def solution_set(
     table: pd.DataFrame,
     *,
-    axes: Sequence[str],
-    hue: str = "gait",
-    theory: bool = True,
-    points: Mapping[str, Sequence[float]] | None = None,
-    title: str | None = None,
+    axes: Annotated[Sequence[Observable], _Three, "three observables of the model"],
+    hue: Hue = "gait",
+    theory: Annotated[
+        Flag, "whether the analytic solutions are drawn over it, known for psi_1, psi_2, psi_3"
+    ] = True,
+    points: Annotated[
+        Mapping[Text, Annotated[Sequence[Real], _Three]], "points to mark, by name, three numbers each"
+    ] = MappingProxyType({}),
+    title: Title = None,
 ) -> Figure:
     """The settled states in the space of three observables, and projected on two pairs of them.
 
     Args:
         table: a settle table; rows that failed or did not settle are left out and counted in the legend.
-        axes: three observables, by their own name or their column's (psi_1 or psi_1_end).
-        hue: column that sets the colour of the points.
-        theory: whether to draw the analytic solutions; only for psi_1, psi_2, psi_3 of the multi-legged
-        chain. points: points to mark, by name, three numbers each. title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or axes or points do not have three entries.
@@ -47,7 +51,7 @@ def solution_set(
         raise PlotError(f"axes has {len(axes)} entries: this figure is drawn over three observables.")
     names = [column(table, name, ("_end", "")) for name in axes]
     column(table, hue)
-    for name, place in (points or {}).items():
+    for name, place in points.items():
         if len(place) != 3:
             raise PlotError(f"Point {name} has {len(place)} numbers: give one for each of the three axes.")
     shown = outcome(table, hue)
@@ -59,7 +63,7 @@ def solution_set(
             space.plot(*np.stack([start, stop]).T, color="black", lw=0.9, zorder=5)
             for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
                 panel.plot([start[i], stop[i]], [start[j], stop[j]], color="black", lw=0.9, zorder=5)
-        for number, (name, place) in enumerate((points or {}).items()):
+        for number, (name, place) in enumerate(points.items()):
             _mark(name, np.asarray(place, float), space, low, high, number)
         _label(table, names, space, low, high)
         if not kept:
@@ -81,7 +85,7 @@ def _scatter(
     table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, low: Any, high: Any
 ) -> int:
     """The settled rows in all three panels; how many there are."""
-    order = categories(table, hue, shown)
+    order = in_order(table, hue, shown)
     colour, marker = style.colours(order), style.markers(order)
     kept = 0
     for name in order:
@@ -135,7 +139,7 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, low: Any, high: An
 def _legend(
     figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: bool, remark: str | None
 ) -> None:
-    order = categories(table, hue, shown)
+    order = in_order(table, hue, shown)
     colour, marker = style.colours(order), style.markers(order)
     handles = []
     for name in order:

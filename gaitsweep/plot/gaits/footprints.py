@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
+from gaitsweep.kinds.numbers import Flag, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
 
 _NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
 _HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
@@ -24,24 +25,26 @@ _BAR = 0.62
 _MOST_PANELS = 24
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if "contact_1" not in table.columns:
+        yield figure.needs(table, "the signals contact_1, contact_2, ...")
+
+
+@figure_kind("trace", check=_check)
 def footprints(
     table: pd.DataFrame,
     *,
-    panels: str | None = "row",
-    titles: Sequence[str] | None = None,
-    guides: bool = True,
-    title: str | None = None,
+    panels: Panels = "row",
+    titles: Annotated[Sequence[Text] | None, "titles of the panels, in order"] = None,
+    guides: Annotated[
+        Flag, "whether swings of neighbouring legs that follow each other are joined, in their wave's colour"
+    ] = True,
+    title: Title = None,
 ) -> Figure:
     """A black bar for each leg while it is on the ground, leg 1 on top; time in s below, in cycles above.
 
     Args:
         table: a trace table with columns t (s) and contact_1, contact_2, ... (1 on the ground).
-        panels: column; each of its values has a panel, one below the other; all in one where None.
-        titles: titles of the panels, in order.
-        guides: whether successive swings of neighbouring legs are joined by lines, in the colour of the
-            direct or the retrograde wave.
-        title: text above the figure.
 
     Raises:
         PlotError: t, panels or the contacts are not in the table.
@@ -138,10 +141,7 @@ def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The stances of a leg, with short losses of contact inside them filled.
-
-    A foot leaves the ground for a moment where its leg stops extending and the mass above it does not.
-    """
+    """The stances of a leg, with short losses of contact filled, as where the leg stops extending."""
     gaps = starts[1:] - stops[:-1]
     if not len(gaps):
         return starts, stops

@@ -1,17 +1,20 @@
-"""Colours and markers of the nine gaits, and footfall bars of four legs."""
+"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and what they need."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from gaitsweep.analysis.gaits.gait_tables import FLEXORS
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.columns import PlotError, written
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal
 from gaitsweep.plot.gaits.footprints import contact_intervals
 
 # A colour for each family of gaits, a marker for its side, in the order of speed.
@@ -50,6 +53,33 @@ NAMES = MappingProxyType({"none": "none of them, or fallen"})
 LEG_COLOURS = MappingProxyType({"LF": "#0072B2", "LH": "#D55E00", "RF": "#009E73", "RH": "#AA4499"})
 CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
 _BAR = 0.62
+
+
+def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Why gaits cannot be read of a table."""
+    if not has_swing_onsets(table):
+        yield figure.needs(table, "when each of four legs begins to swing (planar_quadruped tells it)")
+
+
+def has_swing_onsets(table: PlannedTable) -> bool:
+    """Whether a table says when legs begin to swing, as `analysis.gait_tables` reads it."""
+    averages = ("delta_1_mean", "delta_2_mean", "period", "variation", "antiphase", "length")
+    return (
+        table.missing([f"{name}_end" for name in averages]) is None
+        or table.missing([f"since_{leg}_n" for leg in LEGS]) is None
+        or table.missing(list(FLEXORS.values())) is None
+    )
+
+
+def in_words(table: pd.DataFrame, found: pd.Series, samples: pd.DataFrame) -> list[str]:
+    """The mean speed of a row's samples, and the values of its swept axes, from its entry of `gaits_in`."""
+    told = []
+    if "x" in samples.columns:
+        t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
+        told.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
+    names = list(map(str, found.index))
+    axes = [name for name in names[1 : names.index("cycles")] if name not in ("seed", "pair")]
+    return told + [written(table, name, found[name]) for name in axes]
 
 
 def gait_key(gaits: Iterable[str]) -> list[Line2D]:

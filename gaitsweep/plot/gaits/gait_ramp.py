@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -11,32 +12,41 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from gaitsweep.analysis.transitions.gait_bouts import gaits_along
+from gaitsweep.kinds.numbers import Count
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, column, rows_where, written
-from gaitsweep.plot.gaits.gait_looks import COLOURS, NAMES, ORDER
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import PlotError, axis_label, column, moved_parameter, rows_where, written
+from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.gaits.gait_looks import COLOURS, NAMES, ORDER, check_gaits
 
 _BAR = 0.36
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.run.moved is None:
+        text = "is gait_ramp, but this run moves nothing: name its run.parameter, with path and rate."
+        yield ("kind",), text
+    else:
+        yield from check_gaits(figure, table)
+
+
+@figure_kind("ramp", "trace", check=_check)
 def gait_ramp(
-    table: pd.DataFrame, *, panels: str | None = None, cycles: int = 3, title: str | None = None
+    table: pd.DataFrame,
+    *,
+    panels: Panels = None,
+    cycles: Annotated[Count, "cycles that give one reading of the gait"] = 3,
+    title: Title = None,
 ) -> Figure:
-    """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window of
-    cycles.
+    """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window.
 
     Args:
         table: a ramp, or a trace with a moving parameter, of a model with the nine gaits.
-        panels: column; each of its values has a panel.
-        cycles: number of cycles in a window.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column, or no parameter moves.
     """
-    parameter = str(table.attrs.get("job", {}).get("run", {}).get("parameter"))
-    if parameter not in table.columns or "pass" not in table.columns:
+    parameter = moved_parameter(table)
+    if parameter is None or parameter not in table.columns or "pass" not in table.columns:
         raise PlotError("The table's job moves no parameter: take a ramp, or a trace with run.parameter.")
     if panels is not None:
         column(table, panels)

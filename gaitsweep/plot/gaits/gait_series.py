@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from typing import Any
+import math
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from pydantic import Field
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.kinds.diagnostics import found as as_found
+from gaitsweep.kinds.numbers import CountOrZero, Flag, Positive, Real, Text
+from gaitsweep.kinds.trace import Trace
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, rows_where, written
-from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, shade_flights
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import column, rows_where
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, in_words, shade_flights
 
 _MOST_STRIPS = 12
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
@@ -26,16 +31,33 @@ _LEAST = 3  # least number of windows of a named gait bout
 _LETTER = 0.075  # inches; width of a letter of a gait's name
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    needed = ["pitch", *FLEXORS.values(), *CONTACTS.values(), *(f"F_{leg}" for leg in LEGS if figure.loads)]
+    if (name := table.missing(needed)) is not None:
+        yield figure.needs(table, f"the signal {name}")
+    if figure.row is not None and figure.row >= table.rows.n_rows:
+        yield ("row",), f"is {figure.row}, but the job has rows 0 to {table.rows.n_rows - 1}."
+    if figure.window is not None and not figure.window[0] < figure.window[1]:
+        yield ("window",), f"is {as_found(figure.window)}, but its begin comes before its end."
+    if figure.strip is not None and isinstance(table.run, Trace):
+        strips = table.run.duration / figure.strip
+        if strips > 10_000 or math.isinf(strips):
+            text = f"is {figure.strip:g} s, which makes {strips:.3g} strips of {table.run.duration:g} s."
+            yield ("strip",), text
+
+
+@figure_kind("trace", check=_check)
 def gait_series(
     table: pd.DataFrame,
     *,
-    row: int | None = None,
-    window: Sequence[float] | None = None,
-    strip: float | None = None,
-    loads: bool = False,
-    titles: Sequence[str] | None = None,
-    title: str | None = None,
+    row: Annotated[CountOrZero | None, "the only row to show; all if not given"] = None,
+    window: Annotated[
+        Sequence[Real] | None, Field(min_length=2, max_length=2), "begin and end of what is shown, in s"
+    ] = None,
+    strip: Annotated[Positive | None, "length of a strip, in s; gaits are then named along time"] = None,
+    loads: Annotated[Flag, "whether the loads on the feet are drawn too"] = False,
+    titles: Annotated[Sequence[Text] | None, "titles of the strips, in order"] = None,
+    title: Title = None,
 ) -> Figure:
     """The output of each flexor, footfalls and pitch over time; flight phases in grey.
 
@@ -44,12 +66,6 @@ def gait_series(
 
     Args:
         table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
-        row: the only row to show.
-        window: begin and end of the time shown, s.
-        strip: length of a strip, s; gaits are then named over time instead of in the title.
-        loads: whether to draw the loads on the feet.
-        titles: titles of the strips instead of the default ones.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.
@@ -98,18 +114,7 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
         return titles[number] if number < len(titles) else ""
     row = part["row"].iloc[0]
     found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
-    names = [
-        name for name in found.index[1 : list(found.index).index("cycles")] if name not in ("seed", "pair")
-    ]
-    told = [str(found["gait"])]
-    if "x" in part.columns:
-        told.append(f"{_speed(part):.2f} m/s")
-    return ", ".join([*told, *(written(table, str(name), found[name]) for name in names)])
-
-
-def _speed(part: pd.DataFrame) -> float:
-    t, x = part["t"].to_numpy(float), part["x"].to_numpy(float)
-    return float((x[-1] - x[0]) / (t[-1] - t[0]))
+    return ", ".join([str(found["gait"]), *in_words(table, found, part)])
 
 
 def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str) -> None:

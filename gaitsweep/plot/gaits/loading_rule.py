@@ -3,32 +3,55 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.gaits import loading_rule as rule
-from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
+from gaitsweep.analysis.gaits.gait_tables import FLEXORS
+from gaitsweep.kinds.numbers import Real, Text
+from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, THRESHOLD
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, column, rows_where, written
-from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, ORDER, gait_key
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, ORDER, check_gaits, gait_key, has_swing_onsets
 
 _ACROSS = 3
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if not has_swing_onsets(table):
+        yield from check_gaits(figure, table)
+        return
+    settled = table.missing(["late_load_LF_end"]) is None
+    traced = ["pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS)]
+    if not settled and (name := table.missing(traced)) is not None:
+        yield figure.needs(table, f"the signal {name}, or loads where rows end")
+    told = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
+    for at, name in enumerate(figure.measures or []):
+        if name not in told:
+            text = f"is {name}, which this job's table does not tell{near_miss.suggestion(name, told)}"
+            yield ("measures", at), text
+    if (figure.only is None) != (figure.value is None):
+        field, other = ("only", "value") if figure.only is None else ("value", "only")
+        yield (field,), f"is missing, but {other} is given: they go together."
+    elif figure.only in TEXT_COLUMNS:
+        yield ("only",), f"is {figure.only}, which has no numbers: take what varies."
+
+
+@figure_kind("fixed_time", "settle", "trace", check=_check)
 def loading_rule(
     table: pd.DataFrame,
     *,
-    measures: Sequence[str] | None = None,
-    only: str | None = None,
-    value: float | None = None,
-    title: str | None = None,
+    measures: Annotated[Sequence[Text] | None, "what is shown; all that the table tells"] = None,
+    only: Annotated[Column | None, "column of which one value is shown"] = None,
+    value: Annotated[Real | None, "that value"] = None,
+    title: Title = None,
 ) -> Figure:
     """A panel for each measure: delta over it, a point for each diagonal pair of each steady row.
 
@@ -37,9 +60,6 @@ def loading_rule(
 
     Args:
         table: a trace or a settle table of `planar_quadruped`.
-        measures: those of `analysis.loading_rule.MEASURES` to show; by default all that the table gives.
-        only, value: a column and its value in the rows to show; by default all rows.
-        title: text above the figure.
 
     Raises:
         PlotError: a column or a measure is not there.

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
+from gaitsweep.kinds.numbers import Positive
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, rows_where, written
-from gaitsweep.plot.gaits.gait_looks import COLOURS, footfalls
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.columns import column, rows_where
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, footfalls, in_words
 
 _TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
 
 
-@marked
-def nine_gaits(table: pd.DataFrame, *, cycles: float = 2.5, title: str | None = None) -> Figure:
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if (name := table.missing([*FLEXORS.values(), *CONTACTS.values()])) is not None:
+        yield figure.needs(table, f"the signal {name}")
+
+
+@figure_kind("trace", check=_check)
+def nine_gaits(
+    table: pd.DataFrame,
+    *,
+    cycles: Annotated[Positive, "cycles that an example shows"] = 2.5,
+    title: Title = None,
+) -> Figure:
     """A cell for each gait: which leg of each diagonal pair swings first, with the footfalls of one row.
 
     The row shown is the one of its gait with the largest margin to another gait; the cell of a gait without
@@ -27,8 +39,6 @@ def nine_gaits(table: pd.DataFrame, *, cycles: float = 2.5, title: str | None = 
 
     Args:
         table: a trace of a model with the nine gaits.
-        cycles: number of cycles shown.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.
@@ -66,15 +76,7 @@ def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: 
     samples = rows_where(samples, samples["t"] <= end)
     footfalls(axes, samples)
     axes.set_xlim(0.0, end)
-    told = []
-    if "x" in samples.columns:
-        t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
-        told.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
-    names = list(of.index)
-    for name in names[1 : names.index("cycles")]:
-        if name not in ("seed", "pair"):
-            told.append(written(table, str(name), of[name]))
-    _name(axes, gait, ", ".join(told))
+    _name(axes, gait, ", ".join(in_words(table, of, samples)))
 
 
 def _empty(axes: Axes, gait: str) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -13,21 +14,36 @@ from gaitsweep.analysis.gaits.gait_tables import gaits_in
 from gaitsweep.analysis.records import UNDECIDED
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
-from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, NAMES, ORDER, gait_key
-from gaitsweep.plot.provenance_marks import marked
+from gaitsweep.plot.figure_kind import (
+    TEXT_COLUMNS,
+    Column,
+    Observable,
+    Panels,
+    PlannedTable,
+    Refusal,
+    Title,
+    figure_kind,
+)
+from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, NAMES, ORDER, check_gaits, gait_key
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
 _SAME = 0.02  # distance below which points would hide each other, as a share of the range of speeds
 
 
-@marked
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    yield from check_gaits(figure, table)
+    if figure.y != "gait" and figure.y in TEXT_COLUMNS:
+        yield ("y",), f"is {figure.y}, which has no numbers: take gait, or what varies."
+
+
+@figure_kind("fixed_time", "settle", check=_check)
 def speed_gaits(
     table: pd.DataFrame,
     *,
-    y: str = "gait",
-    panels: str | None = None,
-    speed: str = "speed",
-    title: str | None = None,
+    y: Annotated[Column, "column whose values are bands: gait, or a parameter"] = "gait",
+    panels: Panels = None,
+    speed: Annotated[Observable, "observable along the horizontal axis"] = "speed",
+    title: Title = None,
 ) -> Figure:
     """A point for each row at its speed, in the band of its gait or of a parameter's value.
 
@@ -36,10 +52,6 @@ def speed_gaits(
     Args:
         table: a settle table of a model with the nine gaits; rows that fell are left out, and rows that had
             not settled have open markers.
-        y: `gait`, or the column whose values are bands; colour and marker then show the gait.
-        panels: column; each of its values has a panel.
-        speed: the observable on the horizontal axis.
-        title: text above the figure.
 
     Raises:
         PlotError: the table does not have a column.

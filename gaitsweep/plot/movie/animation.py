@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -15,14 +15,16 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from gaitsweep.plot import style
-from gaitsweep.plot.gaits.footfalls import Footfalls
-from gaitsweep.plot.movie.side_view import SideView, bounds
-from gaitsweep.skeleton import Skeleton
+from gaitsweep.plot.gaits.footprints import contact_intervals
+from gaitsweep.plot.movie.side_view import SideView, bounds, limb_colours
+from gaitsweep.skeleton import Limb, Skeleton
 
 _WIDE = 8.0  # inches; width of every frame, so that its text has the same relative size
 _CYCLES_SHOWN = 2.0
 _LONG = 1.6  # half of the ratio of length to height above which the poses are in two lines
 _EDGE = 0.012
+_BAR = 0.66
+_MOST_NAMES = 16  # with more limbs only some are named
 _LEFT, _RIGHT = 0.115, 0.975  # sides of the charts, as shares of the width
 _INK = "#55595F"
 _FORWARD = "forward \N{LONG RIGHTWARDS ARROW}"
@@ -63,6 +65,51 @@ class Clip:
         return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
 
 
+class Footfalls:
+    """Footfall bars of each foot over time (s), the first limb on top."""
+
+    def __init__(self, axes: Axes, limbs: Sequence[Limb], t: np.ndarray, contact: np.ndarray) -> None:
+        """Draw all bars: `contact` (n, limbs) is 1 on the ground, at the times `t` (n,) s of a trace."""
+        self._axes = axes
+        colours = limb_colours(limbs)
+        for row, colour in enumerate(colours):
+            starts, stops = contact_intervals(t, contact[:, row])
+            bars = list(zip(starts, stops - starts, strict=True))
+            axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
+        every = -(-len(limbs) // _MOST_NAMES)
+        named = range(0, len(limbs), every)
+        axes.set_yticks(list(named), [limbs[row].name for row in named])
+        for tick, row in zip(axes.get_yticklabels(), named, strict=True):
+            tick.set_color(colours[row])
+            tick.set_fontweight("bold")
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+        axes.set_ylim(len(limbs) - 0.4, -0.6)
+        axes.set_xlabel("time (s)", labelpad=1.5)
+        self._veil = axes.axvspan(0.0, 0.0, facecolor="white", linewidth=0, zorder=3)
+        self._now = axes.axvline(0.0, color="black", lw=1.1, zorder=4)
+
+    def window(self, low: float, high: float) -> None:
+        """Show the time (s) from `low` to `high` alone."""
+        self._axes.set_xlim(low, high)
+
+    def now(self, t: float) -> None:
+        """Set the current time `t` (s), and hide later footfalls."""
+        self._now.set_xdata([t, t])
+        self._veil.set_x(t)
+        self._veil.set_width(max(self._axes.get_xlim()[1] - t, 0.0))
+
+    def moments(self, times: Sequence[float]) -> None:
+        """Mark several times (s), numbered from 1, instead of one."""
+        self._now.set_visible(False)
+        for number, t in enumerate(times):
+            self._axes.axvline(t, color="black", lw=0.8, ls=(0, (4, 2)), zorder=4)
+            self._axes.annotate(
+                str(number + 1), (t, 1.0), (0, 1.5), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="center", va="bottom", fontsize=8, weight="bold",
+            )  # fmt: skip
+
+
 class Scene(Protocol):
     """A drawing of the body in axes."""
 
@@ -79,15 +126,9 @@ def side_view(axes: Axes, clip: Clip, named: bool) -> Scene:
 
 
 def frames(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Generator[np.ndarray]:
-    """The frames of a movie, one for each of the clip's times.
+    """The frames of a movie, RGB bytes (height, width, 3) for each of the clip's times, valid until the next.
 
-    Args:
-        clip: the data.
-        size: width and height, pixels.
-        scene: draws the body in its axes.
-
-    Yields:
-        RGB bytes (height, width, 3), each valid until the next.
+    `size` is the width and height in pixels; `scene` draws the body in its axes.
     """
     with _sheet(size) as (figure, canvas):
         view, chart, bar = _places(figure, clip)
@@ -116,18 +157,8 @@ def _places(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     falls = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
     bar = figure.add_axes((_LEFT, 0.13 / tall, _RIGHT - _LEFT, 0.06 / tall))
     figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
-    figure.text(
-        _EDGE, foot + chart + 0.03 / tall, "feet on the ground", va="bottom", fontsize=7.5, color=_INK
-    )
-    figure.text(
-        _RIGHT,
-        foot + chart + 0.03 / tall,
-        clip.skeleton.note,
-        ha="right",
-        va="bottom",
-        fontsize=7.5,
-        color=_INK,
-    )
+    for x, text, side in ((_EDGE, "feet on the ground", "left"), (_RIGHT, clip.skeleton.note, "right")):
+        figure.text(x, foot + chart + 0.03 / tall, text, ha=side, va="bottom", fontsize=7.5, color=_INK)
     figure.text(_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK)
     return view, falls, bar
 
@@ -158,12 +189,9 @@ def _sheet(size: tuple[int, int]) -> Iterator[tuple[Figure, FigureCanvasAgg]]:
 
 
 def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure:
-    """A strip of numbered poses, side by side, above the footfalls in which their times are marked.
+    """Numbered poses of a clip of a period or less, side by side, above the footfalls that mark their times.
 
-    Args:
-        clip: the poses, over a period or less.
-        size: width and height, pixels.
-        scene: draws a pose in its axes.
+    `size` is the width and height in pixels; `scene` draws a pose in its axes.
     """
     half, height, _ = bounds(clip.skeleton, clip.camera)
     lines = 2 if half > _LONG * height else 1

@@ -38,17 +38,13 @@ def require(path: Path, fps: float) -> None:
 
 
 def save(path: Path, frames: Iterator[np.ndarray], fps: float, colours: Sequence[str] = ()) -> None:
-    """Write a movie; the file is replaced only if all of it is written.
+    """Write RGB frames (height, width, 3) at `fps` a second; the file is replaced only if all are written.
 
-    Args:
-        path: the file, .gif or .mp4; its folder exists.
-        frames: RGB bytes (height, width, 3) of each frame.
-        fps: frames a second.
-        colours: required among the 256 colours of a GIF.
+    `colours` are kept among the 256 of a GIF.
 
     Raises:
         PlotError: as for `require`, or ffmpeg fails.
-        OSError: the file cannot be written; an older file is kept.
+        OSError: the file cannot be written.
     """
     require(path, fps)
     if path.suffix.lower() == ".gif":
@@ -112,11 +108,7 @@ def _ffmpeg() -> str:
 
 
 def _mp4(target: str, frames: Iterator[np.ndarray], fps: float) -> None:
-    """Write frames through ffmpeg.
-
-    `imageio_ffmpeg.write_frames` would hide ffmpeg's exit code and message, so that a movie that failed (full
-    disk) would replace the older one.
-    """
+    """Write frames through ffmpeg, whose exit code and message `imageio_ffmpeg.write_frames` would hide."""
     first = next(frames)
     height, width, _ = first.shape
     # yuv420p, which every player reads, has one colour for 2 x 2 pixels

@@ -19,8 +19,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.limb_colours import limb_colours
-from gaitsweep.plot.movie.side_view import bounds
+from gaitsweep.plot.movie.side_view import bounds, limb_colours
 from gaitsweep.skeleton import Skeleton
 
 BACKENDS = ("egl", "osmesa")  # OpenGL without a display; the first that works is used
@@ -47,13 +46,9 @@ class Painter:
     def __init__(
         self, body: RenderedBody, skeleton: Skeleton, camera: np.ndarray, size: tuple[int, int]
     ) -> None:
-        """Start the process and read its first frame.
+        """Start the process and read its first frame, of `size` (width, height) pixels.
 
-        Args:
-            body: the body at n samples.
-            skeleton: the same body as lines, for its size and the limbs' colours.
-            camera: the middle of each frame, (n, 2) m, forward and to the left.
-            size: width and height of a frame, pixels.
+        `skeleton` is the same body as lines, and `camera` (n, 2) m the middle of each frame.
 
         Raises:
             NoOpenGL: no OpenGL backend works.

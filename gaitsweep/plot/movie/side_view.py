@@ -3,22 +3,39 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 from scipy.spatial import ConvexHull, QhullError
 
-from gaitsweep.plot.limb_colours import limb_colours
-from gaitsweep.plot.movie.ground import Ground
-from gaitsweep.skeleton import Skeleton
+from gaitsweep.skeleton import Limb, Skeleton
 
 # The drawn offset (m) of a metre to the left: to the right and up.
 _ASIDE = np.array([0.28, 0.22])
 _BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
+_PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_FAR = 0.45  # share of white in the colour of the far limb of a pair
+_STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"
+_MARKS = 7  # approximate number of marks across the frame
+# Space above the body and below the ground, as shares of its height, with names and without.
+_NAMED, _PLAIN = (1.22, 0.24), (1.12, 0.1)
 _TURNS = 5  # turns of a spring
 _MOST_NAMES = 16
+
+
+def limb_colours(limbs: Sequence[Limb]) -> list[str]:
+    """A colour for each limb: that of its pair, lighter on the far side."""
+    found: list[str] = []
+    for limb in limbs:
+        white = _FAR if limb.far else 0.0
+        red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[limb.pair % len(_PAIRS)]))
+        found.append(to_hex((red, green, blue)))
+    return found
 
 
 def heading(skeleton: Skeleton) -> float:
@@ -57,20 +74,71 @@ def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]
     return float(np.abs(seen[:, 0]).max()), height, max(1.5 * float(np.abs(feet[..., 1]).max()), 0.3 * height)
 
 
+class Ground:
+    """A strip of ground in axes, whose limits it sets."""
+
+    def __init__(
+        self, axes: Axes, half: float, height: float, depth: float, aside: np.ndarray, *, named: bool
+    ) -> None:
+        """Draw it for a body `height` m high and 2 `half` m wide, `depth` m to both sides.
+
+        A metre to the left is drawn at the offset `aside` (2,) m; marks that are `named` show their position.
+        """
+        self._aside = aside * depth
+        self.near = -float(self._aside[1])
+        above, below = _NAMED if named else _PLAIN
+        low, high = self.near - below * height, above * height
+        box = axes.get_window_extent()
+        ratio = box.width / max(box.height, 1.0)
+        width = max(2.3 * half, (high - low) * ratio)
+        spare = max(0.0, width / ratio - (high - low))
+        self._half = 0.5 * width
+        axes.set_xlim(-self._half, self._half)
+        axes.set_ylim(low - 0.5 * spare, high + 0.5 * spare)
+        strip = Rectangle((-self._half, self.near), width, -2.0 * self.near, facecolor=_STRIP, zorder=0)
+        axes.add_patch(strip)
+        self._step = _round_step(width / _MARKS)
+        self._marks = LineCollection([], colors=_MARK, linewidths=0.9, zorder=1)
+        axes.add_collection(self._marks, autolim=False)
+        self._labels = [
+            axes.text(
+                0.0, self.near, "", color=_INK, fontsize=6.5, ha="left", va="bottom", zorder=1.2, clip_on=True
+            )
+            for _ in range(2 * _MARKS + 4 if named else 0)
+        ]
+
+    def show(self, place: float) -> None:
+        """Move the marks for a frame whose middle is at `place` (m) along the ground."""
+        reach = self._half + abs(float(self._aside[0]))
+        first, last = np.ceil((place - reach) / self._step), np.floor((place + reach) / self._step)
+        marks = np.arange(first, last + 1.0) * self._step
+        ahead = np.column_stack([marks - place, np.zeros_like(marks)])
+        self._marks.set_segments(list(np.stack([ahead - self._aside, ahead + self._aside], axis=1)))
+        digits = max(0, int(np.ceil(-np.log10(self._step) - 1e-9)))
+        for label, x in zip(self._labels, marks, strict=False):
+            label.set_position((x - place - self._aside[0] + 0.05 * self._step, self.near))
+            label.set_text(f"{x + 0.0:.{digits}f} m")
+        for label in self._labels[len(marks) :]:
+            label.set_text("")
+
+
+def _round_step(length: float) -> float:
+    """The next number from 1, 2, 5, 10, ... times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(
+        power * next(head for head in (1.0, 2.0, 5.0, 10.0) if head * power >= length * (1.0 - 1e-9))
+    )
+
+
 class SideView:
     """The drawing of one sample in axes; `show` moves it to another sample."""
 
     def __init__(
         self, axes: Axes, skeleton: Skeleton, down: np.ndarray, camera: np.ndarray, *, named: bool = True
     ) -> None:
-        """Prepare the drawing.
+        """Prepare the drawing of n samples: `down` (n, limbs) on the ground, its middle at `camera` (n, 2) m.
 
-        Args:
-            axes: the axes.
-            skeleton: the body over n samples.
-            down: whether each limb is on the ground, (n, limbs).
-            camera: the middle of the drawing, (n, 2) m, forward and to the left.
-            named: whether limbs and marks on the ground are named.
+        Limbs and marks on the ground are `named` or not.
         """
         self._axes, self._skeleton, self._down, self._camera = axes, skeleton, down, camera
         self._colours = limb_colours(skeleton.limbs)

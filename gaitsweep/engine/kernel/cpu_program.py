@@ -14,7 +14,7 @@ from typing import Any
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.emit import loaded, statements, stored
+from gaitsweep.engine.kernel.python_source import loaded, statements, stored
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
@@ -36,11 +36,7 @@ def compiled(chunk: Chunk, title: str) -> Callable[[Any, Any, int], None]:
 
 
 def _prefer_wide_vectors() -> None:
-    """Let LLVM use the widest vectors of the processor, unless the user has chosen its features.
-
-    LLVM avoids the widest vectors by default, since they may lower the clock; these kernels run faster
-    with them.
-    """
+    """Let LLVM use the processor's widest vectors, which it avoids by itself; these kernels are faster so."""
     if "numba" in sys.modules:  # Numba has read its settings already
         return
     import llvmlite.binding as llvm

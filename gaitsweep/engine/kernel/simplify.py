@@ -33,16 +33,11 @@ def simplified(program: Program, op: str, args: tuple[int, ...]) -> int | None:
     return _through_select(program, op, args) if OPERATIONS[op].kind == "bool" else None
 
 
-def _is(program: Program, at: int, value: float) -> bool:
-    found = program.value(at)
-    return found is not None and found == value
-
-
 def _add(program: Program, args: tuple[int, ...]) -> int | None:
     a, b = args
-    if _is(program, a, 0.0):
+    if program.value(a) == 0.0:
         return b
-    if _is(program, b, 0.0):
+    if program.value(b) == 0.0:
         return a
     for x, y in ((a, b), (b, a)):
         if program.nodes[y].op == "neg":
@@ -52,9 +47,9 @@ def _add(program: Program, args: tuple[int, ...]) -> int | None:
 
 def _sub(program: Program, args: tuple[int, ...]) -> int | None:
     a, b = args
-    if _is(program, b, 0.0):
+    if program.value(b) == 0.0:
         return a
-    if _is(program, a, 0.0):
+    if program.value(a) == 0.0:
         return program.apply("neg", b)
     if program.nodes[b].op == "neg":
         return program.apply("add", a, program.nodes[b].args[0])
@@ -63,11 +58,11 @@ def _sub(program: Program, args: tuple[int, ...]) -> int | None:
 
 def _mul(program: Program, args: tuple[int, ...]) -> int | None:
     for x, y in (args, args[::-1]):
-        if _is(program, x, 0.0):
+        if program.value(x) == 0.0:
             return program.constant(0.0, program.nodes[y].kind)
-        if _is(program, x, 1.0):
+        if program.value(x) == 1.0:
             return y
-        if _is(program, x, -1.0):
+        if program.value(x) == -1.0:
             return program.apply("neg", y)
         if program.nodes[x].op == "neg":
             return program.apply("neg", program.apply("mul", program.nodes[x].args[0], y))
@@ -78,9 +73,9 @@ def _div(program: Program, args: tuple[int, ...]) -> int | None:
     a, b = args
     if program.nodes[a].kind == "int":
         return None
-    if _is(program, b, 1.0):
+    if program.value(b) == 1.0:
         return a
-    if _is(program, a, 0.0) and program.value(b) is None:
+    if program.value(a) == 0.0 and program.value(b) is None:
         return a
     if program.nodes[a].op == "neg":
         return program.apply("neg", program.apply("div", program.nodes[a].args[0], b))

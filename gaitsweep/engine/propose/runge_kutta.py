@@ -1,4 +1,4 @@
-"""The Runge-Kutta pair of Tsitouras of orders 5 and 4, for every flow, with step control.
+"""Runge-Kutta methods, for every flow: the classic one, and the pair of Tsitouras with step control.
 
 Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption,
 Comput. Math. Appl. 62 (2011) 770-775.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import jax
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
-from gaitsweep.engine.propose.method import Estimate, move
+from gaitsweep.engine.propose.method import Estimate, Propose, move
 
 # a_ij, one row for each stage after the first; the last row has the weights of the solution of order 5.
 STAGES: tuple[tuple[float, ...], ...] = (
@@ -37,6 +37,20 @@ DIFFERENCE = (
     -0.45808210592918697,
     1.0 / 66.0,
 )
+
+
+def rk4(model: HybridModel) -> Propose:
+    """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.7."""
+
+    def propose(params: Params, state: State, h: jax.Array) -> State:
+        k1 = model.flow(params, state)
+        k2 = model.flow(params, move(state, k1, 0.5 * h))
+        k3 = model.flow(params, move(state, k2, 0.5 * h))
+        k4 = model.flow(params, move(state, k3, h))
+        sixfold = {name: k1[name] + 2.0 * (k2[name] + k3[name]) + k4[name] for name in k1}
+        return move(state, sixfold, h * (1.0 / 6.0))
+
+    return propose
 
 
 def tsit5(model: HybridModel) -> Estimate:

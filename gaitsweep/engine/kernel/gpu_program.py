@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.emit import loaded, statements, stored
 from gaitsweep.engine.kernel.llvm_code import KINDS
+from gaitsweep.engine.kernel.python_source import loaded, statements, stored
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Registers of a thread: the maximum. With fewer, more threads run at once, but spilled registers cost more.

@@ -94,12 +94,7 @@ def row_steps(plan: Plan, run: RunKind, numerics: Numerics) -> RowSteps:
     most = MOST_RECOMMENDED if numerics.dt is None else MOST_SETS
     most = FEW_SETS if model.host_parameters else most
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
-    rows = np.zeros_like(sets)
-    rest = sets
-    for place in reversed(spans):
-        length = plan.groups[place].length
-        rows += rest % length * plan.stride(place)
-        rest = rest // length
+    rows = plan.rows_over(sets, spans)
     parts = [_steps(plan, run, numerics, rows[i : i + _CHUNK]) for i in range(0, rows.size, _CHUNK)]
     dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
     return RowSteps(rows, plan.n_rows / count, dt, longest, count > most)
