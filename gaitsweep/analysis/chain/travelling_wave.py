@@ -15,10 +15,9 @@ import pandas as pd
 
 from gaitsweep.analysis.chain.chain_of_table import chains_of, parameters_of
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.models.multilegged.theory.chain import Chain
+from gaitsweep.models.multilegged.theory.chain import Chain, wave_speed, wavelength
 from gaitsweep.models.multilegged.theory.gaits import GAITS, distances, gait_of
 from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches
-from gaitsweep.models.multilegged.theory.waves import wave_speed, wavelength
 
 PASSED = np.pi  # rad, the phase whose passage is timed: in stance, and far from the phase reset
 

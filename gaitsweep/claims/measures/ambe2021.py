@@ -32,8 +32,14 @@ from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
 from gaitsweep.expression import evaluate
 from gaitsweep.models.multilegged.model import PARAMETERS, Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
-from gaitsweep.models.multilegged.theory import conserved
-from gaitsweep.models.multilegged.theory.chain import Chain, lag, touchdown_phase
+from gaitsweep.models.multilegged.theory.chain import (
+    Chain,
+    end_resets,
+    lag,
+    touchdown_phase,
+    wave_speed,
+    wavelength,
+)
 from gaitsweep.models.multilegged.theory.gaits import GAITS as LABELS
 from gaitsweep.models.multilegged.theory.gaits import gait_of
 from gaitsweep.models.multilegged.theory.obstacle import obstacle_problem
@@ -48,7 +54,6 @@ from gaitsweep.models.multilegged.theory.solution_sets import (
     solution,
 )
 from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, multipliers
-from gaitsweep.models.multilegged.theory.waves import wave_speed, wavelength
 
 _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle, where two legs of A coincide
 
@@ -701,8 +706,8 @@ def wave_numbers(*, which: str, beta: float = 0.8) -> float:
 @measure
 def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
     """Touchdown phase of the first or the last leg with its neighbour in stance (rad)."""
-    head, tail = conserved.end_touchdowns(Chain(m_1=m_1, m_end=m_end))
-    return float(head if end == "head" else tail)
+    head, tail = end_resets(Chain(m_1=m_1, m_end=m_end))
+    return float(2 * np.pi - (head if end == "head" else tail))
 
 
 @measure

@@ -1,4 +1,4 @@
-"""The sets S_1 to S_8: the neighbours that are reset between the touchdowns of leg k and of a leg (Table 2)."""
+"""The sets S_1 to S_8: the neighbours that are reset between the touchdowns of leg k and of a leg."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gaitsweep.models.multilegged.theory.chain import Chain, touchdown_phase
+from gaitsweep.models.multilegged.theory.chain import TABLE_1, Chain, touchdown_phase
 from gaitsweep.models.multilegged.theory.order import touchdown_order
 from gaitsweep.models.multilegged.theory.section import phases_on_section
 from gaitsweep.models.multilegged.theory.solution_sets import Branch, places, rule_of
@@ -33,7 +33,7 @@ class ResetSet(NamedTuple):
 
 
 def reset_sets(
-    N: int, branch: Branch, s: float, chain: Chain | None = None, section: int | None = None
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
 ) -> tuple[ResetSet, ...]:
     """The set of each leg, 1 .. N+1, at the free phase s.
 
@@ -55,7 +55,7 @@ def reset_sets(
     return tuple(sets)
 
 
-def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain | None = None) -> np.ndarray:
+def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> np.ndarray:
     """The left side minus the right side of eq. (14) for each leg of a solution, m, shape (N+1,).
 
     The neighbours' phases are those that psi on section k gives with the resets of each leg's set S.
@@ -65,7 +65,6 @@ def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain | None = 
 
     Source: eqs. (3), (13), (14).
     """
-    chain = Chain() if chain is None else chain
     circle = float(touchdown_phase(chain))
     theta = places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
