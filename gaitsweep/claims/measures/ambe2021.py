@@ -28,7 +28,7 @@ from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import MeasureError
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import ReturnMap, return_map
+from gaitsweep.engine.poincare.return_map import ReturnMap
 from gaitsweep.expression import evaluate
 from gaitsweep.models.multilegged.model import PARAMETERS, Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
@@ -552,7 +552,7 @@ def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
 
 def _reduced_map(N: int, psi: np.ndarray) -> tuple[ReturnMap, Points]:
     """The simulated return map of the reduced chain, and its points at psi (n, N) on section 1."""
-    mapping = return_map(MultileggedReduced(N=N), numerics=Numerics(method="propagator"))
+    mapping = ReturnMap(MultileggedReduced(N=N), numerics=Numerics(method="propagator"))
     points, _ = mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, {}, 0)
     return mapping, points
 

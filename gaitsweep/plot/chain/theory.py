@@ -111,7 +111,7 @@ def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> F
             for beside, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
                 ends = np.array([phi[:, beside].min(), phi[:, beside].max()])
                 if np.ptp(ends) > 1e-6:
-                    along = np.linspace(*ends, 200)
+                    along = np.linspace(ends[0], ends[1], 200)
                     axes.plot(
                         along, _length(along, chain), color=colour, lw=5, alpha=0.55, solid_capstyle="butt"
                     )

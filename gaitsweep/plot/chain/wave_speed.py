@@ -53,7 +53,8 @@ def wave_speed(
         found = waves(table)
     except AnalysisError as error:
         raise PlotError(str(error)) from error
-    found[x] = found["row"].map(table.groupby("row")[x].first())
+    given = {row: np.asarray(part[x])[0] for row, part in table.groupby("row")}
+    found[x] = [given[row] for row in found["row"]]
     theory = found.sort_values(by=x).drop_duplicates(x)
     names = [gait for gait in style.COLOURS if gait in set(found["gait"])]
     colour, marker = style.colours(names), style.markers(names)
