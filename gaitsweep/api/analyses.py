@@ -15,13 +15,13 @@ from gaitsweep.analysis.gaits.loading_rule import loading_rule
 from gaitsweep.analysis.gaits.repertoire import repertoire
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.analysis.transitions.hysteresis import (
+from gaitsweep.analysis.transitions.return_map import fixed_points
+from gaitsweep.analysis.transitions.transition_points import (
     LEAST,
     loop_area,
     transition_points,
     transition_points_by_gait,
 )
-from gaitsweep.analysis.transitions.return_map import fixed_points
 
 __all__ = [
     "Hysteresis",

@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.api.run_kinds import ReturnMap
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import ReturnMap as map_of
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -52,7 +52,7 @@ class PoincareMap:
         settings |= {name: plan.derived[name] for name in moving if name in plan.derived}
         settings |= {name: 0.0 for name in moving if name not in plan.derived}
         self.model = plan.model
-        self.mapping = map_of(
+        self.mapping = BatchedReturnMap(
             plan.model,
             tuple(settings.items()),
             numerics=job.integration,

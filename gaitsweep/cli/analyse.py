@@ -123,7 +123,7 @@ def attractors(directory: Directory) -> None:
 @app.command()
 def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
     """Print where a ramp or staircase jumps between branches, and the areas of its hysteresis loops."""
-    from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points
+    from gaitsweep.analysis.transitions.transition_points import loop_area, transition_points
     from gaitsweep.table import load
 
     table = load(directory)
@@ -138,7 +138,7 @@ def gait_transitions(
     start: Annotated[str, typer.Option("--start", metavar="NAME", help="The start that selects the branch.")],
 ) -> None:
     """Print where each gait is lost, from settled rows at many values of a parameter."""
-    from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
+    from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
     from gaitsweep.table import load
 
     _print(transition_points_by_gait(load(directory), parameter, start))

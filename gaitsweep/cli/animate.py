@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import sys
 import time
@@ -47,7 +46,7 @@ def animate(
     ] = None,
 ) -> None:
     """Show one row of a trace walking: a movie, or a strip of poses."""
-    from gaitsweep.cli.progress import ProgressBar
+    from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
     from gaitsweep.runs import movie
 
@@ -63,14 +62,13 @@ def animate(
             movie.write_still(directory, out, row=row, at=still, size=pixels, renderer=renderer, tell=_tell)
         )
         return
-    bar = ProgressBar(unit="pictures") if sys.stderr.isatty() else None
+    shown = shown_progress("pictures")
     began = time.monotonic()
 
     def progress(done: int, total: int) -> None:
-        if bar is not None:
-            bar(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
+        shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
 
-    with bar or contextlib.nullcontext():
+    with shown:
         path = movie.write_movie(
             directory,
             out,

@@ -100,18 +100,16 @@ def run(
 @contextlib.contextmanager
 def _shown_progress() -> Iterator[Progress]:
     """How a run's progress is shown, and its stop by Ctrl-C obeyed, while it is under way."""
-    from gaitsweep.cli.progress import ProgressBar
+    from gaitsweep.cli.progress import shown_progress
     from gaitsweep.cli.stop import StopRequest
 
-    bar = ProgressBar() if sys.stderr.isatty() else None
-    asked = StopRequest()
+    shown, asked = shown_progress(), StopRequest()
 
     def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
         asked.obey()
-        if bar is not None:
-            bar(done, total, rate, fraction, note)
+        shown(done, total, rate, fraction, note)
 
-    with asked, bar or contextlib.nullcontext():
+    with asked, shown:
         yield progress
 
 

@@ -1,13 +1,17 @@
-"""The progress of a run on a terminal: a bar, the rate and the time left."""
+"""The progress of a run: a bar on a terminal, a line every half minute elsewhere, with the time left."""
 
 from __future__ import annotations
 
+import sys
+import time
 from types import TracebackType
+from typing import TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 _WHOLE = 1_000_000  # steps of the bar
+INTERVAL = 30.0  # s between two lines
 
 
 class ProgressBar:
@@ -48,3 +52,49 @@ class ProgressBar:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._progress.stop()
+
+
+class ProgressLines:
+    """A context manager that prints a line of progress now and then, for logs and notebooks.
+
+    The rate and the time left are those since its first call: what an earlier run did is not counted.
+
+    Args:
+        unit: what is counted.
+        file: where the lines go, standard error by default.
+        interval: least time between two lines, s; the first comes after it.
+    """
+
+    def __init__(self, unit: str = "rows", file: TextIO | None = None, interval: float = INTERVAL) -> None:
+        self._unit, self._file, self._interval = unit, file, interval
+        self._last = time.monotonic()
+        self._begun: tuple[float, float] | None = None  # when, and the share done then
+
+    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        """Print a line if it is time; the arguments are those of `ProgressBar`."""
+        now = time.monotonic()
+        if self._begun is None or fraction < self._begun[1]:  # the next of several runs
+            self._begun = now, fraction
+        if now - self._last < self._interval:
+            return
+        self._last = now
+        begun, share = self._begun
+        parts = [f"{done}/{total} {self._unit}", f"{100 * fraction:.0f} %"]
+        if rate > 0:
+            parts.append(f"{rate:.3g} {self._unit}/s")
+        if share < fraction < 1:
+            parts.append(f"{(now - begun) * (1 - fraction) / (fraction - share):.0f} s left")
+        print(", ".join([*parts, note] if note else parts), file=self._file or sys.stderr, flush=True)
+
+    def __enter__(self) -> ProgressLines:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+
+def shown_progress(unit: str = "rows") -> ProgressBar | ProgressLines:
+    """The bar on a terminal, lines elsewhere."""
+    return ProgressBar(unit=unit) if sys.stderr.isatty() else ProgressLines(unit)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import Numerics as EngineNumerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.kinds.numbers import Count, LaneCount, Positive, checked, read_real, word
 from gaitsweep.kinds.part import Part
 from gaitsweep.table import former_names
@@ -19,7 +19,7 @@ def _step(value: Any) -> float | str:
     return "auto" if value == "auto" else read_real(value, low=0.0, open_ends=True)
 
 
-class Numerics(Part):
+class NumericsSpec(Part):
     """How a trajectory is integrated; what is left out is what the model recommends."""
 
     method: Annotated[
@@ -55,10 +55,10 @@ class Numerics(Part):
     )
     event_tolerance: Positive = Field(default=1e-12, description="error of an event's time, in s")
 
-    def engine(self, model: Model) -> EngineNumerics:
+    def engine(self, model: Model) -> Numerics:
         """The engine's numerics for a model, the method and the tolerances resolved."""
         fields = self.model_dump()
-        return EngineNumerics(**{**fields, "dt": None if self.dt == "auto" else self.dt}).of(model)
+        return Numerics(**{**fields, "dt": None if self.dt == "auto" else self.dt}).of(model)
 
 
 class EngineChoice(Part):

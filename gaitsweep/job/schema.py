@@ -20,9 +20,9 @@ from pydantic import (
 )
 
 from gaitsweep.effort import Effort
-from gaitsweep.engine.numerics import Numerics as EngineNumerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.job.job_hash import job_hash
-from gaitsweep.job.numerics import EngineChoice, Numerics
+from gaitsweep.job.numerics import EngineChoice, NumericsSpec
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import read_job
 from gaitsweep.job.vary import vary_schema
@@ -74,8 +74,8 @@ class Job(Part):
     run: Annotated[RunKind, OneOf(RUN_KINDS)] = Field(
         description=f"what is done with each row (kind: {_KINDS[0]} or {_KINDS[1]})"
     )
-    numerics: Annotated[Numerics, _NUMERICS] = Field(
-        default_factory=Numerics,
+    numerics: Annotated[NumericsSpec, _NUMERICS] = Field(
+        default_factory=NumericsSpec,
         description="how trajectories are integrated; left out, or auto, as the model recommends",
     )
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
@@ -107,7 +107,7 @@ class Job(Part):
         return self._plan
 
     @property
-    def integration(self) -> EngineNumerics:
+    def integration(self) -> Numerics:
         """The engine's numerics, what the job leaves open taken from its model."""
         return self.numerics.engine(self._plan.model)
 
@@ -172,7 +172,7 @@ def _owners() -> dict[str, Owner]:
     figures = {
         f"figures.{kind}": Owner(f"a figure ({kind})", part, "figures") for kind, part in FIGURES.items()
     }
-    others = {"": Owner("a job", Job), "numerics": Owner("numerics", Numerics)}
+    others = {"": Owner("a job", Job), "numerics": Owner("numerics", NumericsSpec)}
     return {**others, **runs, "engine": Owner("engine", EngineChoice), **figures}
 
 

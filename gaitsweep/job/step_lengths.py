@@ -19,7 +19,7 @@ from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, reco
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
-from gaitsweep.job.numerics import Numerics as NumericsPart
+from gaitsweep.job.numerics import NumericsSpec
 from gaitsweep.job.plan import Plan
 from gaitsweep.kinds import RunKind
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
@@ -36,7 +36,7 @@ _CHUNK = 65_536
 _ROUNDING = 1.0 + 1e-9
 
 
-def check_numerics(model: Model, numerics: NumericsPart) -> list[Diagnostic]:
+def check_numerics(model: Model, numerics: NumericsSpec) -> list[Diagnostic]:
     """Diagnostics about numerics that do not suit a model, whatever its parameters."""
     diagnostics = []
     resolved = numerics.engine(model)

@@ -172,7 +172,7 @@ class Continuation(RunKind):
         mapping, values, starts = self._map(rows, sample, numerics, engine)
         values = {**values, self.parameter: self.path[0]}
 
-        def found(one: return_map.ReturnMap) -> StartingPoints:
+        def found(one: return_map.BatchedReturnMap) -> StartingPoints:
             points, _ = one.settled(starts, values, self.settle)
             fixed = newton(one, points, values, fix=self.fix)
             seen = [fixed.images.observed[q.name] for q in rows.model.observables]
@@ -182,17 +182,20 @@ class Continuation(RunKind):
 
     def _map(
         self, rows: Rows, numbers: np.ndarray, numerics: Numerics, engine: str
-    ) -> tuple[return_map.ReturnMap, Values, Values]:
+    ) -> tuple[return_map.BatchedReturnMap, Values, Values]:
         """The return map of rows (n,), their parameters but for the one that moves, and their starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(self.parameter)
-        mapping = return_map.ReturnMap(rows.model, tuple(following.items()), numerics, engine)
+        mapping = return_map.BatchedReturnMap(rows.model, tuple(following.items()), numerics, engine)
         away = {*following, self.parameter}
         return mapping, {name: each for name, each in parameters.items() if name not in away}, starts
 
 
 def _gaits(
-    mapping: return_map.ReturnMap, values: dict[str, np.ndarray], table: pd.DataFrame, found: np.ndarray
+    mapping: return_map.BatchedReturnMap,
+    values: dict[str, np.ndarray],
+    table: pd.DataFrame,
+    found: np.ndarray,
 ) -> pd.Categorical:
     """The gait of each record; it is not read where there is no fixed point."""
     model = mapping.model

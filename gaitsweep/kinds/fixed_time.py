@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.recorders.fixed_time import FixedTime as Recorder
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.numbers import Positive
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
@@ -22,8 +22,8 @@ class FixedTime(RunKind):
     kind: Literal["fixed_time"] = Field(description="fixed_time: a given time, each row read where it ends")
     duration: Positive = Field(description="simulated time, in s")
 
-    def recorder(self, model: Model) -> Recorder:
-        return Recorder(model, self.duration)
+    def recorder(self, model: Model) -> FixedTimeRecorder:
+        return FixedTimeRecorder(model, self.duration)
 
     def columns(self, model: Model) -> list[Column]:
         return [

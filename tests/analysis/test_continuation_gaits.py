@@ -14,7 +14,7 @@ from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import load_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.plot.branches.stable_ranges import stable_ranges as draw
@@ -127,8 +127,8 @@ def test_pieces_of_branches() -> None:
 
 
 @pytest.fixture(scope="module")
-def quadruped() -> ReturnMap:
-    return ReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
+def quadruped() -> BatchedReturnMap:
+    return BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
 
 
 @pytest.mark.slow
@@ -143,7 +143,7 @@ def quadruped() -> ReturnMap:
     ids=["trot, f rising", "walk, f falling", "trot, beta rising", "walk, beta falling"],
 )
 def test_gaits_of_the_quadruped_are_lost_where_holds_lose_them(
-    quadruped: ReturnMap,
+    quadruped: BatchedReturnMap,
     parameter: str,
     fixed: dict[str, float],
     begin: float,

@@ -17,7 +17,7 @@ from gaitsweep.analysis.edges.edge_tracking import EdgeLimits, EdgeOutcome
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import locked_state
@@ -186,7 +186,7 @@ def test_a_model_on_its_section() -> None:
     theta_2 stays as it is, so each pair with one theta_2 has its own edge state. A pair on the cliff falls.
     Both mappers: the two attractors themselves, and the model's label after 25 cycles.
     """
-    mapping = ReturnMap(Landscape(), (("cliff", 0.9),), numerics=Numerics(dt=0.02))
+    mapping = BatchedReturnMap(Landscape(), (("cliff", 0.9),), numerics=Numerics(dt=0.02))
     theta_2 = np.array([1.0, 2.5, 4.0, 0.1])
     c = np.asarray(curve({"shift": jnp.zeros(()), "bend": 0.7 * jnp.ones(())}, jnp.asarray(theta_2)))
     u1, _ = mapping.settled({"theta_1": c + 0.3, "theta_2": theta_2}, {}, 0)
@@ -228,12 +228,12 @@ def test_what_is_refused() -> None:
     apart = np.array([[[1.0, 0.8], [-1.0, 0.8]]] * 2)
     for mapper in (
         ProximityMapper(SADDLE, apart),
-        LabelMapper(ReturnMap(Landscape()), {"rate": [1.0, 2.0]}, after=0),
+        LabelMapper(BatchedReturnMap(Landscape()), {"rate": [1.0, 2.0]}, after=0),
     ):
         with pytest.raises(ValueError, match="for 2 pairs, but there are more"):
             mapper(SADDLE.images(SADDLE.points([[1.0, 0.0]] * 3), {}), np.arange(3), 1)
     with pytest.raises(ValueError, match="did you mean near"):
-        LabelMapper(ReturnMap(Landscape()), {}, after=5, only=["neer"])
+        LabelMapper(BatchedReturnMap(Landscape()), {}, after=5, only=["neer"])
 
 
 @pytest.mark.slow
@@ -244,7 +244,7 @@ def test_the_locked_state_of_the_reduced_chain_lies_on_an_edge() -> None:
     two come apart at once, however near they are, and what is found is no fixed point; but within
     psi_2 = 0 all of it comes to the locked state, where legs 1 and 4 are reset by m b (eq. 31).
     """
-    mapping = ReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
+    mapping = BatchedReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
     starts = {"psi_1": [4.9, 5.4, 5.2, 5.0], "psi_2": [0.3, 0.2, -0.3, -0.6], "psi_3": [1.0, 0.7, 1.2, 1.1]}
     points, _ = mapping.settled({name: np.array(each) for name, each in starts.items()}, {}, 2)
 

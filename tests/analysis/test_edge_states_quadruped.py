@@ -10,7 +10,7 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.edges.edge_states import EdgeLimits, edge_states
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 
 
@@ -22,7 +22,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
     .0004 and .005 rad. So the line from trot to walk meets a third basin there, and the edges of the four
     basins are the three fixed points of docs/return_maps.md: 2.586, 2.590 and 2.637 rad.
     """
-    mapping = ReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
+    mapping = BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
     f = np.array([2.4, 2.5, 2.6, 2.7, 2.8])
     begun = np.concatenate([np.full(5, 2.83), np.full(5, 2.38), [2.6, 2.594]])
     points, way = mapping.settled({"delta_13": begun}, {"f": np.concatenate([f, f, [2.6, 2.6]])}, 80)
@@ -81,7 +81,7 @@ def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
     The unstable fixed points beside them, 2.5859, 2.5897 and 2.6370 rad, would let them go within 100 cycles
     of multiplier 1.07 from anywhere but the last thousandth of the way. Half the step gives the same ranges.
     """
-    mapping = ReturnMap(WaistQuadruped(), numerics=Numerics(dt=dt))
+    mapping = BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=dt))
     points, way = mapping.settled({"delta_13": np.array([2.6, 2.594])}, {"f": 2.6}, 80)
     assert np.all(way == ReturnStatus.crossed)
     course = []

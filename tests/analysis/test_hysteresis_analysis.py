@@ -8,7 +8,7 @@ import pytest
 from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, settle_table, staircase_table
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.hysteresis import (
+from gaitsweep.analysis.transitions.transition_points import (
     jumps,
     largest_jumps,
     loop_area,

@@ -11,7 +11,7 @@ from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import BATCH_SIZES
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.models.multilegged.model import Multilegged
 
 
@@ -122,7 +122,7 @@ def test_gaits_of_the_chain_at_fixed_E() -> None:
     On the model's page they are simulated: 1.1301 0.9842 1.4960, 3.959 5.300 5.291, 1.130 1.102 5.282, to
     the digits given; Newton stays within .005 of them since E is held where it was after three cycles.
     """
-    mapping = ReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
+    mapping = BatchedReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
     starts = {"psi_1": [1.13, 3.97, 1.13], "psi_2": [0.98, 5.29, 1.10], "psi_3": [1.50, 5.29, 5.28]}
     points, _ = mapping.settled({k: np.array(v) for k, v in starts.items()}, {}, 3)
     found = newton(mapping, points, {}, fix=["E"])

@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 from gaitsweep.cli import main
-from gaitsweep.cli.progress import ProgressBar
+from gaitsweep.cli.progress import ProgressBar, ProgressLines
 from gaitsweep.cli.show import duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
@@ -277,6 +277,21 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
     shown = screen.getvalue()
     for piece in ("2000/10000 rows", "compiling", "2500/10000 rows", "26%", "123 rows/s", "2.4 M attempts/s"):
         assert piece in shown
+
+
+def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, log = iter([0.0, 1.0, 21.0, 31.0, 41.0, 71.0, 72.0, 105.0]), io.StringIO()
+    monkeypatch.setattr("gaitsweep.cli.progress.time.monotonic", lambda: next(clock))
+    with ProgressLines(file=log) as lines:
+        for done in (2000, 3000, 3500, 4000, 5500):
+            lines(done, 10000, 50.0, done / 10000, "2.4 M attempts/s")
+        lines(1, 10, 0.0, 0.1, "")  # the next run of the same command
+        lines(7, 10, 0.0, 0.7, "")
+    assert log.getvalue().splitlines() == [
+        "3500/10000 rows, 35 %, 50 rows/s, 130 s left, 2.4 M attempts/s",
+        "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 M attempts/s",
+        "7/10 rows, 70 %, 17 s left",
+    ]
 
 
 def test_check_has_a_line_for_each_job(job_file: Path, capsys: Capture) -> None:

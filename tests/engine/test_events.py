@@ -25,7 +25,7 @@ from gaitsweep.contract import HybridModel, Status
 from gaitsweep.dynamics.plane_section import Plane
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTime
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.recorder import _packed, unpacked
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
@@ -130,7 +130,7 @@ def test_a_flow_without_guards_runs(engine: str) -> None:
     t, x, v = traced.samples.T
     np.testing.assert_allclose(x, np.cos(2.0 * t), rtol=0, atol=1e-10)
     np.testing.assert_allclose(v, -2.0 * np.sin(2.0 * t), rtol=0, atol=1e-10)
-    held = run_rows(model, FixedTime(model, 3.0), {"x_0": 1.0}, **options)
+    held = run_rows(model, FixedTimeRecorder(model, 3.0), {"x_0": 1.0}, **options)
     assert (Status(held.status[0]).name, held.cycles[0], held.t_end[0]) == ("complete", 0, 3.0)
     # there is no section to settle on: the row comes to its limit of time
     never = run_rows(model, SettleRecorder(model, 5), {"x_0": 1.0}, **options)

@@ -195,9 +195,9 @@ def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, senten
 
 
 def _params(model: Multilegged, given: dict[str, float]) -> Any:
-    from gaitsweep.engine.poincare.return_map import ReturnMap
+    from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 
-    return ReturnMap(model, tuple(given.items())).params({})
+    return BatchedReturnMap(model, tuple(given.items())).params({})
 
 
 def _eigenvalues(p: Any) -> np.ndarray:

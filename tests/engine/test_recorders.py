@@ -10,7 +10,7 @@ from toy_model import Toy, bounce_times, launches
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTime
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
 
@@ -46,7 +46,7 @@ def test_trace_counts_from_the_crossing_that_it_waits_for() -> None:
 def test_a_hold_ends_on_time_at_its_last_crossing() -> None:
     launch, duration = 1.3, 7.0
     result = run_rows(
-        Toy(), FixedTime(Toy(), duration), {"launch_1": [launch, 0.9]}, numerics=Numerics(dt=1e-3)
+        Toy(), FixedTimeRecorder(Toy(), duration), {"launch_1": [launch, 0.9]}, numerics=Numerics(dt=1e-3)
     )
     assert np.all(result.status == Status.complete)
     np.testing.assert_allclose(result.t_end, duration, rtol=0, atol=1e-12)

@@ -17,7 +17,7 @@ from gaitsweep.dynamics.tree.spatial import quaternion_product
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
 from gaitsweep.models.waist_quadruped import WaistQuadruped
@@ -30,7 +30,7 @@ GAITS = {
 }
 
 
-def differences(mapping: ReturnMap, points: Points, values: dict, step: float) -> np.ndarray:
+def differences(mapping: BatchedReturnMap, points: Points, values: dict, step: float) -> np.ndarray:
     """Central differences of the map at each of n points, (n, size, size)."""
     size = points.at.shape[1]
     found = np.zeros((len(points), size, size))
@@ -51,12 +51,12 @@ def off(jacobian: np.ndarray, expected: np.ndarray) -> float:
 
 
 @pytest.fixture(scope="module")
-def chain() -> ReturnMap:
-    return ReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
+def chain() -> BatchedReturnMap:
+    return BatchedReturnMap(Multilegged(), numerics=Numerics(dt=32e-3, method="propagator6"))
 
 
 @pytest.fixture(scope="module")
-def settled(chain: ReturnMap) -> Points:
+def settled(chain: BatchedReturnMap) -> Points:
     points, way = chain.settled(GAITS, {}, 60)
     assert np.all(way == ReturnStatus.crossed)
     return points
@@ -71,7 +71,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     -23 % of the entry, for example.
     """
     model, w, d, r, kick = Toy(2), 2.0, 0.5, 0.5, 0.5
-    mapping = ReturnMap(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
+    mapping = BatchedReturnMap(model, numerics=Numerics(dt=1e-3, method="rk4"), engine=engine)
     names = [quantity.name for quantity in mapping.coordinates]
     assert names == [f"{part}_{i}" for part in ("height", "speed", "launch") for i in (1, 2)]
     starts, way = mapping.settled({"launch_1": 0.8, "launch_2": 2.0}, {}, 0)
@@ -94,7 +94,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
 
 def test_fixed_point_of_a_bouncing_mass() -> None:
     """u* = kick/(1 - r), multiplier r, and zeros for what the landing forgets."""
-    mapping = ReturnMap(Toy(), numerics=Numerics(dt=1e-3))
+    mapping = BatchedReturnMap(Toy(), numerics=Numerics(dt=1e-3))
     starts, _ = mapping.settled({"launch_1": np.array([0.3, 2.0])}, {}, 1)
     found = newton(mapping, starts, {"restitution": np.array([0.5, 0.8])})
     assert found.converged.all()
@@ -149,7 +149,7 @@ def test_engines_agree() -> None:
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-11)
 
 
-def test_jacobian_of_the_chain(chain: ReturnMap, settled: Points) -> None:
+def test_jacobian_of_the_chain(chain: BatchedReturnMap, settled: Points) -> None:
     """15 x 15 at the fixed points of all three gaits: differentiation against central differences, 1e-6."""
     assert len(chain.coordinates) == 15
     found = chain.linearised(settled, {}, "m_B")
@@ -160,7 +160,7 @@ def test_jacobian_of_the_chain(chain: ReturnMap, settled: Points) -> None:
     np.testing.assert_allclose(found.d_parameter, chain.difference(*ends) / (2.0 * step), rtol=0, atol=2e-6)
 
 
-def test_images_without_derivatives_are_the_same(chain: ReturnMap, settled: Points) -> None:
+def test_images_without_derivatives_are_the_same(chain: BatchedReturnMap, settled: Points) -> None:
     """Through a kernel of their own, in any number; how they were filled up does not matter."""
     found, images = chain.linearised(settled, {}), chain.images(settled, {})
     np.testing.assert_allclose(images.points.at, found.points.at, rtol=0, atol=1e-12)
@@ -170,7 +170,7 @@ def test_images_without_derivatives_are_the_same(chain: ReturnMap, settled: Poin
     np.testing.assert_array_equal(one.points.at[0], images.points.at[1])
 
 
-def test_place_and_read_are_each_others_inverse(chain: ReturnMap, settled: Points) -> None:
+def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap, settled: Points) -> None:
     chart, params = chain.chart, scalars(Multilegged())
     for k in range(len(settled)):
         like = jax.tree.map(jnp.asarray, settled[k].modes)
@@ -224,14 +224,14 @@ def test_multipliers_of_the_reduced_chain_are_the_theorys() -> None:
 
     Their polynomials, since the double multiplier has one direction only; exact but for event location.
     """
-    mapping = ReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
+    mapping = BatchedReturnMap(MultileggedReduced(), numerics=Numerics(dt=0.1, method="propagator"))
     points, _ = mapping.settled(GAITS, {}, 40)
     found = multipliers(mapping.linearised(points, {}).jacobian)
     for row, theory in zip(found, ([1, 2 / 3, 2 / 3], [1, 2 / 3, 2 / 3], [1, 2 / 3, 1 / 2]), strict=True):
         np.testing.assert_allclose(np.poly(row), np.poly(theory), atol=1e-8)
 
 
-def test_multipliers_of_the_chain_tend_to_the_theorys(chain: ReturnMap) -> None:
+def test_multipliers_of_the_chain_tend_to_the_theorys(chain: BatchedReturnMap) -> None:
     """The full model's small parameter is omega: at fixed E the slow multipliers tend to the reduced ones.
 
     At 0.1 rad/s the polynomial of the direct and the retrograde gait is within 2e-3 of (z - 2/3)^2, at Table
@@ -267,7 +267,7 @@ def test_no_derivative_in_steps_of_fixed_length() -> None:
 
 def test_unknown_names_are_told() -> None:
     with pytest.raises(ValueError, match="did you mean beta"):
-        ReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
+        BatchedReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
     with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
         crossing_of(Multilegged(), Numerics(), "gpu")
 
@@ -278,7 +278,7 @@ def test_jacobian_of_the_quadruped() -> None:
 
     A step that suits the differences: 1e-7, since a tenth of a micrometre is much for a foot on hard ground.
     """
-    mapping = ReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
+    mapping = BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
     points, way = mapping.settled({"delta_13": np.array([2.81, 2.38])}, {}, 60)
     assert np.all(way == ReturnStatus.crossed)
     found = newton(mapping, points, {})

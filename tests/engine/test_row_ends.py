@@ -17,7 +17,7 @@ from toy_model import Toy, bounce_times, launches
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTime
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
@@ -168,7 +168,7 @@ class Escaping(Logistic):
 
 RECORDERS = {
     "crossings": lambda model: CrossingRecorder(model, crossings=400),
-    "hold": lambda model: FixedTime(model, 400.0),
+    "hold": lambda model: FixedTimeRecorder(model, 400.0),
     "trace": lambda model: TraceRecorder(model, duration=400.0, every=1.0),
 }
 
@@ -191,7 +191,7 @@ def test_divergence_is_told_from_far_to_near_the_bound(engine: str) -> None:
     model = Escaping()
     x_0 = np.array([0.9e9, -0.9e9, 1.1e9, -1.1e9])
     found = run_rows(
-        model, FixedTime(model, 100.0), {"x_0": x_0, "y_0": 0.5}, params={"r": 1.0, "angle": 1e300},
+        model, FixedTimeRecorder(model, 100.0), {"x_0": x_0, "y_0": 0.5}, params={"r": 1.0, "angle": 1e300},
         numerics=ONE, engine=engine,
     )  # fmt: skip
     assert names(found) == ["complete", "complete", "diverged", "diverged"]
@@ -256,7 +256,7 @@ def test_crossings_that_do_not_come_end_at_their_limit(engine: str) -> None:
         found = run_rows(model, recorder, {"x_0": [0.3]}, numerics=ONE, engine=engine)
         assert (names(found), found.t_end[0]) == (["time_limit"], limit)
         assert found.cycles[0] == 0
-    held = run_rows(model, FixedTime(model, 7.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
+    held = run_rows(model, FixedTimeRecorder(model, 7.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
     assert (names(held), held.t_end[0], held.cycles[0]) == (["complete"], 7.0, 0)
     ramp = run_rows(model, CrossingRecorder(model, duration=9.0), {"x_0": [0.3]}, numerics=ONE, engine=engine)
     assert (names(ramp), ramp.t_end[0]) == (["complete"], 9.0)
@@ -299,7 +299,7 @@ def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
     model, end = Watched(), 3.7
     recorder = {
         "settle": SettleRecorder(model, 150, 1e-9, max_time=end),
-        "hold": FixedTime(model, end),
+        "hold": FixedTimeRecorder(model, end),
         "crossings": CrossingRecorder(model, duration=end),
     }[kind]
     found = run_rows(model, recorder, {"launch_1": [1.3]}, numerics=Numerics(dt=1e-2), engine="kernel")

@@ -15,7 +15,7 @@ from gaitsweep.engine.advance import Numerics, advance, start
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.rhythm import phase_rates
-from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistTreeBody
+from gaitsweep.models.waist_quadruped.semi_implicit import SemiImplicit, WaistTreeBody
 
 # How far delta_13 is from what is wanted (rad), the pull (rad/s), when it ends, and when to look (s).
 AWAY, K_13, T_HOLD, END = 0.6, 20.0, np.array([0.02137, 0.0249, 0.0301]), 0.04

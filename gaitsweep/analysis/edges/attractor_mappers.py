@@ -10,7 +10,7 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.newton import sizes
 from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 
 # The label of a trajectory that has reached no attractor yet; -1 - w if it ended by the `Way` w.
@@ -81,7 +81,7 @@ class LabelMapper:
     """
 
     def __init__(
-        self, mapping: ReturnMap, values: Values, after: int, only: Sequence[str] | None = None
+        self, mapping: BatchedReturnMap, values: Values, after: int, only: Sequence[str] | None = None
     ) -> None:
         model = mapping.model
         for name in only or ():

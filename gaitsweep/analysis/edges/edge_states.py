@@ -50,7 +50,7 @@ def edge_states(
 
     Args:
         mapping: a return map, or any other.
-        u1, u2: n points each, such as `ReturnMap.settled` gives, with equal conserved quantities.
+        u1, u2: n points each, such as `BatchedReturnMap.settled` gives, with equal conserved quantities.
         values: parameters, numbers or one for each pair (n,).
         mapper: a `ProximityMapper`, a `LabelMapper` or any `AttractorMapper` function. By default the pair's
             own two trajectories after `limits.settle_cycles` cycles are its attractors.

@@ -57,7 +57,7 @@ class AllVariables(Chart):
 
 
 @dataclasses.dataclass(frozen=True)
-class ReturnMap(Map):
+class BatchedReturnMap(Map):
     """The return map of a model, in JAX and for many points at once.
 
     Args:
@@ -78,7 +78,7 @@ class ReturnMap(Map):
     cycles: int = 1
     share: float = 1.0
 
-    def refined(self) -> ReturnMap:
+    def refined(self) -> BatchedReturnMap:
         """The same map with half the step, or tolerances 32 times finer."""
         return dataclasses.replace(self, share=0.5 * self.share)
 
@@ -182,7 +182,7 @@ class ReturnMap(Map):
 
 
 @lru_cache(maxsize=16)
-def _settler(mapping: ReturnMap, cycles: int) -> Callable[..., Any]:
+def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
     def one(values: Any, starts: Any) -> tuple[State, jax.Array]:
         params = mapping.params(values)
         # a loop requires constant dtypes, so none may be weak

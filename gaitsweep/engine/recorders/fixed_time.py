@@ -14,7 +14,7 @@ from gaitsweep.engine.recorders.recorder import Record, Recorder, Taken
 
 
 @dataclasses.dataclass(frozen=True)
-class FixedTime(Recorder):
+class FixedTimeRecorder(Recorder):
     """The last crossing before `duration` (s), for models that do not come to rest on the section."""
 
     model: Model

@@ -13,8 +13,8 @@ import numpy as np
 
 from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, factors, mjcf
+from gaitsweep.models.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.models.waist_quadruped.state import State
-from gaitsweep.models.waist_quadruped.steps import WaistBody
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody

@@ -45,8 +45,8 @@ from gaitsweep.models.waist_quadruped.mechanics import (
 )
 from gaitsweep.models.waist_quadruped.parameters import OBSERVABLES, PARAMETERS, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
+from gaitsweep.models.waist_quadruped.semi_implicit import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.models.waist_quadruped.state import Params, State
-from gaitsweep.models.waist_quadruped.steps import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")

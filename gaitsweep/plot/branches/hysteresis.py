@@ -16,7 +16,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.circular import cut
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.hysteresis import LEAST, largest_jumps, transition_points
+from gaitsweep.analysis.transitions.transition_points import LEAST, largest_jumps, transition_points
 from gaitsweep.kinds.numbers import Positive, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
