@@ -157,8 +157,12 @@ def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
     """
     phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
     contact = part["contact_1"].to_numpy(float) > 0.5
-    # a touchdown is a contact at the end of a turn; others are rebounds in stance
-    down = np.flatnonzero(~contact[:-1] & contact[1:] & (phase[:-1, 0] > 1.5 * np.pi))
+    down = np.flatnonzero(~contact[:-1] & contact[1:])
+    lifted = np.flatnonzero(contact[:-1] & ~contact[1:])
+    down = down[down > lifted[0]] if len(lifted) else down[:0]
     if not len(down):
         raise AnalysisError("Leg 1 does not touch down in the recorded time.")
+    # a foot bounces after its touchdown and before it takes off: touchdowns end the long times in the air
+    aloft = down - lifted[np.searchsorted(lifted, down) - 1]
+    down = down[aloft > 0.5 * aloft.max()]
     return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)

@@ -28,7 +28,7 @@ from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import MeasureError
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
-from gaitsweep.engine.poincare.return_map import ReturnMap
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.expression import evaluate
 from gaitsweep.models.multilegged.model import PARAMETERS, Multilegged
 from gaitsweep.models.multilegged.reduced import MultileggedReduced
@@ -53,7 +53,12 @@ from gaitsweep.models.multilegged.theory.solution_sets import (
     rule_of,
     solution,
 )
-from gaitsweep.models.multilegged.theory.stability import characteristic_polynomial, linear_map, multipliers
+from gaitsweep.models.multilegged.theory.stability import (
+    characteristic_polynomial,
+    eigenvalues,
+    linear_map,
+    multipliers,
+)
 
 _INSIDE = (0.1, 0.3, 0.45, 0.7, 0.9)  # shares of a set's range, off its middle, where two legs of A coincide
 
@@ -550,9 +555,9 @@ def _solution(N: int, branch: Branch, s: float, circle: jax.Array) -> jax.Array:
     return solution(rule_of(N, branch, Chain()), jnp.asarray(s), circle, 1)
 
 
-def _reduced_map(N: int, psi: np.ndarray) -> tuple[ReturnMap, Points]:
+def _reduced_map(N: int, psi: np.ndarray) -> tuple[BatchedReturnMap, Points]:
     """The simulated return map of the reduced chain, and its points at psi (n, N) on section 1."""
-    mapping = ReturnMap(MultileggedReduced(N=N), numerics=Numerics(method="propagator"))
+    mapping = BatchedReturnMap(MultileggedReduced(N=N), numerics=Numerics(method="propagator"))
     points, _ = mapping.settled({f"psi_{i + 1}": psi[:, i] for i in range(N)}, {}, 0)
     return mapping, points
 
@@ -566,6 +571,15 @@ def reduced_multipliers(*, kind: str, k: int, N: int = 3) -> list[float]:
     mapping, points = _reduced_map(N, np.asarray(psi)[None])
     found = floquet.multipliers(mapping.linearised(points, {}).jacobian)
     return sorted((float(each) for each in np.real(np.ravel(found))), reverse=True)
+
+
+@measure
+def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
+    """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1)."""
+    rule = rule_of(N, _branch(kind, k), Chain())
+    s = float(rule.low + 0.45 * (rule.high - rule.low))
+    found = eigenvalues(linear_map(N, _branch(kind, k), s))
+    return sorted((float(each) for each in np.real(found)), reverse=True)
 
 
 @measure
@@ -598,8 +612,11 @@ def touchdown_phases_apart(table: pd.DataFrame) -> float:
 
 
 @measure
-def reset_set_numbers(*, kind: str, k: int, N: int = 9, at: float = 0.45) -> list[float]:
+def reset_set_numbers(
+    table: pd.DataFrame | None = None, *, kind: str, k: int, N: int = 9, at: float = 0.45
+) -> list[float]:
     """The number 1 to 8 of the set S of each leg at a share of a set's range (1)."""
+    N = N if table is None else _springs(table)
     rule = rule_of(N, _branch(kind, k), Chain())
     found = reset_sets(N, _branch(kind, k), float(rule.low + at * (rule.high - rule.low)))
     return [float(each.number) for each in found]
@@ -626,8 +643,11 @@ def order_sets_agree(*, N: int = 9) -> float:
 
 
 @measure
-def order_of_touchdowns(*, kind: str, k: int, N: int, legs: Sequence[int], at: float = 0.45) -> str:
+def order_of_touchdowns(
+    table: pd.DataFrame | None = None, *, kind: str, k: int, N: int, legs: Sequence[int], at: float = 0.45
+) -> str:
     """Some legs in their order of touchdown in a cycle that begins with leg k."""
+    N = N if table is None else _springs(table)
     rule = rule_of(N, _branch(kind, k), Chain())
     s = float(rule.low + at * (rule.high - rule.low))
     order = touchdown_order(N, _branch(kind, k), s)
@@ -635,8 +655,9 @@ def order_of_touchdowns(*, kind: str, k: int, N: int, legs: Sequence[int], at: f
 
 
 @measure
-def phases_of_neighbours(*, N: int = 9) -> float:
+def phases_of_neighbours(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
     """Share of touchdowns at which neighbours are in the segments of Fig. 8, source waves of set B (1)."""
+    N = N if table is None else _springs(table)
     beta, circle = 0.8, float(touchdown_phase(Chain()))
     stance, end = 2 * beta * np.pi, (1 + beta) * np.pi
     right = []
@@ -660,8 +681,9 @@ def phases_of_neighbours(*, N: int = 9) -> float:
 
 
 @measure
-def chain_of_sets(*, N: int) -> float:
+def chain_of_sets(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
     """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
+    N = N if table is None else _springs(table)
     rules, circle, gaps = lag_rules(N, Chain()), float(touchdown_phase(Chain())), []
     for i in range(2 * N - 2):
         one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
@@ -679,8 +701,9 @@ def ends_of_chain(*, N: int) -> list[str]:
 
 
 @measure
-def jump_sizes(*, N: int) -> list[float]:
+def jump_sizes(table: pd.DataFrame | None = None, *, N: int = 9) -> list[float]:
     """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
+    N = N if table is None else _springs(table)
     sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch)]
     if not sizes:
         raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
@@ -744,8 +767,9 @@ def line_range(*, k: int, N: int = 3) -> list[float]:
 
 
 @measure
-def slopes_of_fig10(*, k: int, N: int = 3) -> list[float]:
+def slopes_of_fig10(table: pd.DataFrame | None = None, *, k: int, N: int = 3) -> list[float]:
     """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
+    N = N if table is None else _springs(table)
     slopes = []
     for kind in ("A", "B"):
         rule = rule_of(N, _branch(kind, k), Chain())
