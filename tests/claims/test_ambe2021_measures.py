@@ -91,16 +91,16 @@ def test_three_lines_at_right_angles() -> None:
     assert measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_parts_of_a_basin_are_counted_on_the_torus() -> None:
+def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
     cell = np.arange(6)
     rows = [(2, 1, "direct"), (2, 0, "direct"), (2, 5, "direct"), (0, 3, "retrograde"), (5, 3, "retrograde")]
     grid = {(i, j): "source" for i in cell for j in cell} | {(i, j): gait for i, j, gait in rows}
     table = pd.DataFrame(
         [{"psi_3": 1.0, "psi_2": i, "psi_1": j, "gait": gait} for (i, j), gait in grid.items()]
     )
-    assert measures.basin_parts(table, slice=0) == [1.0, 1.0, 1.0]
+    assert measures.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
     table.loc[(table["psi_2"] == 4) & (table["psi_1"] == 1), "gait"] = "direct"
-    assert measures.basin_parts(table, slice=0) == [2.0, 1.0, 1.0]
+    assert measures.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
     assert measures.slice_shares(table, slice=0) == pytest.approx([4 / 36, 30 / 36, 2 / 36])
 
 
