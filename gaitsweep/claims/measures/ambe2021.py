@@ -353,7 +353,7 @@ def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
 
 @measure
 def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
-    """Shares of direct, source and retrograde waves' starts that lie in one connected part, on the torus (1)."""
+    """Shares of the starts of direct, source, retrograde that lie in one connected part, on the torus (1)."""
     cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
     return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in GAITS]
 
@@ -489,7 +489,7 @@ _counted: list[tuple[pd.DataFrame, pd.DataFrame]] = []
 
 
 def _shares(table: pd.DataFrame) -> pd.DataFrame:
-    """`gait_shares` of a table, kept for the next claim on the same table: it takes seconds for a large one."""
+    """`gait_shares` of a table, kept for the next claim on the same table: a large one takes seconds."""
     if not _counted or _counted[0][0] is not table:
         _counted[:] = [(table, gait_shares(table))]
     return _counted[0][1]
