@@ -15,30 +15,42 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from gaitsweep import contract, models, plot
-    from gaitsweep.analysis.basins.measures import basins
-    from gaitsweep.api import analyses, theory
-    from gaitsweep.api.analyses import hysteresis
-    from gaitsweep.api.maps import PoincareMap, return_map
-    from gaitsweep.api.run_kinds import (
-        Continuation,
-        FixedTime,
-        Ramp,
-        ReturnMap,
-        Settle,
-        Staircase,
-        Trace,
-    )
-    from gaitsweep.api.trajectories import simulate, sweep
-    from gaitsweep.contract import HybridModel, Quantity, Status, SteppedModel
-    from gaitsweep.errors import ArgumentError, UserError
-    from gaitsweep.job import Job, JobError, load_job
-    from gaitsweep.runs.movie import write_movie, write_still
-    from gaitsweep.runs.prepare import RunError
-    from gaitsweep.runs.result import Result, run
-    from gaitsweep.runs.self_check import SelfCheckError
-    from gaitsweep.table import TableError, load
+if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that they are public
+    from gaitsweep import contract as contract
+    from gaitsweep import models as models
+    from gaitsweep import plot as plot
+    from gaitsweep.analysis.basins.measures import basins as basins
+    from gaitsweep.api import analyses as analyses
+    from gaitsweep.api import theory as theory
+    from gaitsweep.api.analyses import hysteresis as hysteresis
+    from gaitsweep.api.maps import PoincareMap as PoincareMap
+    from gaitsweep.api.maps import return_map as return_map
+    from gaitsweep.api.trajectories import simulate as simulate
+    from gaitsweep.api.trajectories import sweep as sweep
+    from gaitsweep.contract import HybridModel as HybridModel
+    from gaitsweep.contract import Quantity as Quantity
+    from gaitsweep.contract import Status as Status
+    from gaitsweep.contract import SteppedModel as SteppedModel
+    from gaitsweep.errors import ArgumentError as ArgumentError
+    from gaitsweep.errors import UserError as UserError
+    from gaitsweep.job import Job as Job
+    from gaitsweep.job import JobError as JobError
+    from gaitsweep.job import load_job as load_job
+    from gaitsweep.kinds import Continuation as Continuation
+    from gaitsweep.kinds import FixedTime as FixedTime
+    from gaitsweep.kinds import Ramp as Ramp
+    from gaitsweep.kinds import ReturnMap as ReturnMap
+    from gaitsweep.kinds import Settle as Settle
+    from gaitsweep.kinds import Staircase as Staircase
+    from gaitsweep.kinds import Trace as Trace
+    from gaitsweep.runs.movie import write_movie as write_movie
+    from gaitsweep.runs.movie import write_still as write_still
+    from gaitsweep.runs.prepare import RunError as RunError
+    from gaitsweep.runs.result import Result as Result
+    from gaitsweep.runs.result import run as run
+    from gaitsweep.runs.self_check import SelfCheckError as SelfCheckError
+    from gaitsweep.table import TableError as TableError
+    from gaitsweep.table import load as load
 
     __version__: str
 
@@ -47,80 +59,37 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", os.environ["JAX_ENABLE_X64"] not in ("0", "false"))
 
-# The names of each module. It is imported when one is first used, so `gaitsweep --help` needs no JAX.
-_NAMES = {
-    "analysis.basins.measures": ("basins",),
-    "api.analyses": ("hysteresis",),
-    "api.maps": ("PoincareMap", "return_map"),
-    "api.run_kinds": ("Continuation", "FixedTime", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
-    "api.trajectories": ("simulate", "sweep"),
-    "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
-    "errors": ("ArgumentError", "UserError"),
-    "job": ("Job", "JobError", "load_job"),
-    "runs.movie": ("write_movie", "write_still"),
-    "runs.prepare": ("RunError",),
-    "runs.result": ("Result", "run"),
-    "runs.self_check": ("SelfCheckError",),
-    "table": ("TableError", "load"),
-}
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
-# Names that are modules themselves.
-_NAMESPACES = {
-    **{name: name for name in ("contract", "models", "plot")},
-    **{name: f"api.{name}" for name in ("analyses", "theory")},
-}
-
-__all__ = [
-    "ArgumentError",
-    "Continuation",
-    "FixedTime",
-    "HybridModel",
-    "Job",
-    "JobError",
-    "PoincareMap",
-    "Quantity",
-    "Ramp",
-    "Result",
-    "ReturnMap",
-    "RunError",
-    "SelfCheckError",
-    "Settle",
-    "Staircase",
-    "Status",
-    "SteppedModel",
-    "TableError",
-    "Trace",
-    "UserError",
-    "__version__",
-    "analyses",
-    "basins",
-    "contract",
-    "hysteresis",
-    "load",
-    "load_job",
-    "models",
-    "plot",
-    "return_map",
-    "run",
-    "simulate",
-    "sweep",
-    "theory",
-    "write_movie",
-    "write_still",
-]
-
-
 if not TYPE_CHECKING:  # a type checker would take any name for one of ours
+    # The names above by module, imported when one is first used, so that `gaitsweep --help` needs no JAX.
+    _NAMES = {
+        "": ("contract", "models", "plot"),
+        "analysis.basins.measures": ("basins",),
+        "api": ("analyses", "theory"),
+        "api.analyses": ("hysteresis",),
+        "api.maps": ("PoincareMap", "return_map"),
+        "api.trajectories": ("simulate", "sweep"),
+        "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
+        "errors": ("ArgumentError", "UserError"),
+        "job": ("Job", "JobError", "load_job"),
+        "kinds": ("Continuation", "FixedTime", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
+        "runs.movie": ("write_movie", "write_still"),
+        "runs.prepare": ("RunError",),
+        "runs.result": ("Result", "run"),
+        "runs.self_check": ("SelfCheckError",),
+        "table": ("TableError", "load"),
+    }
+    _MODULES = {name: f"gaitsweep.{room}".rstrip(".") for room, names in _NAMES.items() for name in names}
+    __all__ = sorted([*_MODULES, "__version__"])
 
     def __getattr__(name: str) -> Any:
-        if name in _NAMESPACES:
-            return importlib.import_module(f"{__name__}.{_NAMESPACES[name]}")
-        if name in _MODULES:
-            return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
         if name == "__version__":
             return importlib.import_module(f"{__name__}.version").version()
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module = _MODULES[name]
+        if module in ("gaitsweep", "gaitsweep.api"):  # the name is itself a module's
+            return importlib.import_module(f"{module}.{name}")
+        return getattr(importlib.import_module(module), name)
 
-
-def __dir__() -> list[str]:
-    return list(__all__)
+    def __dir__() -> list[str]:
+        return list(__all__)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 if TYPE_CHECKING:
-    from gaitsweep.skeleton import Skeleton
+    from gaitsweep.skeleton import LimbLook, Skeleton
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: the continuous variables and the discrete modes of a trajectory
@@ -35,7 +35,7 @@ class Verdict(enum.Enum):
 
 
 class ResultCode(enum.IntEnum):
-    """The base of result codes: each member has a number, a sentence, and for some codes a verdict."""
+    """The base of result codes: a number, a sentence, and a verdict, by default undecided."""
 
     sentence: str
     verdict: Verdict
@@ -52,9 +52,9 @@ class Status(ResultCode):
     Tables store the numbers: existing numbers must not change, and new ones are added at the end.
     """
 
-    running = 0, "The row has not ended yet.", Verdict.undecided
+    running = 0, "The row has not ended yet."
     settled = 1, "The section's state stopped moving, or repeats every 2 to 8 crossings.", Verdict.sound
-    cycle_limit = 2, "The row reached run.max_cycles without settling.", Verdict.undecided
+    cycle_limit = 2, "The row reached run.max_cycles without settling."
     fell = 3, "The model's own test of a fall came true.", Verdict.failed
     diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
     not_a_number = 5, "A state variable became NaN.", Verdict.failed
@@ -63,15 +63,11 @@ class Status(ResultCode):
         "Events followed each other at one instant without end (stalled_by names them).",
         Verdict.failed,
     )
-    time_limit = (
-        7,
-        "Time ran out: run.max_time, or four nominal periods for each cycle allowed.",
-        Verdict.undecided,
-    )
+    time_limit = 7, "Time ran out: run.max_time, or four nominal periods for each cycle allowed."
     complete = 8, "The row recorded all that was asked of it.", Verdict.sound
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
-    step_limit = 10, "The row needed more steps than its limit allows.", Verdict.undecided
-    no_fixed_point = 11, "No fixed point was found from which to follow a branch.", Verdict.undecided
+    step_limit = 10, "The row needed more steps than its limit allows."
+    no_fixed_point = 11, "No fixed point was found from which to follow a branch."
 
     @classmethod
     def of(cls, *verdicts: Verdict) -> frozenset[str]:
@@ -170,7 +166,19 @@ class Chart(abc.ABC):
         return jnp.zeros((0,))
 
 
-class Model(abc.ABC):
+class Jumps(abc.ABC):
+    """What events do, in a model or in a scheme of its own steps."""
+
+    @abc.abstractmethod
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
+
+    @abc.abstractmethod
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
+
+
+class Model(Jumps):
     """The properties and functions of every model; a concrete model is a frozen dataclass.
 
     Its fields are its structure (number of legs, kind of body): they shape the arrays and cannot vary inside
@@ -246,10 +254,6 @@ class Model(abc.ABC):
         """The observables by name, of the state just after the jump that closes a cycle."""
 
     @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
-
-    @abc.abstractmethod
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
         """The signals by name, at a state."""
 
@@ -282,6 +286,11 @@ class Model(abc.ABC):
         """Coordinates of the section; None: the return map uses all float variables of the state."""
         return None
 
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        """The limbs of the signals contact_1, contact_2, ..., for figures; empty: legs with numbers."""
+        return ()
+
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
         """The drawing of the body, from parameters and signals (n,) of a trace; None: it cannot be drawn."""
         return None
@@ -290,12 +299,8 @@ class Model(abc.ABC):
         """An MJCF of the body: its qpos are the signals q_0, q_1, ..., its feet the sites foot_1, ..."""
         return None
 
-    @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
-        """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
 
-
-class FixedStepDynamics(abc.ABC):
+class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
     @abc.abstractmethod
@@ -309,14 +314,6 @@ class FixedStepDynamics(abc.ABC):
     @abc.abstractmethod
     def events(self, params: Params, before: State, after: State) -> jax.Array:
         """A bool for each event: whether it happened during the step."""
-
-    @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
-        """The state after the events `fired`."""
-
-    @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
-        """Whether the events `fired` close a cycle; `before` is the state before their jump."""
 
     def longest_step(self, params: Params) -> jax.Array | None:
         """The longest accurate step (s) with these parameters; None: a job has to set `numerics.dt`."""

@@ -11,30 +11,24 @@ Kind = Literal["near misses", "expressions"]
 
 # A near miss takes about 1 ms, an expression 0.1 ms.
 MOST: dict[Kind, int] = {"near misses": 200, "expressions": 5_000}
+# The remaining budget of the job that is being read, by kind; without one there is no limit.
 _LEFT: ContextVar[dict[Kind, int] | None] = ContextVar("_LEFT", default=None)
 
 
-class Effort:
-    """The remaining budget of the job that is being read, by kind; without one there is no limit."""
+@contextlib.contextmanager
+def limited() -> Iterator[None]:
+    """A context in which one job is read; a nested context uses the budget of the outer one."""
+    token = _LEFT.set(_LEFT.get() or dict(MOST))
+    try:
+        yield
+    finally:
+        _LEFT.reset(token)
 
-    @staticmethod
-    @contextlib.contextmanager
-    def limited() -> Iterator[None]:
-        """A context in which one job is read; a nested context uses the budget of the outer one."""
-        if _LEFT.get() is not None:
-            yield
-            return
-        token = _LEFT.set(dict(MOST))
-        try:
-            yield
-        finally:
-            _LEFT.reset(token)
 
-    @staticmethod
-    def spend(kind: Kind) -> bool:
-        """Spend one unit of a kind; False if none is left."""
-        left = _LEFT.get()
-        if left is None:
-            return True
-        left[kind] -= 1
-        return left[kind] >= 0
+def spend(kind: Kind) -> bool:
+    """Spend one unit of a kind; False if none is left."""
+    left = _LEFT.get()
+    if left is None:
+        return True
+    left[kind] -= 1
+    return left[kind] >= 0

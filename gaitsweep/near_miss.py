@@ -6,7 +6,7 @@ import difflib
 import itertools
 from collections.abc import Iterable
 
-from gaitsweep.effort import Effort
+from gaitsweep import effort
 
 _LONGEST_LIST = 40
 _LONGEST_WORD = 60  # letters: longer words are not typing errors, and are slow to compare
@@ -16,9 +16,9 @@ _MOST_COMPARED = 2000  # number of allowed words that are compared
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
     """The allowed word that is most similar to `word`, without regard to case, or None if none is similar.
 
-    It is also None if `word` is very long, or if the job's budget of near misses is spent (`Effort`).
+    It is also None if `word` is very long, or if the job's budget of near misses is spent (`effort`).
     """
-    if len(word) > _LONGEST_WORD or not Effort.spend("near misses"):
+    if len(word) > _LONGEST_WORD or not effort.spend("near misses"):
         return None
     by_lower: dict[str, str] = {}
     for name in itertools.islice(allowed, _MOST_COMPARED):

@@ -127,7 +127,9 @@ def tried(case: Case, path: Path, files: list[Path]) -> Outcome:
             try:
                 found = look(path)
                 if isinstance(found, Snapshot):
-                    said.extend(fault.sentence for fault in (*found.faults.values(), *found.strangers))
+                    said.extend(
+                        fault.sentence for fault in (*found.files.faults.values(), *found.files.strangers)
+                    )
             except TableError as error:
                 said.append(str(error))
     said.extend(str(warning.message) for warning in caught)
@@ -136,7 +138,7 @@ def tried(case: Case, path: Path, files: list[Path]) -> Outcome:
         warnings.simplefilter("ignore")
         gs.run(case.job, path)
         outcome.mended = same(gs.load(path), case.table) and gs.Result(path).manifest["complete"]
-        outcome.mended &= not Snapshot.of(path).faults and not Snapshot.of(path).job_edited
+        outcome.mended &= not Snapshot.of(path).files.faults and not Snapshot.of(path).job_edited
     return outcome
 
 

@@ -16,6 +16,7 @@ from gaitsweep.contract import Model, Quantity
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
+from gaitsweep.kinds.part import plain
 
 AnyModel = Model | type[Model] | str
 # Keywords of the API's functions. A quantity with such a name is set by `params={}` or `start={}`.
@@ -110,7 +111,6 @@ def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:
 
 
 def _structure_of(name: str) -> list[str]:
-    """The names of a model's structure."""
     try:
         found = models.find(name)
     except models.ModelError as error:
@@ -144,12 +144,3 @@ def _is_axis(name: str, value: Any) -> bool:
     if dimensions > 1:
         raise ArgumentError(f"{name} has {dimensions} dimensions, but an axis is a list of numbers.")
     return dimensions == 1
-
-
-def plain(value: Any) -> Any:
-    """Lists and Python's numbers for arrays, series and NumPy's numbers, in mappings too."""
-    if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple | range):
-        return [plain(each) for each in value]
-    return value.tolist() if hasattr(value, "tolist") else value

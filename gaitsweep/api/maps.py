@@ -17,12 +17,12 @@ from gaitsweep.analysis.continuation import floquet
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
-from gaitsweep.api.run_kinds import ReturnMap
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
+from gaitsweep.kinds import ReturnMap
 
 # Points of the section: their coordinates, start values by name, or what these methods return.
 SectionPoints = Points | FixedPoints | Mapping[str, Any]

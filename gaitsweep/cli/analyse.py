@@ -22,6 +22,12 @@ Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="A
 Parameter = Annotated[str, typer.Option("--parameter", metavar="NAME", help="The parameter that moves.")]
 
 
+def _table(directory: Path) -> Any:
+    from gaitsweep.table import load
+
+    return load(directory)
+
+
 def _print(found: Any, digits: int = 4, index: bool = False) -> None:
     print(found.round(digits).to_string(index=index))
 
@@ -40,10 +46,9 @@ def gaits(
     """Count the rows of a four-legged model with each gait."""
     from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
     from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
-    from gaitsweep.table import load
 
     thresholds = (THRESHOLD if threshold is None else threshold,)
-    _print(gaits_counted(gaits_in(load(directory), window=window, thresholds=thresholds)))
+    _print(gaits_counted(gaits_in(_table(directory), window=window, thresholds=thresholds)))
 
 
 @app.command()
@@ -53,9 +58,8 @@ def gait_bouts(
 ) -> None:
     """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
     from gaitsweep.analysis.transitions import gait_bouts as bouts
-    from gaitsweep.table import load
 
-    found = bouts.gait_bouts(bouts.gaits_along(load(directory)), by, least=3)
+    found = bouts.gait_bouts(bouts.gaits_along(_table(directory)), by, least=3)
     for row, mine in found.groupby("row"):
         each = [f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")]
         print(f"row {row}, m/s: {', '.join(each)}")
@@ -73,9 +77,8 @@ def loading_rule(
 ) -> None:
     """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
     from gaitsweep.analysis.gaits import loading_rule as rule
-    from gaitsweep.table import load
 
-    table = load(directory)
+    table = _table(directory)
     if predict:
         found = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
     else:
@@ -87,9 +90,8 @@ def loading_rule(
 def body_oscillation(directory: Directory) -> None:
     """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
     from gaitsweep.analysis.gaits.body_oscillation import family_oscillation
-    from gaitsweep.table import load
 
-    _print(family_oscillation(load(directory)), index=True)
+    _print(family_oscillation(_table(directory)), index=True)
 
 
 @app.command()
@@ -101,18 +103,16 @@ def repertoire(
 ) -> None:
     """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
     from gaitsweep.analysis.gaits import repertoire as analysis
-    from gaitsweep.table import load
 
-    _print(analysis.repertoire(load(directory), sets))
+    _print(analysis.repertoire(_table(directory), sets))
 
 
 @app.command()
 def attractors(directory: Directory) -> None:
     """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
     from gaitsweep.analysis.attractors import attractors as analysis
-    from gaitsweep.table import load
 
-    table = load(directory)
+    table = _table(directory)
     found = analysis.attractors(table)
     _print(found.summary)
     if "gait" in table.columns:
@@ -124,9 +124,8 @@ def attractors(directory: Directory) -> None:
 def hysteresis(directory: Directory, observable: Observable, parameter: Parameter) -> None:
     """Print where a ramp or staircase jumps between branches, and the areas of its hysteresis loops."""
     from gaitsweep.analysis.transitions.transition_points import loop_area, transition_points
-    from gaitsweep.table import load
 
-    table = load(directory)
+    table = _table(directory)
     _print(transition_points(table, observable, parameter))
     _print(loop_area(table, observable, parameter))
 
@@ -139,9 +138,8 @@ def gait_transitions(
 ) -> None:
     """Print where each gait is lost, from settled rows at many values of a parameter."""
     from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
-    from gaitsweep.table import load
 
-    _print(transition_points_by_gait(load(directory), parameter, start))
+    _print(transition_points_by_gait(_table(directory), parameter, start))
 
 
 @app.command()

@@ -62,13 +62,12 @@ def animate(
             movie.write_still(directory, out, row=row, at=still, size=pixels, renderer=renderer, tell=_tell)
         )
         return
-    shown = shown_progress("pictures")
     began = time.monotonic()
+    with shown_progress("pictures") as shown:
 
-    def progress(done: int, total: int) -> None:
-        shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
+        def progress(done: int, total: int) -> None:
+            shown(done, total, done / max(time.monotonic() - began, 1e-9), done / total, "")
 
-    with shown:
         path = movie.write_movie(
             directory,
             out,

@@ -101,15 +101,14 @@ def run(
 def _shown_progress() -> Iterator[Progress]:
     """How a run's progress is shown, and its stop by Ctrl-C obeyed, while it is under way."""
     from gaitsweep.cli.progress import shown_progress
-    from gaitsweep.cli.stop import StopRequest
+    from gaitsweep.cli.stop import stop_requests
 
-    shown, asked = shown_progress(), StopRequest()
+    with stop_requests() as obey, shown_progress() as shown:
 
-    def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        asked.obey()
-        shown(done, total, rate, fraction, note)
+        def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+            obey()
+            shown(done, total, rate, fraction, note)
 
-    with asked, shown:
         yield progress
 
 

@@ -64,11 +64,11 @@ def distance(far: Mapping[str, Any]) -> str:
 
 def outcome(snapshot: Snapshot) -> str:
     """The results of a run on disk, as text."""
-    rows = snapshot.manifest["rows"]
+    rows, parts = snapshot.manifest["rows"], len(snapshot.files.footers)
     so_far = "" if snapshot.complete else f" of {rows}"
     lines = [
         f"{snapshot.rows_done}{so_far} row{'s' * (rows != 1)}: {counts(snapshot.counts)}.",
-        f"Table: {snapshot.table_folder} ({len(snapshot.footers)} part{'s' * (len(snapshot.footers) != 1)}).",
+        f"Table: {snapshot.files.folder} ({parts} part{'s' * (parts != 1)}).",
     ]
     if gaits := snapshot.manifest.get("gaits"):
         lines.insert(1, f"Gaits: {counts(gaits)}.")
@@ -99,12 +99,12 @@ def directory(snapshot: Snapshot) -> str:
         lines[f"  {status}"] = f"{number}{meaning}"
     if snapshot.rows_open:
         lines["rows open"] = f"{snapshot.rows_open} more have ended in blocks that are not complete"
-    for number, fault in sorted(snapshot.faults.items()):
+    for number, fault in sorted(snapshot.files.faults.items()):
         what = "another job's" if fault.foreign else "damaged"
         lines[f"part {number}"] = f"{what}: {fault.file}: {fault.what} Running the job again makes it anew"
-    for fault in (*snapshot.strangers, *snapshot.open_faults):
+    for fault in (*snapshot.files.strangers, *snapshot.files.open_faults):
         lines[fault.file.name] = fault.what
-    if snapshot.without_digest:
+    if snapshot.files.without_digest:
         lines["digests"] = "none, as in older versions: not every damage of the parts is found"
     if snapshot.job_edited:
         lines["job.yaml"] = "changed after the run; the job that was run is in the manifest"

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import threading
-from types import FrameType, TracebackType
-from typing import Any
+from collections.abc import Callable, Iterator
+from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -16,35 +17,31 @@ class Terminated(KeyboardInterrupt):
     exit_code = 128 + signal.SIGTERM
 
 
-class StopRequest:
-    """A context that records the first SIGINT or SIGTERM for `obey` to raise; a second raises at once.
+@contextlib.contextmanager
+def stop_requests() -> Iterator[Callable[[], None]]:
+    """A context that records the first SIGINT or SIGTERM; a second raises at once.
 
-    A KeyboardInterrupt could be raised inside a library's callback, which may suppress it.
+    Its value is called to raise KeyboardInterrupt, or Terminated, where a stop was asked for: raised by the
+    signal itself, it could hit a library's callback, which may suppress it.
     """
+    asked: type[KeyboardInterrupt] | None = None
 
-    def __init__(self) -> None:
-        self._asked: type[KeyboardInterrupt] | None = None
-        self._before: dict[signal.Signals, Any] = {}
+    def obey() -> None:
+        if asked is not None:
+            raise asked
 
-    def obey(self) -> None:
-        """Raise KeyboardInterrupt, or Terminated, where a stop was asked for."""
-        if self._asked is not None:
-            raise self._asked
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        again = self._asked is not None
-        self._asked = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        again = asked is not None
+        asked = Terminated if number == signal.SIGTERM else KeyboardInterrupt
         if again:
-            raise self._asked
+            raise asked
 
-    def __enter__(self) -> StopRequest:
-        # only the main thread may handle signals; other threads keep Python's handlers
-        if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._note) for number in _SIGNALS}
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
+    # only the main thread may handle signals; other threads keep Python's handlers
+    main = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, note) for number in _SIGNALS} if main else {}
+    try:
+        yield obey
+    finally:
+        for number, handler in before.items():
             signal.signal(number, handler)

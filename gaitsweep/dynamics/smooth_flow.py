@@ -92,8 +92,7 @@ class SmoothFlow(HybridModel):
     def observe(self, params: Values, state: State) -> dict[str, jax.Array]:
         return {q.name: state.x[i] for i, q in enumerate(self.variables)}
 
-    def signal(self, params: Values, state: State) -> dict[str, jax.Array]:
-        return {q.name: state.x[i] for i, q in enumerate(self.variables)}
+    signal = observe
 
     def label(self, params: Values, observations: Values) -> dict[str, Any]:
         return {"gait": jnp.zeros((), jnp.int32)}

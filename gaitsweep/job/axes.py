@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -84,13 +84,7 @@ class Sample(Part):
 
 
 Axis = Values | Linspace | Logspace | Random | Sobol
-AXIS_KINDS: dict[str, type[Part]] = {
-    "values": Values,
-    "linspace": Linspace,
-    "logspace": Logspace,
-    "random": Random,
-    "sobol": Sobol,
-}
+AXIS_KINDS: dict[str, type[Part]] = {part.__name__.lower(): part for part in get_args(Axis)}
 
 
 @dataclass(frozen=True)

@@ -91,9 +91,11 @@ def _check_quantity(plan: Plan, spec: ModelSpec, name: str, quantity: Quantity) 
             return Diagnostic(path, f"has no value: {error}")
         wrong = np.flatnonzero(~inside(values, quantity))
         if wrong.size:
-            row = int(rows[wrong].min()) if spans else None
-            value = float(values[wrong[np.argmin(rows[wrong])]])
-            return Diagnostic(path, _out_of_range(plan, name, quantity, value, row))
+            setting = plan.settings.get(name)
+            formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
+            where = f" in row {rows[wrong].min()}" if spans else ""
+            value = values[wrong[np.argmin(rows[wrong])]]
+            return Diagnostic(path, f"is {formula}{value:g}{where}, but {must(quantity)}.")
     return None
 
 
@@ -105,13 +107,6 @@ def _between_its_ends(plan: Plan, name: str, quantity: Quantity) -> bool:
             ends = np.array([points.low, points.high], np.float64)
             return bool(inside(ends, quantity).all()) and not (points.logarithmic and ends.min() <= 0.0)
     return False
-
-
-def _out_of_range(plan: Plan, name: str, quantity: Quantity, value: float, row: int | None) -> str:
-    setting = plan.settings.get(name)
-    formula = f'"{setting}", which is ' if isinstance(setting, str) else ""
-    where = "" if row is None else f" in row {row}"
-    return f"is {formula}{value:g}{where}, but {must(quantity)}."
 
 
 def _check_path(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gaitsweep.effort import Effort
+from gaitsweep import effort
 from gaitsweep.job.schema import Job
 from gaitsweep.job.yaml_document import Document, read_document, read_value
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
@@ -24,7 +24,7 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
         JobError: all that is wrong, with file and line, or the override, of each.
     """
     path = Path(path)
-    with Effort.limited():
+    with effort.limited():
         document = read_document(path)
         for override in overrides:
             _lay_over(document, override)

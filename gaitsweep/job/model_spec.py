@@ -13,7 +13,15 @@ from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
 from gaitsweep.kinds.diagnostics import Diagnostic, Path, found
-from gaitsweep.kinds.numbers import InvalidValue, read_flag, read_number, read_real, read_text, read_whole
+from gaitsweep.kinds.numbers import (
+    InvalidValue,
+    read_flag,
+    read_number,
+    read_real,
+    read_text,
+    read_whole,
+    read_word,
+)
 from gaitsweep.models.conformity import fault
 
 _RESERVED = {*CONSTANTS, *FUNCTIONS, "zip", "sample"}
@@ -106,18 +114,12 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
     if hint is bool:
         return read_flag(value)
     if hint is str:
-        return _read_word(value, field.metadata.get("allowed"))
+        text, allowed = read_text(value), field.metadata.get("allowed")
+        return text if allowed is None else read_word(text, allowed)
     low, high = field.metadata.get("low"), field.metadata.get("high")
     if hint is float:
         return read_real(value, -math.inf if low is None else low, math.inf if high is None else high)
     return read_whole(value, 1 if low is None else low, 10**6 if high is None else high)
-
-
-def _read_word(value: Any, allowed: Sequence[str] | None) -> str:
-    word = read_text(value)
-    if allowed is not None and word not in allowed:
-        raise InvalidValue(f"is {found(value)}{near_miss.suggestion(word, allowed)}")
-    return word
 
 
 def _instance(

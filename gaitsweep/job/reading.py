@@ -103,7 +103,6 @@ def _plain(value: Any) -> Any:
 
 
 def _moved(raw: Mapping[str, Any], spec: ModelSpec | None) -> str | None:
-    """The parameter that the run moves, where there is one."""
     name = parameter_written(raw.get("run"))
     return name if spec is not None and isinstance(name, str) and name in spec.parameters else None
 

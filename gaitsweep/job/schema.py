@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from gaitsweep.effort import Effort
+from gaitsweep import effort
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.job.job_hash import job_hash
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec
@@ -95,7 +95,7 @@ class Job(Part):
     def _read(cls, data: Any, handler: ModelWrapValidatorHandler[Job], info: ValidationInfo) -> Job:
         if isinstance(data, Job):
             return data
-        with Effort.limited():
+        with effort.limited():
             folder = (info.context or {}).get("folder", Path.cwd())
             job, plan = read_job(data, folder, handler, _owners())
             job._plan = plan

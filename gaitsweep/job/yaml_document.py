@@ -223,7 +223,6 @@ def _kind(mode: int) -> str:
 
 
 def _yaml_files(folder: Path) -> list[str]:
-    """Some of a folder's YAML files, by name."""
     try:
         with os.scandir(folder) as entries:
             names = (entry.name for entry in entries if re.search(r"\.ya?ml$", entry.name))

@@ -16,11 +16,11 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare import return_map
 from gaitsweep.engine.poincare.maps import Values
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Real, Text
@@ -40,7 +40,8 @@ class Continuation(RunKind):
     own_blocks: ClassVar[bool] = True
 
     kind: Literal["continuation"] = Field(
-        description="continuation: the steady gaits along a parameter, stable and unstable, around folds"
+        init=False,
+        description="continuation: the steady gaits along a parameter, stable and unstable, around folds",
     )
     parameter: Text = Field(description="the model's parameter along which a branch is followed")
     path: list[Real] = Field(
@@ -127,16 +128,10 @@ class Continuation(RunKind):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self,
-        rows: Rows,
-        first: int,
-        last: int,
-        numerics: Numerics,
-        engine: str,
-        between: Callable[[], None] | None = None,
+        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Callable[[], None]
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, starts = self._map(rows, np.arange(first, last), numerics, engine)
+        mapping, values, starts = self._map(rows, work, np.arange(first, last))
         begin, end = self.path
         points, _ = mapping.settled(starts, {**values, self.parameter: begin}, self.settle)
         table = continuation(
@@ -166,13 +161,13 @@ class Continuation(RunKind):
         return table.reindex(columns=table_columns(rows, self))
 
     def starting_points(
-        self, rows: Rows, sample: np.ndarray, numerics: Numerics, engine: str
+        self, rows: Rows, work: SweepSpec, sample: np.ndarray
     ) -> tuple[StartingPoints, StartingPoints]:
         """The fixed points at which branches begin, found again at half the step."""
-        mapping, values, starts = self._map(rows, sample, numerics, engine)
+        mapping, values, starts = self._map(rows, work, sample)
         values = {**values, self.parameter: self.path[0]}
 
-        def found(one: return_map.BatchedReturnMap) -> StartingPoints:
+        def found(one: BatchedReturnMap) -> StartingPoints:
             points, _ = one.settled(starts, values, self.settle)
             fixed = newton(one, points, values, fix=self.fix)
             seen = [fixed.images.observed[q.name] for q in rows.model.observables]
@@ -181,21 +176,18 @@ class Continuation(RunKind):
         return found(mapping), found(mapping.refined())
 
     def _map(
-        self, rows: Rows, numbers: np.ndarray, numerics: Numerics, engine: str
-    ) -> tuple[return_map.BatchedReturnMap, Values, Values]:
+        self, rows: Rows, work: SweepSpec, numbers: np.ndarray
+    ) -> tuple[BatchedReturnMap, Values, Values]:
         """The return map of rows (n,), their parameters but for the one that moves, and their starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(self.parameter)
-        mapping = return_map.BatchedReturnMap(rows.model, tuple(following.items()), numerics, engine)
+        mapping = BatchedReturnMap(rows.model, tuple(following.items()), work.numerics, work.engine)
         away = {*following, self.parameter}
         return mapping, {name: each for name, each in parameters.items() if name not in away}, starts
 
 
 def _gaits(
-    mapping: return_map.BatchedReturnMap,
-    values: dict[str, np.ndarray],
-    table: pd.DataFrame,
-    found: np.ndarray,
+    mapping: BatchedReturnMap, values: dict[str, np.ndarray], table: pd.DataFrame, found: np.ndarray
 ) -> pd.Categorical:
     """The gait of each record; it is not read where there is no fixed point."""
     model = mapping.model
@@ -209,8 +201,6 @@ def _gaits(
 
 
 def _state_size(rows: Rows) -> int:
-    """The numbers in a row's state."""
-
     def begin(values: Any, start: Any) -> Any:
         return rows.model.init(rows.model.params(values), start)
 

@@ -19,7 +19,9 @@ class FixedTime(RunKind):
     compared: ClassVar = "ends"
     one_a_row: ClassVar[bool] = True
 
-    kind: Literal["fixed_time"] = Field(description="fixed_time: a given time, each row read where it ends")
+    kind: Literal["fixed_time"] = Field(
+        init=False, description="fixed_time: a given time, each row read where it ends"
+    )
     duration: Positive = Field(description="simulated time, in s")
 
     def recorder(self, model: Model) -> FixedTimeRecorder:

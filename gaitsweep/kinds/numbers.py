@@ -19,8 +19,7 @@ import numpy as np
 from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from gaitsweep import near_miss
-from gaitsweep.effort import MOST, Effort
+from gaitsweep import effort, near_miss
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
 
@@ -74,8 +73,10 @@ def read_number(value: Any) -> float | str:
         InvalidValue: what is not a finite number or arithmetic; YAML's traps (1:30, 010, dates) are named.
     """
     if isinstance(value, str):
-        if not Effort.spend("expressions"):  # no diagnostic for each: the reading ends here
-            text = f"has more than {MOST['expressions']} numbers that are written as text or expressions."
+        if not effort.spend("expressions"):  # no diagnostic for each: the reading ends here
+            text = (
+                f"has more than {effort.MOST['expressions']} numbers that are written as text or expressions."
+            )
             raise JobError([Diagnostic((), text)])
         for trap, sentence in _TRAPS:
             if len(value) < 100 and trap.match(value):

@@ -106,3 +106,12 @@ class OneOf:
 def _union(parts: tuple[type[Part], ...]) -> TypeAdapter[Any]:
     union: Any = Annotated[functools.reduce(operator.or_, parts), Field(discriminator="kind")]
     return TypeAdapter(union)
+
+
+def plain(value: Any) -> Any:
+    """Lists and Python's numbers for arrays, series and NumPy's numbers, in mappings too."""
+    if isinstance(value, Mapping):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [plain(each) for each in value]
+    return value.tolist() if hasattr(value, "tolist") else value

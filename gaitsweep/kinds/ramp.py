@@ -19,7 +19,9 @@ from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 class Ramp(RunKind):
     """Move one parameter slowly along a path and record every section crossing."""
 
-    kind: Literal["ramp"] = Field(description="ramp: a parameter moved slowly, every crossing recorded")
+    kind: Literal["ramp"] = Field(
+        init=False, description="ramp: a parameter moved slowly, every crossing recorded"
+    )
     parameter: Text = Field(description="the model's parameter that moves")
     path: list[Real] = Field(
         min_length=2, max_length=1000, description="values between which it moves, in order"

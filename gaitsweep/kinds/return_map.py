@@ -16,7 +16,7 @@ from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 class ReturnMap(RunKind):
     """Record successive section values of each row."""
 
-    kind: Literal["return_map"] = Field(description="return_map: successive section values")
+    kind: Literal["return_map"] = Field(init=False, description="return_map: successive section values")
     crossings: Count = Field(description="section crossings to record")
     after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
@@ -10,15 +11,17 @@ from typing import Any, ClassVar, Literal, Protocol
 import jax
 import numpy as np
 import pandas as pd
+from pydantic import ValidationError
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import Grid
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records
-from gaitsweep.kinds.diagnostics import Diagnostic
-from gaitsweep.kinds.part import Part, kind_of
+from gaitsweep.kinds.diagnostics import Diagnostic, Owner, from_pydantic
+from gaitsweep.kinds.part import Part, kind_of, plain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +85,11 @@ class RunKind(Part):
     A kind has a field `kind: Literal["its_name"]` and gives `recorder`, `columns` and `cost`. A kind that
     moves a parameter has the fields `parameter` and `path`, and gives `schedule`. A kind that does not use
     the sweep engine sets `own_blocks` and gives `block_table`.
+
+    In Python it is made from its other fields, `Settle(max_cycles=150)`, with NumPy's arrays and numbers.
+
+    Raises:
+        ArgumentError: a field that it does not have, or a value that the field does not take.
     """
 
     # how the self-check compares a sample of rows with the same rows at half the step: by their fixed point
@@ -90,6 +98,23 @@ class RunKind(Part):
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
     own_blocks: ClassVar[bool] = False  # whether `block_table` makes the table, not the sweep engine
     figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
+
+    def __init__(self, **fields: Any) -> None:
+        kind = self.kind_name
+        try:
+            super().__init__(**{"kind": kind, **plain(fields)})
+        except ValidationError as error:
+            wrong = from_pydantic(error, {kind: Owner(f"run ({kind})", type(self), "run")}, kind, ("run",))
+            raise ArgumentError("\n".join(map(str, wrong))) from None
+
+    # so that pydantic does not call it for a job, whose errors are gathered and told with their lines
+    __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        shown = inspect.signature(cls)  # what a notebook shows: `kind` may be left out
+        known = [each for name, each in shown.parameters.items() if name != "kind"]
+        cls.__signature__ = shown.replace(parameters=known)
 
     @classmethod
     def moves(cls) -> bool:
@@ -145,19 +170,13 @@ class RunKind(Part):
         return pd.DataFrame(found)
 
     def block_table(
-        self,
-        rows: Rows,
-        first: int,
-        last: int,
-        numerics: Numerics,
-        engine: str,
-        between: Callable[[], None] | None = None,
+        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Callable[[], None]
     ) -> pd.DataFrame:
         """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
         raise NotImplementedError
 
     def starting_points(
-        self, rows: Rows, sample: np.ndarray, numerics: Numerics, engine: str
+        self, rows: Rows, work: SweepSpec, sample: np.ndarray
     ) -> tuple[StartingPoints, StartingPoints]:
         """Where a sample of rows (n,) starts, at its own step and at half of it, for the self-check."""
         raise NotImplementedError

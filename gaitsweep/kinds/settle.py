@@ -48,7 +48,8 @@ class Settle(RunKind):
     one_a_row: ClassVar[bool] = True
 
     kind: Literal["settle"] = Field(
-        description="settle: until the section's state stops moving, or repeats every 2 to 8 crossings"
+        init=False,
+        description="settle: until the section's state stops moving, or repeats every 2 to 8 crossings",
     )
     max_cycles: Count = Field(default=150, description="cycles after which a row is given up")
     tolerance: PositiveOrEach = Field(

@@ -36,7 +36,8 @@ class Staircase(RunKind):
     """Move one parameter in stairs along a path, keep it constant on each, and record the end of each."""
 
     kind: Literal["staircase"] = Field(
-        description="staircase: a parameter moved in stairs and kept on each, the end of each recorded"
+        init=False,
+        description="staircase: a parameter moved in stairs and kept on each, the end of each recorded",
     )
     parameter: Text = Field(description="the model's parameter that moves")
     path: list[Real] = Field(

@@ -22,7 +22,7 @@ _MOVING = ("parameter", "path", "rate", "initial_dwell")  # fields that say how 
 class Trace(RunKind):
     """Record the signals of each row at equal intervals of time, a parameter moving if one is named."""
 
-    kind: Literal["trace"] = Field(description="trace: a time series of each row")
+    kind: Literal["trace"] = Field(init=False, description="trace: a time series of each row")
     duration: Positive = Field(description="length of the recording, in s")
     every: Positive = Field(description="interval between samples, in s")
     after_cycles: CountOrZero = Field(

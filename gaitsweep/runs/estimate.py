@@ -131,17 +131,12 @@ def _measured(work: SweepSpec, dt: float) -> Measured:
     ran = pool.block_of >= 0
     simulated = float(np.sum(given.t[ran]))
     crossings = float(np.sum(given.record.cycles[ran]))
-    nominal = 1.0 / _nominal_period(work)
+    params, _ = work.values(0, 1)
+    one = {name: np.asarray(column[0]) for name, column in params.items()}
+    nominal = 1.0 / float(jax.jit(lambda values: work.model.period(work.model.params(values)))(one))
     if crossings < 2.0 * np.count_nonzero(ran):  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:
         return Measured(rate, compile_s, EVENTS_SHARE / dt, nominal)
     attempts = float(np.sum(given.attempts[ran])) / simulated
     return Measured(rate, compile_s, attempts, crossings / simulated)
-
-
-def _nominal_period(work: SweepSpec) -> float:
-    """The first row's, in s, as its model says."""
-    params, _ = work.values(0, 1)
-    one = {name: np.asarray(column[0]) for name, column in params.items()}
-    return float(jax.jit(lambda values: work.model.period(work.model.params(values)))(one))

@@ -55,6 +55,7 @@ def run_job(
         FigureError: the table is complete, but a figure of it could not be drawn.
     """
     path = RESULTS / job.name if out is None else Path(out)
+    progress = progress or (lambda *_, **__: None)
     ready = prepare(job)
     work = ready.work
     if ready.note is not None:
@@ -75,11 +76,15 @@ def run_job(
         checked = _self_checked(ready, directory, progress)
         if figures:
             draw_of_complete(directory, resolved["figures"], progress, tell)
-    _tell_of_self_check(checked, work.numerics.dt, tell, strict)
+    if checked.get("verdict") == "warned":
+        text = f"{sentence(checked)} {advice(checked, work.numerics.dt)}"
+        if strict:
+            raise SelfCheckError(text)
+        tell(f"Warning: {text}")
     return path
 
 
-def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progress | None) -> dict[str, Any]:
+def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progress) -> dict[str, Any]:
     """What the self-check of a complete table found, now or when it was made."""
     before = directory.manifest.get("self_check")
     asked = min(ready.job.verify, ready.work.n_rows)
@@ -88,30 +93,15 @@ def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progres
     total = ready.work.n_rows
 
     def tell(now: SweepProgress) -> None:
-        if progress is not None:
-            progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
+        progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
     found = self_check(ready, asked, tell)
     directory.update_manifest(self_check=found)
     return found
 
 
-def _tell_of_self_check(
-    found: dict[str, Any], dt: float | None, tell: Callable[[str], None], strict: bool
-) -> None:
-    """Warn where a self-check did; its own line is shown with the outcome."""
-    if found.get("verdict") != "warned":
-        return
-    text = f"{sentence(found)} {advice(found, dt)}"
-    if strict:
-        raise SelfCheckError(text)
-    tell(f"Warning: {text}")
-
-
-def _run_missing(
-    ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress | None
-) -> None:
-    before = directory.rows_done + directory.rows_open
+def _run_missing(ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress) -> None:
+    before, total = directory.rows_done + directory.rows_open, ready.work.n_rows
     describe(ready, directory)
     spent = directory.manifest.get("timings", {})
     timings = Timings()
@@ -123,14 +113,11 @@ def _run_missing(
         directory.write_part(number, ready.table(block))
 
     def tell(now: SweepProgress) -> None:
-        if progress is not None:
-            done, total = before + now.done, ready.work.n_rows
-            rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
-            note = f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
-            progress(done, total, rate, (before + now.share * now.rows) / total, note)
+        rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
+        note = f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
+        progress(before + now.done, total, rate, (before + now.share * now.rows) / total, note)
 
-    if progress is not None:
-        progress(before, ready.work.n_rows, 0.0, before / ready.work.n_rows, "compiling")
+    progress(before, total, 0.0, before / total, "compiling")
     try:
         if (grid := ready.job.run.refined(ready.plan)) is not None:
             refine(ready, grid, directory, progress, timings)
@@ -162,32 +149,23 @@ class _Open:
 
 
 def _run_own_blocks(
-    ready: Prepared,
-    directory: ResultDirectory,
-    missing: list[int],
-    progress: Progress | None,
-    timings: Timings,
+    ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress, timings: Timings
 ) -> None:
     """Write the missing parts of a table that the run kind makes itself, block by block.
 
     The rows of a block are worked out together, so that a kill can lose one block.
     """
-    work, done, first_done = ready.work, 0, directory.rows_done
-    note = ready.job.run.kind_name
+    work, before, done = ready.work, directory.rows_done, 0
+
+    def told(rate: float) -> None:
+        progress(before + done, work.n_rows, rate, (before + done) / work.n_rows, ready.job.run.kind_name)
+
     for number in missing:
         began = time.perf_counter()
-        first = number * work.block
-        last = min(first + work.block, work.n_rows)
-
-        def between(done: int = done) -> None:  # so that Ctrl-C need not wait for the block's end
-            if progress is not None:
-                progress(first_done + done, work.n_rows, 0.0, (first_done + done) / work.n_rows, note)
-
-        frame = ready.job.run.block_table(ready.plan, first, last, work.numerics, ready.engine, between)
+        first, last = directory.rows_of(number)
+        # told of each step too, so that Ctrl-C need not wait for the block's end
+        frame = ready.job.run.block_table(ready.plan, work, first, last, lambda: told(0.0))
         directory.write_part(number, frame)
         timings.run_s += time.perf_counter() - began
         done += last - first
-        if progress is not None:
-            rate = done / max(timings.run_s, 1e-9)
-            share = (first_done + done) / work.n_rows
-            progress(first_done + done, work.n_rows, rate, share, note)
+        told(done / max(timings.run_s, 1e-9))

@@ -17,11 +17,10 @@ from gaitsweep.table import (
     Snapshot,
     TableError,
     load_with_snapshot,
-    not_written,
     own_folder,
     read_file,
-    reason,
     replace_file,
+    writing,
 )
 from gaitsweep.table.manifest import FIGURES, JOB
 from gaitsweep.version import version
@@ -50,7 +49,7 @@ class Progress(Protocol):
 def draw_of_complete(
     directory: ResultDirectory,
     specs: list[dict[str, Any]],
-    progress: Progress | None,
+    progress: Progress,
     tell: Callable[[str], None],
 ) -> None:
     """Draw the figures that a complete table lacks, none of which may hide by failing that it is complete."""
@@ -68,7 +67,7 @@ def draw_of_complete(
 
 
 def _draw_missing_figures(
-    directory: ResultDirectory, specs: list[dict[str, Any]], progress: Progress | None
+    directory: ResultDirectory, specs: list[dict[str, Any]], progress: Progress
 ) -> None:
     """Draw the figures that a complete directory lacks; those that stand were drawn of the same rows."""
     drawn = directory.manifest.get("figures_drawn", {})
@@ -85,8 +84,7 @@ def _draw_missing_figures(
         return
 
     def between(number: int) -> None:
-        if progress is not None:
-            progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
+        progress(directory.n_rows, directory.n_rows, 0.0, 1.0, f"figure {number} of {len(wanted)}")
 
     draw_figures(directory.path, wanted, between)
     now = {name: _figure_digest(directory.path / FIGURES / name, spec) for name, spec in by_name.items()}
@@ -127,10 +125,8 @@ def draw_figures(
     if not specs:
         return []
     folder = Path(path) / FIGURES
-    try:
+    with writing(f"{folder} cannot be made"):
         own_folder(folder)
-    except OSError as error:
-        raise not_written(f"{folder} cannot be made: {reason(error)}.", error) from error
     files, refused = [], []
     for number, spec in enumerate(specs):
         file = folder / f"{spec.get('name') or spec['kind']}.png"
@@ -144,10 +140,8 @@ def draw_figures(
         except UserError as error:
             refused.append(f"figures[{number}] ({spec['kind']}): {error}")
             continue
-        try:
+        with writing(f"{file} could not be written"):
             replace_file(file, lambda stream, figure=figure: figure.savefig(stream, format="png", dpi=150))
-        except OSError as error:
-            raise not_written(f"{file} could not be written: {reason(error)}.", error) from error
         files.append(file)
     if refused:
         raise FigureError("\n".join(refused), files)

@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import pandas as pd
 
-from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -94,7 +93,9 @@ def prepare(job: Job) -> Prepared:
         engine=engine,
     )
     digest = steps.digest if numerics.dt is None else None
-    job_hash = _hash(job, rows.model, device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
+    job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
+    for own in (type(rows.model), type(job.run)):  # a user's own: edited, it is another job
+        job_hash = _with_source(job_hash, own)
     return Prepared(job, rows, work, note, job_hash, steps)
 
 
@@ -123,11 +124,6 @@ def naming_the_file() -> Iterator[None]:
         if error.filename is None:
             raise
         raise WriteError(f"{error.filename} cannot be used: {reason(error)}.") from error
-
-
-def _hash(job: Job, model: Model, **chosen: Any) -> str:
-    """The job's hash, with the sources of a user's own model and run kind: edited, it is another job."""
-    return _with_source(_with_source(job.hash(**chosen), type(model)), type(job.run))
 
 
 def _with_source(job_hash: str, own: type) -> str:

@@ -31,7 +31,7 @@ def refine(
     ready: Prepared,
     grid: Grid,
     directory: ResultDirectory,
-    progress: RunProgress | None,
+    progress: RunProgress,
     timings: Timings,
 ) -> None:
     """Run the rounds that a directory still lacks, and write the parts of its table.
@@ -50,7 +50,7 @@ def refine(
     frames: list[pd.DataFrame] = []
     decided = 0.0
     while (rows := np.flatnonzero(wanted(known, grid))).size:
-        tell = None if progress is None else _telling(progress, len(frames), known.size, decided)
+        tell = _telling(progress, len(frames), known.size, decided)
         frame = _round(ready, directory, len(frames), rows, tell, timings)
         known.reshape(-1)[rows] = _labels(frame)
         frames.append(frame)
@@ -65,7 +65,7 @@ def _round(
     directory: ResultDirectory,
     number: int,
     rows: np.ndarray,
-    tell: Callable[[SweepProgress], None] | None,
+    tell: Callable[[SweepProgress], None],
     timings: Timings,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from gaitsweep.contract import Status
-from gaitsweep.table import Snapshot, not_written, reason, replace_file
+from gaitsweep.table import Snapshot, replace_file, writing
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -39,11 +39,9 @@ def write_report(path: str | Path) -> Path:
     snapshot = Snapshot.of(path)
     snapshot.require_sound()
     target = snapshot.path / "report.html"
-    try:
+    with writing(f"{target} could not be written"):
         text = _page(snapshot)
         replace_file(target, lambda file: file.write(text.encode()))
-    except OSError as error:
-        raise not_written(f"{target} could not be written: {reason(error)}.", error) from error
     return target
 
 

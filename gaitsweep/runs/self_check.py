@@ -228,9 +228,8 @@ def _compare_ends(
 
 
 def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> None:
-    """Compare the starting points of rows (n,)."""
     model = ready.plan.model
-    once, half = ready.job.run.starting_points(ready.plan, rows, ready.work.numerics, ready.engine)
+    once, half = ready.job.run.starting_points(ready.plan, ready.work, rows)
     both = once.found & half.found
     check.status_differs = int(np.sum(once.found != half.found))
     change = changes(model, once.observed, half.observed)
@@ -246,7 +245,6 @@ def _failed(status: np.ndarray) -> np.ndarray:
 def _compare_crossings(
     ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> None:
-    """Compare the first crossings of rows (n,)."""
     plan, model = ready.plan, ready.plan.model
     recorder = ready.work.recorder
     if not (isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) <= MOST_CROSSINGS):

@@ -17,6 +17,7 @@ from gaitsweep.table.files import (
     read_file,
     reason,
     replace_file,
+    writing,
 )
 from gaitsweep.table.reading import Snapshot, load, load_with_snapshot
 
@@ -32,4 +33,5 @@ __all__ = [
     "read_file",
     "reason",
     "replace_file",
+    "writing",
 ]

@@ -7,7 +7,6 @@ import errno
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,8 @@ import yaml
 from gaitsweep.table.digests import DIGESTS, add_digest, digest_of, read_digests, write_digests
 from gaitsweep.table.examination import FOREIGN, Examination, Fault
 from gaitsweep.table.files import (
+    OPEN_ROWS,
+    PARTS,
     Lock,
     TableError,
     WriteError,
@@ -38,8 +39,8 @@ from gaitsweep.table.manifest import (
     rows_of,
     sealed,
 )
-from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes, open_name
-from gaitsweep.table.parts import Footer, check_frame, count_statuses, part_bytes, part_name
+from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes
+from gaitsweep.table.parts import Footer, check_frame, count_statuses, part_bytes
 from gaitsweep.table.reading import add_counts
 
 _FIXED = ("format", "job_hash", "rows", "block")
@@ -58,7 +59,6 @@ class ResultDirectory:
         self.notes: list[str] = []
         self._lock = lock
         self._footers: dict[int, Footer] = {}
-        self._digests: dict[str, str] = {}
         # files of ended rows of open blocks, and the blocks that still need them
         self._open_files: dict[Path, set[int]] = {}
         self._restored: dict[int, Rows] = {}
@@ -113,9 +113,8 @@ class ResultDirectory:
         for folder in (self.path, self.path / TABLE, self.path / FIGURES):
             remove_partials(folder)
         plain = json.loads(json.dumps(dict(job), default=_plain))
-        if (
-            new or self.manifest.get("job") != plain
-        ):  # first, since a directory without a manifest is not recognised
+        # first, since a directory without a manifest is not recognised
+        if new or self.manifest.get("job") != plain:
             self.manifest["job"] = plain
             self._write_manifest()
         own_folder(self.path / TABLE)
@@ -144,7 +143,6 @@ class ResultDirectory:
                 raise TableError(f"{fault.sentence[:-1]}: move it out of this directory, and run again.")
             self._clear(fault)
         self._footers = examined.footers
-        self._digests = examined.digests
         if examined.without_digest:
             self.notes.append(
                 f"{len(examined.without_digest)} parts of {self.path} are of an older version and carry no "
@@ -252,7 +250,7 @@ class ResultDirectory:
             f"; {self.rows_done} of {self.n_rows} rows are safe there, "
             "and the same command continues from them",
         ):
-            self._write(part_name(number), data)
+            self._write(PARTS.name(number), data)
         self._footers[number] = footer
         self._restored.pop(number, None)
         for file, blocks in list(self._open_files.items()):
@@ -275,7 +273,7 @@ class ResultDirectory:
         Raises:
             WriteError: the disk is full or the file cannot be written.
         """
-        name = open_name(self._last_open + 1)
+        name = OPEN_ROWS.name(self._last_open + 1)
         with writing(f"{len(rows['row'])} finished rows could not be stored in {self.path / TABLE / name}"):
             self._write(name, open_bytes(rows, self.manifest["job_hash"]))
         self._last_open += 1
@@ -284,10 +282,8 @@ class ResultDirectory:
 
     def _write(self, name: str, data: bytes) -> None:
         """Write a file of the table, after its digest."""
-        digest = digest_of(data)
-        add_digest(self.path, f"{TABLE}/{name}", digest)
+        add_digest(self.path, f"{TABLE}/{name}", digest_of(data))
         replace_file(self.path / TABLE / name, lambda file: file.write(data))
-        self._digests[f"{TABLE}/{name}"] = digest
 
     def update_manifest(self, **fields: Any) -> None:
         """Set fields of `manifest.json` (JSON values; None removes a field).
@@ -314,7 +310,7 @@ class ResultDirectory:
         Raises:
             WriteError: it cannot be written; the old file is unchanged.
         """
-        names = {JOB, *(f"{TABLE}/{part_name(number)}" for number in self._footers)}
+        names = {JOB, *(f"{TABLE}/{PARTS.name(number)}" for number in self._footers)}
         names |= {f"{TABLE}/{file.name}" for file in self._open_files}
         known = read_digests(self.path)
         with writing(f"{self.path / DIGESTS} could not be written"):
@@ -335,9 +331,7 @@ class ResultDirectory:
     def __enter__(self) -> ResultDirectory:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
 

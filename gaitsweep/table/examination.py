@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 
 from gaitsweep.table.digests import DIGESTS, digest_of, read_digests
-from gaitsweep.table.files import TableError, is_partial, read_file, reason
+from gaitsweep.table.files import OPEN_ROWS, PARTS, TableError, is_partial, read_file, reason
 from gaitsweep.table.manifest import TABLE, rows_of
-from gaitsweep.table.open_rows import open_name, open_number, read_open
-from gaitsweep.table.parts import DamagedPart, Footer, part_name, part_number, read_footer, read_records
+from gaitsweep.table.open_rows import read_open
+from gaitsweep.table.parts import DamagedPart, Footer, read_footer, read_records
 
 FOREIGN = ".foreign"  # suffix of a part of another table that was renamed
 
@@ -67,7 +67,7 @@ class Examination:
         self._numbers: list[int] = []
         self._open_numbers: list[int] = []
         for name in names:
-            number, opened = part_number(name), open_number(name)
+            number, opened = PARTS.number(name), OPEN_ROWS.number(name)
             if number is not None and number * self.block < self.rows:
                 self._numbers.append(number)
             elif opened is not None:
@@ -75,11 +75,12 @@ class Examination:
             elif name.endswith(".parquet"):
                 what = "its name is none that this table's files have: move it out of this directory."
                 self.strangers.append(Fault(self.folder / name, what, foreign=True))
+        self.last_open = max(self._open_numbers, default=0)
 
     def parts(self, records: bool = False) -> Iterator[tuple[int, pa.Table | None]]:
         """Iterate over the valid parts in order, with their records if `records`."""
         for number in self._numbers:
-            file = self.folder / part_name(number)
+            file = self.folder / PARTS.name(number)
             name = f"{TABLE}/{file.name}"
             digest = self.digests.get(name)
             start, stop = rows_of(self.manifest, number)
@@ -128,7 +129,7 @@ class Examination:
     def open_rows(self) -> Iterator[tuple[Path, dict[str, np.ndarray]]]:
         """Iterate over the files of ended rows of incomplete blocks."""
         for number in self._open_numbers:
-            file = self.folder / open_name(number)
+            file = self.folder / OPEN_ROWS.name(number)
             digest = self.digests.get(f"{TABLE}/{file.name}")
             try:
                 data = read_file(file)
@@ -140,11 +141,6 @@ class Examination:
             except (OSError, DamagedPart) as error:
                 what = reason(error) if isinstance(error, OSError) else error
                 self.open_faults.append(Fault(file, f"{what}."))
-
-    @property
-    def last_open(self) -> int:
-        """The highest number of those files."""
-        return max(self._open_numbers, default=0)
 
 
 class _ForeignPart(DamagedPart):

@@ -6,11 +6,12 @@ import contextlib
 import errno
 import fcntl
 import os
+import re
 import socket
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from gaitsweep.errors import FAILED, UserError
 
@@ -155,6 +156,23 @@ def remove_partials(folder: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
+class Numbered(NamedTuple):
+    """The names of a table's files of one kind, by their numbers: `part-00003.parquet`."""
+
+    kind: str
+
+    def name(self, number: int) -> str:
+        return f"{self.kind}-{number:05d}.parquet"
+
+    def number(self, name: str) -> int | None:
+        """The number in a file name, or None if it is not a file of this kind."""
+        match = re.fullmatch(rf"{self.kind}-([0-9]{{5,18}})\.parquet", name)
+        return int(match[1]) if match and self.name(int(match[1])) == name else None
+
+
+PARTS, OPEN_ROWS = Numbered("part"), Numbered("open")
+
+
 class Lock:
     """The exclusive right to write a directory, released by the operating system when the process ends."""
 
@@ -175,9 +193,8 @@ class Lock:
                 raise TableError(f"{path} is a link, which is not followed: remove it.") from None
             raise
         found = os.fstat(self._descriptor)
-        if (
-            not stat.S_ISREG(found.st_mode) or found.st_nlink > 1
-        ):  # a hard link: another file would be changed too
+        # of a hard link, another file would be changed too
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
             self.release()
             raise TableError(f"{path} is no lock file of gaitsweep: remove it.")
         try:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -23,18 +22,6 @@ from gaitsweep.table.parts import UNREADABLE, DamagedPart, on_one_line
 Rows = Mapping[str, np.ndarray]
 
 _KEY = b"gaitsweep open rows"
-_NAME = re.compile(r"open-([0-9]{5,18})\.parquet")
-
-
-def open_name(number: int) -> str:
-    """Return the name of the n-th file of open rows."""
-    return f"open-{number:05d}.parquet"
-
-
-def open_number(name: str) -> int | None:
-    """Return the number in a file name, or None if it is not a file of open rows."""
-    match = _NAME.fullmatch(name)
-    return int(match[1]) if match and open_name(int(match[1])) == name else None
 
 
 def open_bytes(rows: Rows, job_hash: str) -> bytes:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +14,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 _KEY = b"gaitsweep"
-_NAME = re.compile(r"part-([0-9]{5,18})\.parquet")
 
 # Units of the columns that run kinds add to a model's own; "1" for counts and other plain numbers.
 _UNITS = {
@@ -42,17 +40,6 @@ class Footer:
 
 class DamagedPart(Exception):
     """A part differs from what was written; the message gives the evidence."""
-
-
-def part_name(number: int) -> str:
-    """Return the file name of a block."""
-    return f"part-{number:05d}.parquet"
-
-
-def part_number(name: str) -> int | None:
-    """Return the block of a file name, or None if it is not the name of a part."""
-    match = _NAME.fullmatch(name)
-    return int(match[1]) if match and part_name(int(match[1])) == name else None
 
 
 def count_statuses(frame: pd.DataFrame) -> dict[str, int]:

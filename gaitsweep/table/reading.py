@@ -17,7 +17,7 @@ from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
 from gaitsweep.table.former_names import renamed
-from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
+from gaitsweep.table.manifest import FIGURES, JOB, is_job, read_manifest
 from gaitsweep.table.parts import Footer
 
 _LARGEST_JOB = 64 * 2**20  # bytes
@@ -29,21 +29,15 @@ class Snapshot:
     """The contents of a result directory at one moment, without its records; a run may be writing it.
 
     `job` is the job that was run, `written` the content of `job.yaml`; they differ if it was edited.
-    `footers` and `faults` (damaged parts and parts of another table) are by block; `strangers` are files
-    without a block; `rows_open` is the number of ended rows of incomplete blocks; `without_digest` are blocks
-    of an older version without digests.
+    `files` are those of the table, examined; `rows_open` is the number of ended rows of incomplete blocks.
     """
 
     path: Path
     job: dict[str, Any]
     manifest: dict[str, Any]
-    footers: dict[int, Footer]
-    faults: dict[int, Fault]
-    strangers: tuple[Fault, ...]
+    files: Examination
     rows_open: int
-    open_faults: tuple[Fault, ...]
     written: dict[str, Any]
-    without_digest: tuple[int, ...]
 
     @classmethod
     def of(cls, path: str | Path) -> Snapshot:
@@ -62,22 +56,17 @@ class Snapshot:
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of ended rows by status."""
-        return add_counts(self.footers)
+        return add_counts(self.files.footers)
 
     @property
     def rows_done(self) -> int:
         """The number of rows in complete parts."""
-        return sum(footer.rows for footer in self.footers.values())
+        return sum(footer.rows for footer in self.files.footers.values())
 
     @property
     def rows_safe(self) -> int:
         """The number of rows that need not be run again, with those of open blocks."""
         return self.rows_done + self.rows_open
-
-    @property
-    def table_folder(self) -> Path:
-        """The folder of the parts."""
-        return self.path / TABLE
 
     @property
     def figures(self) -> list[Path]:
@@ -95,7 +84,7 @@ class Snapshot:
         Raises:
             TableError: there are such files; the message names them.
         """
-        found = [*self.faults.values(), *self.strangers]
+        found = [*self.files.faults.values(), *self.files.strangers]
         if found:
             raise TableError(_refusal(found))
 
@@ -129,18 +118,7 @@ def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
     opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
-    return Snapshot(
-        path=path,
-        job=job,
-        manifest=manifest,
-        footers=examined.footers,
-        faults=examined.faults,
-        strangers=tuple(examined.strangers),
-        rows_open=waiting.size,
-        open_faults=tuple(examined.open_faults),
-        written=written,
-        without_digest=tuple(examined.without_digest),
-    )
+    return Snapshot(path, job, manifest, examined, waiting.size, written)
 
 
 def _job_of(
@@ -212,7 +190,7 @@ def load_with_snapshot(path: str | Path) -> tuple[Snapshot, pd.DataFrame]:
     snapshot = _look(Path(path), tables)
     snapshot.require_sound()
     waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
-    if not snapshot.footers:
+    if not snapshot.files.footers:
         raise TableError(
             f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
         )
@@ -233,7 +211,7 @@ def load_with_snapshot(path: str | Path) -> tuple[Snapshot, pd.DataFrame]:
 
 def _frame(snapshot: Snapshot, tables: list[pa.Table]) -> pd.DataFrame:
     categories: dict[str, list[str]] = {}
-    for footer in snapshot.footers.values():
+    for footer in snapshot.files.footers.values():
         for column, names in footer.categories.items():
             known = categories.setdefault(column, [])
             known.extend(name for name in names if name not in known)
@@ -269,7 +247,7 @@ def _warn(snapshot: Snapshot) -> None:
             f"{snapshot.path / JOB} was changed after the run: the manifest's job is the one that was run.",
             stacklevel=4,
         )
-    if snapshot.without_digest:
+    if snapshot.files.without_digest:
         warnings.warn(
             f"{snapshot.path} is of an older version, whose parts carry no digests: "
             "not every damage of them is found.",

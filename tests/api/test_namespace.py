@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import pkgutil
 import subprocess
@@ -47,6 +48,13 @@ def test_names() -> None:
     assert dir(gs) == sorted(gs.__all__) == sorted(set(gs.__all__))
     for name in gs.__all__:
         assert getattr(gs, name) is not None
+    imports = [
+        each
+        for each in ast.walk(ast.parse(Path(gs.__file__).read_text()))
+        if isinstance(each, ast.ImportFrom)
+    ]
+    typed = {alias.name for each in imports for alias in each.names if alias.asname is not None}
+    assert typed | {"__version__"} == set(gs.__all__), "a type checker sees other names than Python"
     with pytest.raises(AttributeError, match="nothing"):
         _ = gs.nothing  # pyright: ignore[reportAttributeAccessIssue]
 

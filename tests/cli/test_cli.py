@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 from gaitsweep.cli import main
-from gaitsweep.cli.progress import ProgressBar, ProgressLines
+from gaitsweep.cli.progress import progress_lines, shown_progress
 from gaitsweep.cli.show import duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
@@ -271,7 +271,7 @@ def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys:
 
 def test_the_bar_shows_rows_rate_and_note() -> None:
     screen = io.StringIO()
-    with ProgressBar(Console(file=screen, force_terminal=True, width=100)) as bar:
+    with shown_progress(console=Console(file=screen, force_terminal=True, width=100)) as bar:
         bar(2000, 10000, 0.0, 0.2, "compiling")
         bar(2500, 10000, 123.456, 0.26, "2.4 M attempts/s")
     shown = screen.getvalue()
@@ -282,11 +282,11 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
 def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, log = iter([0.0, 1.0, 21.0, 31.0, 41.0, 71.0, 72.0, 105.0]), io.StringIO()
     monkeypatch.setattr("gaitsweep.cli.progress.time.monotonic", lambda: next(clock))
-    with ProgressLines(file=log) as lines:
-        for done in (2000, 3000, 3500, 4000, 5500):
-            lines(done, 10000, 50.0, done / 10000, "2.4 M attempts/s")
-        lines(1, 10, 0.0, 0.1, "")  # the next run of the same command
-        lines(7, 10, 0.0, 0.7, "")
+    lines = progress_lines(file=log)
+    for done in (2000, 3000, 3500, 4000, 5500):
+        lines(done, 10000, 50.0, done / 10000, "2.4 M attempts/s")
+    lines(1, 10, 0.0, 0.1, "")  # the next run of the same command
+    lines(7, 10, 0.0, 0.7, "")
     assert log.getvalue().splitlines() == [
         "3500/10000 rows, 35 %, 50 rows/s, 130 s left, 2.4 M attempts/s",
         "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 M attempts/s",

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
 
 from gaitsweep import models
 from gaitsweep.job import Job
 from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.plot.limbs import limb_colours, limbs_of
 from gaitsweep.plot.movie.animation import Clip
 from gaitsweep.plot.movie.side_view import heading, turned
 from gaitsweep.runs.movie import read_motion
@@ -30,6 +32,11 @@ def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None
         return
     assert isinstance(drawn, Skeleton)
     assert len({limb.name for limb in drawn.limbs}) == len(drawn.limbs) > 0
+    table = pd.DataFrame()
+    table.attrs["job"] = {"model": name, "structure": {}}
+    limbs = limbs_of(table, len(drawn.limbs))
+    assert [limb.name for limb in limbs] == [limb.name for limb in drawn.limbs]
+    assert limb_colours(limbs) == limb_colours(drawn.limbs)
     assert all(f"contact_{i + 1}" in signals for i in range(len(drawn.limbs)))
     for points in (*(limb.points for limb in drawn.limbs), *drawn.bodies, *drawn.springs):
         assert points.shape[0] == moments

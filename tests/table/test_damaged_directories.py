@@ -339,7 +339,7 @@ def test_damaged_rows_of_open_blocks_are_run_again(tmp_path: Path) -> None:
         keep(directory, [6])
     file = path / "table" / "open-00001.parquet"
     file.write_bytes(file.read_bytes()[:-9])
-    assert len(Snapshot.of(path).open_faults) == 1
+    assert len(Snapshot.of(path).files.open_faults) == 1
     assert Snapshot.of(path).rows_open == 1
     with open_toy(path) as directory:
         assert "open-00001.parquet was damaged" in directory.notes[0]

@@ -241,7 +241,7 @@ def test_a_truncated_part_is_removed_and_made_anew(tmp_path: Path) -> None:
         part.write_bytes(part.read_bytes()[:length])
         with pytest.raises(TableError, match="damaged"):
             load(tmp_path / "toy")
-        assert tuple(Snapshot.of(tmp_path / "toy").faults) == (1,)
+        assert tuple(Snapshot.of(tmp_path / "toy").files.faults) == (1,)
         with open_toy(tmp_path / "toy") as directory:
             assert directory.missing_blocks() == [1]
             assert "part-00001.parquet was damaged" in directory.notes[0]

@@ -191,5 +191,4 @@ def _is_zero(value: Scalar) -> bool:
 
 
 def _coordinate(axis: Array) -> bool:
-    """Whether an axis is a constant coordinate axis."""
     return isinstance(axis, np.ndarray) and bool(np.sum(axis != 0.0) == 1)

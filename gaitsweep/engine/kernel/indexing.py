@@ -125,7 +125,6 @@ def _selected(
 
 
 def _refuse_many(tracer: Tracer, starts: list[int], last: Sequence[int]) -> None:
-    """Refuse a selection among too many indices."""
     moving = [many + 1 for at, many in zip(starts, last, strict=True) if tracer.program.value(at) is None]
     if int(np.prod(moving)) > MAX_INDICES:
         raise refuse(

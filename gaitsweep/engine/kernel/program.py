@@ -41,9 +41,8 @@ class Program:
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
-        self.steady: list[
-            bool
-        ] = []  # constant along a trajectory: constants, steady inputs, and functions of these
+        # constant along a trajectory: constants, steady inputs, and functions of these
+        self.steady: list[bool] = []
         self._known: dict[tuple, int] = {}
 
     def constant(self, value: Value, kind: Kind) -> int:

@@ -100,14 +100,10 @@ def refuse(reason: str) -> UnsupportedError:
 def kind_of(dtype: Any) -> Kind:
     """The kind of node that represents scalars of a dtype."""
     if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as random number keys
-        if np.dtype(dtype) == np.bool_:
-            return "bool"
-        if np.dtype(dtype).kind in "iu":
-            return "int"
-        if np.dtype(dtype) == np.float32:
-            return "f32"
-        if np.dtype(dtype) == np.float64:
-            return "f64"
+        kinds: dict[str, Kind] = {"b": "bool", "i": "int", "u": "int", "f4": "f32", "f8": "f64"}
+        of = np.dtype(dtype)
+        if (kind := kinds.get(of.str[1:] if of.kind == "f" else of.kind)) is not None:
+            return kind
     raise refuse(f"numbers of type {dtype} cannot run in the scalar kernel")
 
 

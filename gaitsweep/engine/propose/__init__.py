@@ -34,6 +34,9 @@ METHODS: dict[str, Method] = {
     "semi_implicit": Method(None, first_step=1.0, growth=1.0),
 }  # fmt: skip
 
+# The methods that take the steps of the model itself.
+_OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
+
 __all__ = ["METHODS", "Estimate", "Method", "Propose", "move", "own_steps", "refusal"]
 
 
@@ -54,8 +57,7 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     """The reason why a method does not suit a model and a precision, in words after the field's name."""
     linear = isinstance(model, HybridModel) and model.linear
     if not isinstance(model, HybridModel) and METHODS[name].step is not None:
-        own = ", ".join(other for other, method in METHODS.items() if method.step is None)
-        return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {own}."
+        return f"is {name}, which needs a flow, but {model.name} has only steps. Allowed: {_OWN}."
     if METHODS[name].step is None and own_steps(name, model) is None:
         located = ", ".join(
             other for other, method in METHODS.items() if method.step and (linear or not method.linear_only)
@@ -64,8 +66,7 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     if (reason := _steps_alone(name, model)) is not None:
         return reason
     if precision == "mixed" and own_steps(name, model) is None:
-        own = ", ".join(other for other, method in METHODS.items() if method.step is None)
-        return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {own}."
+        return f"is {name}, but precision mixed is for steps of fixed length. Allowed in mixed: {_OWN}."
     if not METHODS[name].linear_only:
         return None
     general = ", ".join(
@@ -86,7 +87,6 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
 def _steps_alone(name: str, model: Model) -> str | None:
     if METHODS[name].step is None or not isinstance(model, HybridModel) or model.located:
         return None
-    own = ", ".join(other for other, method in METHODS.items() if method.step is None)
     fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
-    structure = ", ".join(f"{field.name} {getattr(model, field.name)}" for field in fields)
-    return f"is {name}, which needs a flow, but {model.name} has only steps with {structure}. Allowed: {own}."
+    shape = ", ".join(f"{field.name} {getattr(model, field.name)}" for field in fields)
+    return f"is {name}, which needs a flow, but {model.name} has only steps with {shape}. Allowed: {_OWN}."

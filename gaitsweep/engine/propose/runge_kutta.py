@@ -69,7 +69,6 @@ def tsit5(model: HybridModel) -> Estimate:
 
 
 def _sum(weights: tuple[float, ...], rates: list[Rates]) -> Rates:
-    """The weighted sum of rates, field by field."""
     first, *others = zip(weights, rates, strict=True)
     total = {name: first[0] * rate for name, rate in first[1].items()}
     for weight, each in others:

@@ -15,35 +15,29 @@ from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
-class Labels:
-    """Labels the rows of a block, or the records of a staircase, in batches of fixed size."""
-
-    def __init__(self, spec: SweepSpec) -> None:
-        self.spec = spec
-        self._label = _reader(spec.model, spec.drive)
-
-    def __call__(self, block: Block) -> dict[str, np.ndarray]:
-        """`gait` (an index, -1: not read) and the traits, for each row or for each record of stairs."""
-        found = self.spec.recorder.readings(block)
-        if found is None:
-            return {}
-        width = found.batch or min(self.spec.block, self.spec.n_rows)
-        good = found.readable
-        values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
-        parts = []
-        for first in range(0, max(found.rows.size, 1), width):
-            part = slice(first, first + width)
-            n = found.rows[part].size
-            # batches are filled up with the first row, so that their size is constant
-            padded = np.concatenate([found.rows[part], np.zeros(width - n, np.int64)])
-            times, seen = np.zeros(width), np.zeros((width, found.observed.shape[1]))
-            times[:n], seen[:n] = found.t[part], np.where(good[part, None], found.observed[part], 0.0)
-            given = self._label({k: v[padded] for k, v in values.items()}, times, jnp.asarray(seen))
-            parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
-        labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-        gait = np.where(good, labels.pop("gait"), -1).astype(np.int32)
-        fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in labels.items()}
-        return {"gait": gait, **fields}
+def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
+    """`gait` (an index, -1: not read) and the traits, for each row of a block or each record of stairs."""
+    found = spec.recorder.readings(block)
+    if found is None:
+        return {}
+    label = _reader(spec.model, spec.drive)
+    width = found.batch or min(spec.block, spec.n_rows)
+    good = found.readable
+    values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
+    parts = []
+    for first in range(0, max(found.rows.size, 1), width):
+        part = slice(first, first + width)
+        n = found.rows[part].size
+        # batches are filled up with the first row, so that their size is constant
+        padded = np.concatenate([found.rows[part], np.zeros(width - n, np.int64)])
+        times, seen = np.zeros(width), np.zeros((width, found.observed.shape[1]))
+        times[:n], seen[:n] = found.t[part], np.where(good[part, None], found.observed[part], 0.0)
+        given = label({k: v[padded] for k, v in values.items()}, times, jnp.asarray(seen))
+        parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
+    labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
+    gait = np.where(good, labels.pop("gait"), -1).astype(np.int32)
+    fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in labels.items()}
+    return {"gait": gait, **fields}
 
 
 # cached for the process like the engine's programs, so that the rounds of a refined run compile it once

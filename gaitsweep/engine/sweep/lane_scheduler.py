@@ -35,11 +35,8 @@ class LaneScheduler:
         restored: Callable[[int], EndedRows | None] | None = None,
     ) -> None:
         self.spec = spec
-        self._restored: dict[int, EndedRows] = {}
-        for number in blocks:
-            found = None if restored is None else restored(number)
-            if found is not None:
-                self._restored[number] = found
+        found = {} if restored is None else {number: restored(number) for number in blocks}
+        self._restored = {number: rows for number, rows in found.items() if rows is not None}
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
         self.total -= sum(len(rows["row"]) for rows in self._restored.values())
         # a device without rows would have nothing to run
@@ -127,9 +124,8 @@ class LaneScheduler:
             number = self._waiting.pop()
             self._newest = Block(self.spec, number, self._restored.pop(number, None))
             self.open[number] = self._newest
-            if (
-                self._newest.missing == 0
-            ):  # the earlier run was killed after its last row and before its part was written
+            # the earlier run was killed after its last row and before its part was written
+            if self._newest.missing == 0:
                 self.complete.append(number)
         return self._newest
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
-from gaitsweep.engine.sweep.labels import Labels
+from gaitsweep.engine.sweep.labels import labels_of
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
@@ -66,12 +66,11 @@ def sweep(
     timings = Timings() if timings is None else timings
     began = time.perf_counter()
     scheduler = LaneScheduler(spec, blocks, None if open_rows is None else open_rows.restored)
-    label = Labels(spec)
     scheduler.refill()
     if scheduler.busy:
         scheduler.collect(scheduler.chunk(0))
         # compiled before any row ends, since ended rows would wait for it
-        label(next(iter(scheduler.open.values())))
+        labels_of(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     keeper = _Keeper(scheduler, open_rows)
     try:
@@ -84,7 +83,7 @@ def sweep(
                 keeper.store_if_due(keeper.close_s)
                 close_began = time.perf_counter()
                 block = scheduler.open[number]
-                write(number, block.result(label(block)))
+                write(number, block.result(labels_of(spec, block)))
                 scheduler.close(number)
                 keeper.close_s = time.perf_counter() - close_began
             keeper.store_if_due(keeper.chunk_s)

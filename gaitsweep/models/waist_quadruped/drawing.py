@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
+LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))
 # Corners of a box in halves of its size; a quarter next to the waist is left out, so that the spring is
 # visible.
 _GAP = 0.75
@@ -49,7 +50,11 @@ def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
 
 
 class WaistDrawing:
-    """The functions `skeleton` and `mjcf` of a model with this body."""
+    """The members `limbs`, `skeleton` and `mjcf` of a model with this body."""
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        return LOOKS
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return scaled_mjcf(values)
@@ -81,7 +86,7 @@ class WaistDrawing:
                 boxes[side, k] = data.geom_xpos[geom] + corners @ across.T
                 waist[k, side] = data.geom_xpos[geom] + across @ ends[side]
         return Skeleton(
-            limbs=tuple(Limb(NAMES[i], limbs[i], pair=i // 2, far=bool(i % 2)) for i in LIMBS),
+            limbs=tuple(Limb(look.name, limbs[i], look.pair, look.far) for i, look in enumerate(LOOKS)),
             bodies=(boxes[0], boxes[1]),
             springs=(waist,),
             note="The waist between its two bodies is a sprung roll joint.",

@@ -19,8 +19,18 @@ from gaitsweep.analysis.chain.travelling_wave import free_link, nearest_set, rel
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.kinds.numbers import Flag, Text
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, column, rows_where, written
-from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
+from gaitsweep.plot.figure_kind import (
+    Panels,
+    PlannedTable,
+    Refusal,
+    Title,
+    Window,
+    check_window,
+    figure_kind,
+)
+from gaitsweep.plot.limbs import limb_colours, limbs_of, name_limbs
+from gaitsweep.skeleton import LimbLook
 
 _NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
 _HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
@@ -32,6 +42,7 @@ _MOST_PANELS = 24
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if "contact_1" not in table.columns:
         yield figure.needs(table, "the signals contact_1, contact_2, ...")
+    yield from check_window(figure)
 
 
 @figure_kind("trace", check=_check)
@@ -43,9 +54,12 @@ def footprints(
     guides: Annotated[
         Flag, "whether swings of neighbouring legs that follow each other are joined, in their wave's colour"
     ] = True,
+    window: Window = None,
     title: Title = None,
 ) -> Figure:
-    """A black bar for each leg while it is on the ground, leg 1 on top; time in s below, in cycles above.
+    """A bar for each limb while it is on the ground, the first on top; time in s below, in cycles above.
+
+    Limbs have the names and colours of `gaitsweep animate`. Cycles count from the begin of what is shown.
 
     Losses of contact shorter than half a swing are filled; the legend says how many, and how long at most.
     In a chain of legs the link whose lag is free along the analytic solutions has a colour of its own.
@@ -70,13 +84,14 @@ def footprints(
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(parts)} panels)".strip()
     parts = parts[:_MOST_PANELS] or [(None, table)]
     height = len(parts) * (0.85 + 0.17 * len(legs)) + (0.45 if guides else 0.15)
+    limbs = limbs_of(table, len(legs))
     with style.canvas(style.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
         joined: set[str] = set()
         hops: list[float] = []
         for number, (axes, (value, part)) in enumerate(zip(grid, parts, strict=True)):
             heading = _heading(table, panels, value, number, titles or ())
-            joined |= _panel(axes, part.sort_values("t"), legs, heading, guides, hops)
+            joined |= _panel(axes, part.sort_values("t"), legs, limbs, heading, guides, window, hops)
         grid[-1].set_xlabel("time (s)")
         if joined:
             names = {
@@ -118,15 +133,17 @@ def _heading(
     place = int(value) if panels == "row" else number  # rows of a partial table keep their own titles
     if place < len(titles):
         return titles[place]
-    return f"row {value}" if panels == "row" else written(table, str(panels), value)
+    return row_names(table)[value] if panels == "row" else written(table, str(panels), value)
 
 
 def _panel(
     axes: Axes,
     part: pd.DataFrame,
     legs: Sequence[int],
+    limbs: Sequence[LimbLook],
     heading: str | None,
     guides: bool,
+    window: Sequence[float] | None,
     hops: list[float],
 ) -> set[str]:
     """Draw one panel; returns the directions in which its swings are joined.
@@ -134,29 +151,32 @@ def _panel(
     The durations of filled losses of contact, s, are added to `hops`.
     """
     part = rows_where(part, part["t"].notna())
-    axes.set_yticks(range(len(legs)), [f"Leg {leg}" for leg in legs])
-    axes.tick_params(axis="y", length=0)
-    axes.set_ylim(len(legs) - 0.4, -0.6)
+    name_limbs(axes, limbs)
+    colours = limb_colours(limbs)
     title = axes.set_title(heading or "", loc="left")
     if len(part) < 2:
         style.message(axes, "nothing was recorded")
         return set()
     t = part["t"].to_numpy(float)
+    low, high = window or (float(t[0]), float(t[-1]))
+    low, high = max(low, float(t[0])), min(high, float(t[-1]))
+    if high <= low:
+        style.message(axes, f"recorded from {t[0]:.4g} to {t[-1]:.4g} s only")
+        return set()
     stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
-    hops += [gap for one in stances for gap in _hops(*one)]
+    hops += [gap for one in stances for gap in _hops(*one, low, high)]
     stances = [_without_hops(*one) for one in stances]
     for row, (starts, stops) in enumerate(stances):
         bars = list(zip(starts, stops - starts, strict=True))
-        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors="black", linewidth=0)
-    axes.set_xlim(t[0], t[-1])
+        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colours[row], linewidth=0)
+    axes.set_xlim(low, high)
     period = _period(stances, t[0])
     if period is None:
         return set()
-    begin = float(t[0])
-    there_and_back: Any = (lambda seconds: (seconds - begin) / period, lambda count: begin + count * period)
+    there_and_back: Any = (lambda seconds: (seconds - low) / period, lambda count: low + count * period)
     above = axes.secondary_xaxis("top", functions=there_and_back)
     above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
-    above.xaxis.set_major_locator(_whole(t[-1] - t[0], period))
+    above.xaxis.set_major_locator(_whole(high - low, period))
     axes.set_title(
         title.get_text(), loc="left", y=1.0, pad=17
     )  # level with the label of the upper axis, not above it
@@ -198,10 +218,12 @@ def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np
     return starts[np.r_[True, swing]], stops[np.r_[swing, True]]
 
 
-def _hops(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
-    """The durations of the losses of contact that `_without_hops` fills."""
+def _hops(starts: np.ndarray, stops: np.ndarray, low: float, high: float) -> np.ndarray:
+    """The durations, s, of the losses of contact from `low` to `high` that `_without_hops` fills."""
     gaps = starts[1:] - stops[:-1]
-    return gaps[gaps <= _HOP * gaps.max()] if len(gaps) else gaps
+    if not len(gaps):
+        return gaps
+    return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
 
 
 def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
