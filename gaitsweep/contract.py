@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 if TYPE_CHECKING:
-    from gaitsweep.skeleton import Skeleton
+    from gaitsweep.skeleton import LimbLook, Skeleton
 
 Params = Any  # a frozen pytree of scalars: a model's parameters
 State = Any  # a frozen dataclass pytree: the continuous variables and the discrete modes of a trajectory
@@ -285,6 +285,11 @@ class Model(Jumps):
     def chart(self) -> Chart | None:
         """Coordinates of the section; None: the return map uses all float variables of the state."""
         return None
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        """The limbs of the signals contact_1, contact_2, ..., for figures; empty: legs with numbers."""
+        return ()
 
     def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton | None:
         """The drawing of the body, from parameters and signals (n,) of a trace; None: it cannot be drawn."""

@@ -8,6 +8,15 @@ import numpy as np
 
 
 @dataclasses.dataclass(frozen=True)
+class LimbLook:
+    """The name and the place of a limb: what figures draw alike; `pair` and `far` as of `Limb`."""
+
+    name: str
+    pair: int = 0
+    far: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
 class Limb:
     """A limb as it is drawn: `points` (n, k, 3) m from its root to its foot, over n samples.
 

@@ -67,5 +67,6 @@ def quadruped_skeleton(yaw: float = 0.0, **lengths: float) -> Skeleton:
     """The trot at 81 moments, with other lengths than Table I's where they are given."""
     t = 0.01 * np.arange(81)
     model = models.find("waist_quadruped")()
-    values = {"body_length": 0.1, "body_width": 0.1, "link_length": 0.08} | lengths
+    bodies = {f"{body}_{size}": 0.1 for body in ("front", "rear") for size in ("length", "width")}
+    values = bodies | {"link_length": 0.08} | lengths
     return model.skeleton(values, quadruped_signals(t, yaw))

@@ -17,12 +17,12 @@ RTOL, SECOND_RTOL = 1e-7, 1e-8
 
 
 @cache
-def _page() -> tuple[str, Values]:
-    """The MJCF and the parameters' defaults, which are data of the model."""
+def _page() -> tuple[str, dict[str, float | str]]:
+    """The MJCF and the parameters' defaults, numbers or formulas, which are data of the model."""
     from gaitsweep.models.waist_quadruped.mechanics import mjcf
     from gaitsweep.models.waist_quadruped.parameters import PARAMETERS
 
-    return mjcf(), {quantity.name: float(quantity.default or 0.0) for quantity in PARAMETERS}
+    return mjcf(), {quantity.name: quantity.default or 0.0 for quantity in PARAMETERS}
 
 
 def draw(random: np.random.Generator, n: int) -> list[Values]:
@@ -56,9 +56,12 @@ def draw(random: np.random.Generator, n: int) -> list[Values]:
 
 def reference(values: Values, nudge: bool, crossings: int) -> Found:
     """Dormand-Prince steps of the page's equations on MuJoCo's accelerations."""
+    from gaitsweep.expression import resolve
+
     xml, defaults = _page()
-    p = {**defaults, **FIXED, **values}
-    start = p.pop("delta_13") + (1e-9 if nudge else 0.0)
+    start = values["delta_13"] + (1e-9 if nudge else 0.0)
+    given = {name: value for name, value in values.items() if name != "delta_13"}
+    p = resolve({**defaults, **FIXED, **given}, {})
     try:
         found = landings(xml, p, start, crossings, rtol=SECOND_RTOL if nudge else RTOL)
     except Fallen:

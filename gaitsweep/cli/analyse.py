@@ -192,12 +192,27 @@ def gait_transitions(
 
 
 @app.command()
+def waves(directory: Directory) -> None:
+    """Print wavelength and speed of waves in traces of the multi-legged chain, beside eqs. (27), (28)."""
+    from gaitsweep.analysis.chain.travelling_wave import waves as measured
+    from gaitsweep.table import load
+
+    _print(measured(load(directory)), 6)
+
+
+@app.command()
 def multilegged_theory(
     springs: Annotated[int, typer.Option("--N", help="Springs; the chain has N + 1 legs.")] = 3,
     omega: Annotated[float, typer.Option("--omega", help="Basic frequency, rad/s.")] = 0.4,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the chain; may be repeated."),
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option("--figures", metavar="DIR", help="Draw Figs. 8 to 11 of Ambe 2021 there.")
+    ] = None,
+    k: Annotated[
+        int | None, typer.Option("--k", help="Boundary leg of the source wave in these figures.")
     ] = None,
 ) -> None:
     """Print the solutions of a chain of legs by the theory; no result directory is needed."""
@@ -218,3 +233,15 @@ def multilegged_theory(
         values[name] = evaluate(value, {})
     jax.config.update("jax_enable_x64", True)
     print(theory_summary(springs, omega, Chain(**values)))
+    if figures is not None:
+        from gaitsweep.plot.chain.theory import SHOWN, theory_figure
+        from gaitsweep.table import not_written, reason
+
+        try:
+            figures.mkdir(parents=True, exist_ok=True)
+            for show in SHOWN:
+                file = figures / f"{show}.png"
+                theory_figure(springs, Chain(**values), show=show, k=k).savefig(file)
+                print(f"Figure: {file}")
+        except OSError as error:
+            raise not_written(f"{figures} could not be written: {reason(error)}.", error) from error

@@ -57,6 +57,11 @@ def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
     return "; ".join(told)
 
 
+def distance(far: Mapping[str, Any]) -> str:
+    """The largest distance from the analytic solutions: "0.110 rad (row 123)"."""
+    return f"{far.get('rad', float('nan')):.3f} rad (row {far.get('row', '?')})"
+
+
 def outcome(snapshot: Snapshot) -> str:
     """The results of a run on disk, as text."""
     rows, parts = snapshot.manifest["rows"], len(snapshot.files.footers)
@@ -67,6 +72,8 @@ def outcome(snapshot: Snapshot) -> str:
     ]
     if gaits := snapshot.manifest.get("gaits"):
         lines.insert(1, f"Gaits: {counts(gaits)}.")
+    if far := snapshot.manifest.get("largest_distance"):
+        lines.append(f"Largest distance from the analytic solutions: {distance(far)}.")
     if stalls := snapshot.manifest.get("stalls"):
         lines.insert(1, f"Stalled: {stalled(stalls)}.")
     if snapshot.counts and not set(snapshot.counts) & Status.of(Verdict.sound):
@@ -104,6 +111,9 @@ def directory(snapshot: Snapshot) -> str:
     for key, value in snapshot.manifest.items():
         if key == "stalls" and isinstance(value, dict):
             lines[key] = stalled(value)
+        elif key == "largest_distance" and isinstance(value, dict):
+            if value:
+                lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
         elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):
             lines[key] = plain(value)
     for number, figure in enumerate(snapshot.figures):

@@ -18,12 +18,15 @@ from gaitsweep.plot.basins.shock import shock as shock
 from gaitsweep.plot.branches.branches import branches as branches
 from gaitsweep.plot.branches.continuation import continuation as continuation
 from gaitsweep.plot.branches.cycles import cycles as cycles
+from gaitsweep.plot.branches.gait_transitions import gait_transitions as gait_transitions
 from gaitsweep.plot.branches.hysteresis import hysteresis as hysteresis
 from gaitsweep.plot.branches.return_map import return_map as return_map
 from gaitsweep.plot.branches.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.plot.chain.drift_law import drift_law as drift_law
 from gaitsweep.plot.chain.gait_shares import gait_shares as gait_shares
 from gaitsweep.plot.chain.solution_set import solution_set as solution_set
+from gaitsweep.plot.chain.theory import chain_theory as chain_theory
+from gaitsweep.plot.chain.wave_speed import wave_speed as wave_speed
 from gaitsweep.plot.columns import PlotError as PlotError
 from gaitsweep.plot.figure_kind import FIGURES as FIGURES
 from gaitsweep.plot.figure_kind import FigureKind as FigureKind

@@ -12,7 +12,7 @@ import pandas as pd
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.circular import is_circular as is_angle
-from gaitsweep.analysis.records import outcome_labels
+from gaitsweep.analysis.records import axes_of, outcome_labels
 from gaitsweep.errors import UserError
 
 _GREEK = frozenset(
@@ -103,6 +103,23 @@ def written(table: pd.DataFrame, name: str, value: object) -> str:
     turns = f"{number / np.pi:.3g}"
     text = {"0": "0", "1": r"\pi", "-1": r"-\pi"}.get(turns, rf"{turns}\,\pi")
     return f"{symbol(table, name)} = ${text}$"
+
+
+def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str]:
+    """The name of each row: the values of the swept axes that differ between them; its number without any.
+
+    Args:
+        without: axes that are named elsewhere, such as that of the panels.
+    """
+    firsts = table.drop_duplicates("row")
+    axes = [name for name in axes_of(table) if name not in without]
+    differ = [name for name in axes if len(firsts[name].unique()) > 1]
+    values = [firsts[name].tolist() for name in differ]
+    names = {}
+    for at, row in enumerate(firsts["row"].tolist()):
+        told = [written(table, name, value[at]) for name, value in zip(differ, values, strict=True)]
+        names[row] = ", ".join(told) or f"row {row}"
+    return names
 
 
 def outcome(table: pd.DataFrame, hue: str) -> pd.Series:

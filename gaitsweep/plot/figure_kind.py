@@ -19,7 +19,7 @@ from pydantic import Field, create_model
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
 from gaitsweep.kinds.diagnostics import Path, found
-from gaitsweep.kinds.numbers import Positive, Stem, Text
+from gaitsweep.kinds.numbers import Positive, Real, Stem, Text
 from gaitsweep.kinds.part import Part, Registry, kind_of
 from gaitsweep.kinds.run_kind import Rows, RunKind
 from gaitsweep.plot.provenance_marks import mark, remarks
@@ -42,6 +42,12 @@ Bandwidth = Annotated[
     Positive | None,
     "half the window of the smoothing, in the unit of y; if not given, 0.05 rad for an angle, and a "
     "twentieth of the range of other values",
+]
+
+Window = Annotated[
+    Sequence[Real] | None,
+    Field(min_length=2, max_length=2),
+    "begin and end of what is shown, in s; all if not given",
 ]
 
 TEXT_COLUMNS = frozenset({"status", "gait", "special", "end", "slowest", "stalled_by"})
@@ -153,7 +159,7 @@ class FigureKind(Part):
     def _titles(self) -> Iterator[Refusal]:
         """What Matplotlib cannot set between dollar signs."""
         texts: list[tuple[Path, str]] = []
-        for field in ("title", "titles", "points", "intervals"):
+        for field in ("title", "titles", "points", "intervals", "ticks"):
             written: Any = getattr(self, field, None)
             if isinstance(written, str):
                 texts.append(((field,), written))
@@ -173,6 +179,12 @@ class FigureKind(Part):
 
     def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
         return _unpickled, (self.kind_name, dict(self))  # the class of a function has no name in its module
+
+
+def check_window(figure: Any) -> Iterator[Refusal]:
+    """Why a figure's window shows nothing."""
+    if figure.window is not None and not figure.window[0] < figure.window[1]:
+        yield ("window",), f"is {found(figure.window)}, but its begin comes before its end."
 
 
 FIGURES: Registry[FigureKind] = Registry("figure", [])

@@ -31,7 +31,7 @@ COLOURS = MappingProxyType(
         "pace": "#D55E00",
         "none": "#BBBBBB",
         NOT_SETTLED: "#E4E4E4",
-        FAILED: "#7A7A7A",
+        FAILED: "#3B3B3B",
     }
 )
 MARKERS = MappingProxyType(

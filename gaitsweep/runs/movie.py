@@ -17,6 +17,7 @@ from gaitsweep.contract import Model
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
+from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.movie import animation, movie_file, side_view
 from gaitsweep.plot.movie.animation import Clip, Drawn, Scene
 from gaitsweep.plot.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
@@ -187,7 +188,7 @@ def write_movie(
         _prepared(motion, times, _pace(speed), renderer, tell) as (clip, scene),
         contextlib.closing(animation.frames(clip, size, scene)) as frames,
     ):
-        colours = side_view.limb_colours(clip.skeleton.limbs)
+        colours = limb_colours(clip.skeleton.limbs)
         _write(target, lambda: movie_file.save(target, counted(frames), fps, colours))
     return target
 

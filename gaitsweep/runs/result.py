@@ -61,6 +61,7 @@ class FiguresOfTable:
     continuation = _method(plot.continuation)
     stable_ranges = _method(plot.stable_ranges)
     gait_map = _method(plot.gait_map)
+    gait_transitions = _method(plot.gait_transitions)
     drift_law = _method(plot.drift_law)
     gait_shares = _method(plot.gait_shares)
     basin_measures = _method(plot.basin_measures)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs import provenance
@@ -40,6 +41,9 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
         if _counts_gaits(ready):
             gaits = load(directory.path)["gait"].value_counts()
             fields["gaits"] = {str(gait): int(n) for gait, n in gaits.items() if n}
+        if _has_distance(ready):
+            far = largest_distance(load(directory.path))
+            fields["largest_distance"] = {} if far is None else {"rad": far[0], "row": far[1]}
     directory.update_manifest(**fields)
 
 
@@ -50,6 +54,7 @@ def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
         known.get("complete") is True
         and known.get("counts") == directory.counts()
         and ("gaits" in known or not _counts_gaits(ready))
+        and ("largest_distance" in known or not _has_distance(ready))
         and ("stalls" in known or not directory.counts().get(Status.event_stall.name))
         and "quantities" in known
     )
@@ -57,6 +62,12 @@ def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
 
 def _counts_gaits(ready: Prepared) -> bool:
     return ready.job.run.one_a_row and "gait" in table_columns(ready.plan, ready.job.run)
+
+
+def _has_distance(ready: Prepared) -> bool:
+    """Whether rows say how far they settle from analytic solutions, as the multi-legged chain's do."""
+    known = table_columns(ready.plan, ready.job.run)
+    return ready.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
 
 def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:

@@ -9,6 +9,7 @@ from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, se
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.transition_points import (
+    irregular_passes,
     jumps,
     largest_jumps,
     loop_area,
@@ -224,3 +225,19 @@ def test_the_tables_are_what_they_say() -> None:
     assert len(roots(0.38)) == 3
     assert len(roots(0.39)) == 1
     assert set(ramp_table(steps=10)["status"].unique()) <= set(STATUSES)
+
+
+def test_a_pass_that_turns_back_twice_is_irregular() -> None:
+    """One bump of a pass is none yet: a branch may go up and come down."""
+    table = staircase_table(3)
+    assert not len(irregular_passes(table, "delta_13", "f"))
+    up = (table["pass"] == 0).to_numpy()
+    bump = np.where(np.arange(up.sum()) < up.sum() // 2, 2.3, 2.6)
+    bump[-3:] = 2.3
+    table.loc[up & (table["row"] == 1), "delta_13_n"] = bump[: (up & (table["row"] == 1)).sum()]
+    wild = up & (table["row"] == 2).to_numpy()
+    table.loc[wild, "delta_13_n"] = 2.5 + 0.1 * np.resize([1, -1, -1, 1], wild.sum())
+    assert irregular_passes(table, "delta_13", "f").to_numpy().tolist() == [[2, 0]]
+    assert not len(irregular_passes(table, "delta_13", "f", least=0.3))
+    points = transition_points(table, "delta_13", "f")
+    assert points.loc[points["direction"] == "falling", "rows"].tolist() == [3]

@@ -114,9 +114,11 @@ def test_gaits_are_lost_at_transition_points(show: Show) -> None:
 
 
 def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["analyse", "multilegged-theory", "--N", "4", "--set", "m_1=0.85"]) == 0
+    assert main(["analyse", "multilegged-theory", "--N", "4", "--set", "m=1.0"]) == 0
     printed = capsys.readouterr().out
     assert "6.14464" in printed
     assert "B, k = 3" in printed
+    assert "psi_4 from 1.256637 to 5.165092 rad on section 4" in printed  # eq. (25)
+    assert "eigenvalues  1, 0.666667 (2), 0.5" in printed  # eq. (22), set A
     assert main(["analyse", "multilegged-theory", "--set", "m1=0.85"]) == 2
     assert "did you mean m_1" in capsys.readouterr().err

@@ -21,8 +21,13 @@ from gaitsweep.models.waist_quadruped.mechanics import mjcf
 
 DT = 2e-4
 FEET = [f"foot_{i + 1}" for i in range(4)]
-TABLE_1 = {"body_mass": 1.0, "body_length": 0.1, "body_width": 0.1, "link_mass": 0.1, "link_length": 0.08}
-OTHER = {"body_mass": 1.3, "body_length": 0.12, "body_width": 0.09, "link_mass": 0.07, "link_length": 0.1}
+LINKS = {"link_mass": 0.1, "link_length": 0.08}
+FRONT = {"front_mass": 1.0, "front_length": 0.1, "front_width": 0.1}
+TABLE_1 = FRONT | {name.replace("front", "rear"): value for name, value in FRONT.items()} | LINKS
+OTHER = {
+    "front_mass": 1.3, "front_length": 0.12, "front_width": 0.09,
+    "rear_mass": 0.8, "rear_length": 0.095, "rear_width": 0.105, "link_mass": 0.07, "link_length": 0.1,
+}  # fmt: skip
 
 
 @cache
@@ -156,7 +161,9 @@ def rewritten(values: dict[str, float]) -> str:
     """The quadruped's MJCF with other masses and lengths, written from its comment and the paper's table."""
     root = ElementTree.fromstring(mjcf())
     parts = {part.get("name", ""): part for part in root.iter("body")}
-    m, long, wide = values["body_mass"], values["body_length"], values["body_width"]
+    trunks = [
+        [values[f"{body}_{part}"] for part in ("mass", "length", "width")] for body in ("front", "rear")
+    ]
 
     def place(part: ElementTree.Element, *xyz: float) -> None:
         part.set("pos", " ".join(map(repr, xyz)))
@@ -168,13 +175,17 @@ def rewritten(values: dict[str, float]) -> str:
         inertial.set("diaginertia", " ".join(map(repr, squares)))
         return inertial
 
-    box = [m / 12.0 * s for s in (wide**2 + 0.05**2, long**2 + 0.05**2, long**2 + wide**2)]
-    weigh("front", m, box)
-    place(weigh("rear", m, box), -long / 2, 0.0, 0.0)
-    place(parts["rear"], -long / 2, 0.0, 0.0)
+    boxes = [
+        [m / 12.0 * s for s in (wide**2 + 0.05**2, long**2 + 0.05**2, long**2 + wide**2)]
+        for m, long, wide in trunks
+    ]
+    weigh("front", trunks[0][0], boxes[0])
+    place(weigh("rear", trunks[1][0], boxes[1]), -trunks[1][1] / 2, 0.0, 0.0)
+    place(parts["rear"], -trunks[0][1] / 2, 0.0, 0.0)
     mass, link = values["link_mass"], values["link_length"]
     rod = mass * link * link / 12.0
     for i in range(4):
+        _, long, wide = trunks[i // 2]
         x, y = (0.48 if i < 2 else -0.98) * long, (-0.5, 0.5)[i % 2] * wide
         place(parts[f"upper_{i + 1}"], x, y, 0.0)
         place(parts[f"lower_{i + 1}"], 0.0, 0.0, -link)
@@ -204,15 +215,15 @@ def test_varied_masses_and_lengths_are_those_of_models_compiled_anew() -> None:
 def test_rows_get_the_fields_of_their_own_values() -> None:
     n = 5
     columns = {name: np.full(n, value) for name, value in TABLE_1.items()}
-    columns["body_mass"] = np.array([1.0, 1.3, 1.0, 0.7, 1.3])
+    columns["front_mass"] = np.array([1.0, 1.3, 1.0, 0.7, 1.3])
     fields = variants().numbers(columns)
     assert {len(field) for field in fields.values()} == {n}
-    np.testing.assert_array_equal(fields["body_mass"][:, 1], columns["body_mass"])
+    np.testing.assert_array_equal(fields["body_mass"][:, 1], columns["front_mass"])
     np.testing.assert_array_equal(fields["body_subtreemass"][1], fields["body_subtreemass"][4])
     one = variants().numbers({name: column[:1] for name, column in columns.items()})
     assert one.keys() == fields.keys()
-    with pytest.raises(ValueError, match=r"body_mass -1, .*, MuJoCo refuses the body"):
-        variants().numbers(columns | {"body_mass": np.full(n, -1.0)})
+    with pytest.raises(ValueError, match=r"front_mass -1, .*, MuJoCo refuses the body"):
+        variants().numbers(columns | {"front_mass": np.full(n, -1.0)})
 
 
 def test_bodies_that_cannot_be_rescaled_are_refused() -> None:

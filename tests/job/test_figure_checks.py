@@ -58,9 +58,14 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "gait_series"}, TRACE, MASSES, "", "needs the signal pitch"),
     ({"kind": "gait_series", "row": 3}, TRACE, SEEDS, FEET, "row is 3, but the job has rows 0 to 1"),
     ({"kind": "gait_series", "window": [2, 1]}, TRACE, SEEDS, FEET, "its begin comes before its end"),
+    ({"kind": "gait_series", "strip_columns": 3}, TRACE, SEEDS, FEET, "is 3, but strips stand in 1 or 2"),
+    ({"kind": "footprints", "window": [2, 2]}, TRACE, MASSES, "", "its begin comes before its end"),
     ({"kind": "nine_gaits"}, TRACE, MASSES, "", "needs the signal u_f_LF"),
     ({"kind": "loading_rule", "measures": ["load_lat"]}, TRACE, SEEDS, FEET, "did you mean load_late"),
     ({"kind": "loading_rule", "only": "seed"}, TRACE, SEEDS, FEET, "value is missing, but only"),
+    ({"kind": "chain_theory", "show": "sets", "k": 4}, TRACE, MASSES, "", "k is 4, but a chain of 4 legs"),
+    ({"kind": "chain_theory", "show": "sets"}, TRACE, SEEDS, FEET, "needs the multi-legged chain's psi_1"),
+    ({"kind": "wave_speed", "x": "beta"}, TRACE, MASSES, "", "x is beta, which does not vary in this job"),
     ({"kind": "footprints"}, TRACE, {"launch_1": [1]}, "toy_model:Toy", "needs the signals contact_1"),
 ]  # fmt: skip
 
@@ -89,6 +94,7 @@ DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
     ({"kind": "branches", "x": "m_B", "y": "psi_1"}, MAP, MASSES),
     ({"kind": "cycles", "y": ["psi_1"]}, MAP, MASSES),
     ({"kind": "footprints"}, TRACE, MASSES),
+    ({"kind": "chain_theory", "show": "order", "k": 2}, SETTLE, BOTH),
 ]
 
 

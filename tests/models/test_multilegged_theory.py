@@ -19,10 +19,12 @@ from gaitsweep.models.multilegged.theory.chain import (
 from gaitsweep.models.multilegged.theory.conserved import drift, line_length, worst_case_cycles
 from gaitsweep.models.multilegged.theory.gaits import locked_state, segments
 from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdown_order
+from gaitsweep.models.multilegged.theory.reset_sets import reset_sets, touchdown_residuals
 from gaitsweep.models.multilegged.theory.section import touches_early
 from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, lag_rules, rule_of
 from gaitsweep.models.multilegged.theory.stability import (
     characteristic_polynomial,
+    eigenvalues,
     linear_map,
     multipliers,
 )
@@ -272,3 +274,38 @@ def test_the_conserved_quantity() -> None:
     assert float(worst_case_cycles(3, tail)) == pytest.approx(800.2, abs=0.1)
     assert float(worst_case_cycles(3, Chain(m_1=0.6, m_end=0.95))) == pytest.approx(229.3, abs=0.1)
     assert float(worst_case_cycles(3, TABLE_1)) == np.inf
+
+
+@pytest.mark.parametrize("N", [3, 9])
+def test_each_leg_touches_down_as_its_set_in_table_2_says(N: int) -> None:
+    """Eq. (14) holds with the resets of each leg's set, and with no other ones."""
+    for branch in branches(N):
+        rule = rule_of(N, branch, OTHER)
+        s = float(rule.low + 0.7 * (rule.high - rule.low))
+        assert np.abs(touchdown_residuals(N, branch, s, OTHER)).max() < 1e-14
+        sets = reset_sets(N, branch, s, OTHER)
+        order = touchdown_order(N, branch, s, OTHER)
+        # S_3 (S_1, S_7 at the ends) are the legs that touch down before their neighbours: k, T_1 and T_2
+        alone = {i for i, each in enumerate(sets, 1) if not each.front and not each.rear}
+        t_1, t_2 = order_sets(N, branch, s, OTHER)
+        assert alone == {branch.k} | t_1 | t_2
+        assert {sets[0].number, sets[-1].number} <= {1, 2, 7, 8}
+        assert order[0] == branch.k
+        # in the retrograde part S_5 does not occur, in the direct part S_6 does not
+        assert all(each.number != 6 for each in sets[: branch.k - 1])
+        assert all(each.number != 5 for each in sets[branch.k :])
+
+
+@pytest.mark.parametrize("N", [3, 9, pytest.param(20, marks=pytest.mark.slow)])
+def test_eigenvalues_of_a_cycle_are_those_printed_without_scatter(N: int) -> None:
+    for branch in branches(N)[:: max(1, N // 4)]:
+        rule = rule_of(N, branch, OTHER)
+        found = eigenvalues(linear_map(N, branch, float(rule.low + 0.45 * (rule.high - rule.low)), OTHER))
+        expected = np.sort(multipliers(N, branch))[::-1]
+        assert np.abs(found - expected).max() < 1e-12, branch
+
+
+def test_eigenvalues_of_a_full_matrix_are_numpys() -> None:
+    matrix = np.random.default_rng(0).normal(size=(5, 5))
+    expected = np.linalg.eigvals(matrix)
+    assert np.allclose(np.poly(eigenvalues(matrix)), np.poly(expected))

@@ -121,7 +121,7 @@ def test_a_mass_that_moves_while_a_row_runs_becomes_nan_instead_of_stale() -> No
     columns = model.on_host(complete(model, {}, 1))
     values = {name: jnp.asarray(column[0]) for name, column in columns.items()}
     assert all(bool(jnp.isfinite(field).all()) for field in model.params(values).mechanics.numbers.values())
-    moved = model.params({**values, "body_mass": jnp.asarray(1.001)}).mechanics.numbers
+    moved = model.params({**values, "front_mass": jnp.asarray(1.001)}).mechanics.numbers
     assert all(bool(jnp.isnan(field).all()) for field in moved.values())
     # enough for the period, not for a step
     bare = model.params({name: values[name] for name in complete(model, {}, 1)})
@@ -148,7 +148,7 @@ def test_mjx_is_left_to_xla() -> None:
     engine, note = choose("auto", device, *how)
     assert engine == "xla"
     assert note is not None
-    assert "computes on the host with body_mass, " in note
+    assert "computes on the host with front_mass, " in note
     with pytest.raises(EngineError, match="Allowed here: auto, xla"):
         choose("kernel", device, *how)
 
@@ -183,5 +183,5 @@ def test_what_is_compiled_into_a_body_cannot_move(tmp_path: Path) -> None:
         "run: {kind: ramp, parameter: body_mass, path: [1.0, 1.1], rate: 0.01}\n"
         "numerics: {method: semi_implicit, dt: 2.0e-4}\n"
     )
-    with pytest.raises(JobError, match=r"line 5: run\.parameter is body_mass: .* cannot move while it runs"):
+    with pytest.raises(JobError, match=r"is body_mass, with which front_mass moves: .* cannot move"):
         load_job(job)

@@ -18,14 +18,14 @@ from gaitsweep.models.waist_quadruped.rhythm import phase_rates
 from gaitsweep.models.waist_quadruped.semi_implicit import SemiImplicit, WaistTreeBody
 
 # How far delta_13 is from what is wanted (rad), the pull (rad/s), when it ends, and when to look (s).
-AWAY, K_13, T_HOLD, END = 0.6, 20.0, np.array([0.02137, 0.0249, 0.0301]), 0.04
+AWAY, K_HOLD, T_HOLD, END = 0.6, 20.0, np.array([0.02137, 0.0249, 0.0301]), 0.04
 
 
 class Hung(WaistQuadruped):
     """The quadruped with its body held where it is: its phases alone move."""
 
     def flow(self, params: Any, state: Any) -> Any:
-        held = jnp.where(state.held, params.K_13, 0.0)
+        held = jnp.where(state.held, params.K_hold, 0.0)
         still = {"q": jnp.zeros_like(state.q), "v": jnp.zeros_like(state.v)}
         return {**still, "phi": phase_rates(params, state, held), "clock": jnp.ones_like(state.clock)}
 
@@ -38,7 +38,7 @@ class HungBody(WaistTreeBody):
 
 
 MODEL = Hung()
-PARAMS = scalars(MODEL, K_13=K_13, resetting=0.0)
+PARAMS = scalars(MODEL, K_hold=K_HOLD, resetting=0.0)
 
 
 def begun(T_hold: jax.Array) -> tuple[Any, Any]:
@@ -73,12 +73,12 @@ def in_steps(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
     ("found", "dt", "order"), [(located, [1e-3, 5e-4], 4), (in_steps, [5e-4, 2.5e-4], 1)]
 )
 def test_the_order_holds_across_the_end_of_the_start(found: Any, dt: list[float], order: int) -> None:
-    """x = delta_13 - wanted goes by x' = -2 K_13 sin x until T_hold, so tan(x/2) dies away, and then stays.
+    """x = delta_13 - wanted goes by x' = -2 K_hold sin x until T_hold, so tan(x/2) dies away, and then stays.
 
     An order within .3 at every T_hold: none of them lies at a step's end, where alone a switch in the flow
     would leave it.
     """
-    exact = 2.0 * np.arctan(np.tan(0.5 * AWAY) * np.exp(-2.0 * K_13 * T_HOLD))
+    exact = 2.0 * np.arctan(np.tan(0.5 * AWAY) * np.exp(-2.0 * K_HOLD * T_HOLD))
     grid = jax.jit(jax.vmap(jax.vmap(found, in_axes=(0, None)), in_axes=(None, 0)))
     x, held = grid(jnp.array(T_HOLD), jnp.array(dt))
     errors = np.abs(np.asarray(x) - exact)

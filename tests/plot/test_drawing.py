@@ -6,12 +6,14 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
 
 from gaitsweep import models
 from gaitsweep.job import Job
 from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.plot.limbs import limb_colours, limbs_of
 from gaitsweep.plot.movie.animation import Clip
 from gaitsweep.plot.movie.side_view import heading, turned
 from gaitsweep.runs.movie import read_motion
@@ -30,6 +32,11 @@ def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None
         return
     assert isinstance(drawn, Skeleton)
     assert len({limb.name for limb in drawn.limbs}) == len(drawn.limbs) > 0
+    table = pd.DataFrame()
+    table.attrs["job"] = {"model": name, "structure": {}}
+    limbs = limbs_of(table, len(drawn.limbs))
+    assert [limb.name for limb in limbs] == [limb.name for limb in drawn.limbs]
+    assert limb_colours(limbs) == limb_colours(drawn.limbs)
     assert all(f"contact_{i + 1}" in signals for i in range(len(drawn.limbs)))
     for points in (*(limb.points for limb in drawn.limbs), *drawn.bodies, *drawn.springs):
         assert points.shape[0] == moments
@@ -39,7 +46,8 @@ def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None
 
 def test_feet_are_drawn_where_the_dynamics_has_them() -> None:
     """Two kinematics of one body: MuJoCo's of the scaled MJCF and the tree's, alike but for rounding."""
-    lengths = {"body_length": 0.12, "body_width": 0.08, "link_length": 0.09}
+    lengths = {"front_length": 0.12, "front_width": 0.09, "rear_length": 0.11, "rear_width": 0.08}
+    lengths["link_length"] = 0.09
     ones = {name: jnp.asarray(1.0) for name in WaistMechanics.__dataclass_fields__}
     body = WaistMechanics(**ones | {name: jnp.asarray(value) for name, value in lengths.items()})
     signals = quadruped_signals(0.01 * np.arange(81))

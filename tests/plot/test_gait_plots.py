@@ -124,6 +124,22 @@ def test_series() -> None:
         plot.draw("gait_series", table.drop(columns="F_LF"), loads=True)
 
 
+def test_long_series_are_in_two_columns_read_downwards() -> None:
+    table = traces(["trot", "L-walk", "D-walk", "R-canter", "RT-gallop"])
+    figure = plot.draw("gait_series", table, window=[0.0, 1.5])
+    rendered(figure)
+    tops = [figure.axes[3 * number] for number in range(5)]
+    places = [tuple(axes.get_window_extent().p0) for axes in tops]
+    assert places[0][0] == pytest.approx(places[2][0], abs=15.0)
+    assert places[3][0] > places[0][0] + 300.0
+    assert places[0][1] > places[1][1] > places[2][1]
+    assert texts(figure)[:4] == ["left fore", "left hind", "right fore", "right hind"]
+    one = plot.draw("gait_series", table, window=[0.0, 1.5], strip_columns=1)
+    assert one.get_size_inches()[1] > figure.get_size_inches()[1]
+    many = plot.draw("gait_series", table, row=0, strip=0.4)
+    assert many.get_suptitle() == "(the first 12 of 15 strips)"
+
+
 def test_a_ramp() -> None:
     parts = []
     for row, k2 in ((0, 0.0), (1, 0.08)):
@@ -149,5 +165,18 @@ def test_a_ramp() -> None:
     spans = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in bars])
     assert spans.min() >= 1.0
     assert spans.max() <= 2.0
+    assert [axes.get_yticklabels()[0].get_text() for axes in figure.axes] == ["row 0", "row 1"]
+    measured = plot.draw("gait_ramp", table.assign(speed_n=0.5 * table["v_d"]), x="speed")
+    rendered(measured)
+    assert measured.axes[0].get_xlabel() == "measured speed (m/s)"
+    names = [label.get_text() for label in measured.axes[0].get_yticklabels()]
+    assert names == ["k2 = 0", "k2 = 0.08"]
+    bars = measured.axes[0].patches
+    assert {to_hex(bar.get_facecolor()) for bar in bars} == {
+        COLOURS["trot"].lower(),
+        COLOURS["LT-gallop"].lower(),
+    }
+    ends = [bar.get_x() for bar in bars] + [bar.get_x() + bar.get_width() for bar in bars]
+    assert 0.5 <= min(ends) < max(ends) <= 1.0
     with pytest.raises(PlotError, match="moves no parameter"):
         plot.draw("gait_ramp", crossings_of("trot"))

@@ -18,6 +18,8 @@ from gaitsweep.plot import PlotError
 from gaitsweep.plot.branches.passes import DOWN, UP
 from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
 
+RISES, FALLS = "/" * 4, "\\" * 4  # hatches of the two bands
+
 
 def texts(figure: Figure) -> list[str]:
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
@@ -56,11 +58,79 @@ def test_arrows_are_along_a_row_that_stands_on_a_branch() -> None:
     table = staircase_table(2)
     wild = table["row"] == 0
     table.loc[wild, "delta_13_n"] = np.where(np.arange(wild.sum()) % 2, 4.5, 5.5)
-    axes = plot.hysteresis(table, y="delta_13").axes[0]
+    axes, strip = plot.hysteresis(table, y="delta_13").axes
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
     assert len(arrows) == 2
     assert all(patch.get_path().vertices[:, 1].max() < 3.5 for patch in arrows)
-    assert all(text.endswith("1 of 2 rows") for text in labels(axes))
+    assert all(text.endswith("1 of 2 rows") for text in labels(strip))
+
+
+def test_irregular_passes_stand_apart_with_the_ticks_near_them() -> None:
+    """A row that wanders about zero is not among the branches, whose axis it would stretch."""
+    table = staircase_table(4, hold=40)
+    wild = (table["row"] == 2).to_numpy()
+    table.loc[wild, "delta_13_n"] = np.mod(np.tile([0.6, -0.4, 0.1], wild.sum())[: wild.sum()], 2 * np.pi)
+    figure = plot.draw(
+        "hysteresis", table, y="delta_13", ticks={"trot": np.pi, "walk": np.pi / 2, "pace": 0.0}
+    )
+    rendered(figure)
+    axes, strip = figure.axes
+    assert strip.get_title("left") == "irregular, on no branch: 1 of 4 rows"
+    assert 1.4 < axes.get_ylim()[0] < axes.get_ylim()[1] < 3.4
+    assert -1.0 < strip.get_ylim()[0] < strip.get_ylim()[1] < 1.0
+    points = sum(len(line.get_xdata()) for line in strip.lines if line.get_marker() == ".")
+    assert points == wild.sum()
+    names = [[tick.get_text() for tick in each.child_axes[0].get_yticklabels()] for each in (axes, strip)]
+    assert names == [["trot", "walk"], ["pace"]]
+    assert all(text.endswith("3 of 4 rows") for text in labels(strip))
+
+
+def test_arrows_stand_where_the_passes_differ_and_nowhere_else() -> None:
+    axes = plot.hysteresis(staircase_table(), y="delta_13").axes[0]
+    for arrow in (patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)):
+        ends = [x for x, _ in arrow._posA_posB]  # type: ignore[attr-defined]
+        assert -FOLD < min(ends) < max(ends) < FOLD
+    same = staircase_table()
+    same["delta_13_n"] = delta(0.2 * same["f"].to_numpy())  # one branch, the same both ways
+    axes = plot.hysteresis(same, y="delta_13").axes[0]
+    assert not [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+
+
+def test_the_two_bands_differ_in_hatch_and_their_overlap_is_explained() -> None:
+    table = staircase_table()
+    figure = plot.hysteresis(table, y="delta_13")
+    handles = figure.axes[0].get_legend().get_patches()
+    assert [handle.get_hatch() for handle in handles] == [RISES, FALLS]
+    late = table["pass"] == 0  # the way up jumps where the way down does
+    values = table["delta_13_n"].to_numpy()
+    low = (table["f"] < -0.35).to_numpy()
+    table["delta_13_n"] = np.where(late, np.where(low, 2.3, 2.9), values)
+    assert labels(plot.hysteresis(table, y="delta_13").axes[0])[-1] == "where both overlap"
+
+
+def test_hysteresis_over_a_measured_observable() -> None:
+    """Jumps lie in the speeds of the records between which they are, which fall as f rises."""
+    table = ramp_table(steps=1500)
+    table["speed_n"] = 0.2 - 0.05 * table["f"]
+    over = plot.hysteresis(table, y="delta_13", x="speed")
+    rendered(over)
+    axes, plain = over.axes[0], plot.hysteresis(table, y="delta_13").axes[0]
+    assert axes.get_xlabel() == "speed n"
+
+    def edges(of) -> dict:
+        found = {}
+        for patch in of.patches:
+            if patch.get_hatch():
+                span = patch.get_extents().transformed(of.transData.inverted())
+                found[patch.get_hatch()] = sorted((span.x0, span.x1))
+        return found
+
+    speeds, values = edges(axes), edges(plain)
+    for here, there in ((RISES, FALLS), (FALLS, RISES)):
+        assert speeds[here] == pytest.approx(sorted(0.2 - 0.05 * f for f in values[there]))
+    thin = [line for line in axes.lines if len(line.get_xdata()) > 900]
+    assert [line.get_color() for line in thin] == [DOWN, UP]
+    assert np.ptp(np.asarray(thin[0].get_ydata())[:50]) < 0.02  # without the transient of the start
 
 
 def test_hysteresis_shows_a_ramp_and_holds_side_by_side() -> None:
@@ -126,6 +196,7 @@ def test_return_map_marks_fixed_points_and_ghosts(form: str) -> None:
     assert texts(figure) == [
         "one step of one start",
         "smoothed, ± 2 standard errors",
+        *(["no change"] if form == "next" else []),
         "stable",
         "unstable",
         "ghost: slow passage, with its change",
@@ -172,10 +243,11 @@ def test_gait_map_names_the_set_of_each_cell() -> None:
     figure = plot.draw("gait_map", table, x="f", y="beta")
     rendered(figure)
     axes = figure.axes[0]
-    names = ["trot only", "walk only", "trot and walk", "another gait", "not settled", "failed"]
+    names = ["trot only", "walk only", "trot and walk", "trot; another start failed"]
+    names += ["another gait", "not settled", "failed"]
     assert [text.rsplit("  ")[0] for text in texts(figure)] == names
     cells = axes.collections[0].get_facecolor().reshape(3, 9, 4)
-    assert tuple(cells[1, 8]) == to_rgba(COLOURS["trot"])  # a start that fell takes nothing away
+    assert max(cells[1, 8][:3]) < max(to_rgba(COLOURS["trot"])[:3])  # darker: its start from the walk fell
     assert tuple(cells[1, 0]) == to_rgba(COLOURS["walk"])
     assert tuple(cells[1, 4]) == to_rgba("#009E73")
     assert tuple(cells[0, 8]) == to_rgba(COLOURS["none"])
@@ -260,3 +332,20 @@ def test_angles_as_multiples_of_pi() -> None:
     angle_ticks(axes, "x")
     rendered(figure)
     assert "0.85π" in [tick.get_text() for tick in axes.get_xticklabels()]
+
+
+def test_where_each_gait_is_lost() -> None:
+    """Walk is lost as f rises through FOLD, trot as it falls through -FOLD; rows that fell are below."""
+    table = settle_table(np.linspace(-0.8, 0.8, 81), [-1.0, 1.0], others=[0.75])
+    table.loc[table.index[-2:], "status"] = ["fell", "cycle_limit"]
+    figure = plot.draw("gait_transitions", table, x="f", y="delta_13", start="delta_13")
+    rendered(figure)
+    assert texts(figure) == [
+        "trot",
+        "walk",
+        "not settled",
+        "failed",
+        "trot lost as $f$ falls: -0.4 to -0.38 Hz",
+        "walk lost as $f$ rises: 0.38 to 0.4 Hz",
+    ]
+    assert len(figure.axes[0].patches) == 2

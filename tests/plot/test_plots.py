@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
-from gaitsweep import plot
+from gaitsweep import models, plot
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.chain.solution_set import chain_of
-from gaitsweep.plot.columns import axis_label, written
+from gaitsweep.plot.columns import axis_label, row_names, written
+from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.style import COLOURS
 
 
@@ -176,7 +177,7 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
     figure = plot.draw("footprints", trace_table(), titles=["first"])
     rendered(figure)
     first, second = (axes for axes in figure.axes if axes.get_yticklabels())
-    assert [tick.get_text() for tick in first.get_yticklabels()] == ["Leg 1", "Leg 2", "Leg 3", "Leg 4"]
+    assert [tick.get_text() for tick in first.get_yticklabels()] == ["leg 1", "leg 2", "leg 3", "leg 4"]
     assert first.yaxis_inverted()
     assert (first.get_title("left"), second.get_title("left")) == ("first", "row 1")
     assert second.get_xlabel() == "time (s)"
@@ -188,6 +189,43 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
         COLOURS["retrograde"]
     }  # each leg after the one before it
     assert not plot.footprints(trace_table(), guides=False).axes[0].lines
+
+
+def test_footprints_of_a_window() -> None:
+    table = trace_table()
+    low, high = np.quantile(table["t"].dropna(), [0.25, 0.75])
+    axes = plot.footprints(table, window=(low, high), guides=False).axes[0]
+    begin, end = axes.get_xlim()
+    assert low <= begin < end <= high
+
+
+def test_footprints_show_a_window_and_name_limbs_as_movies_do() -> None:
+    table = trace_table(rows=1)
+    table.attrs["job"] = {"model": "waist_quadruped", "structure": {}, "run": {"kind": "trace"}}
+    axes = plot.draw("footprints", table, window=[20.0, 40.0], guides=False).axes[0]
+    assert axes.get_xlim() == (20.0, 40.0)
+    limbs = models.find("waist_quadruped")().limbs
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == [limb.name for limb in limbs]
+    bars = [to_hex(bar.get_facecolor()[0]) for bar in axes.collections]
+    assert bars == [colour.lower() for colour in limb_colours(limbs)]
+    assert len(set(bars)) == 4
+    above = axes.child_axes[0]
+    rendered(above.figure)
+    assert above.get_xlim() == pytest.approx((0.0, 20.0 / 15.0))
+    beyond = plot.draw("footprints", table, window=[60.0, 70.0]).axes[0]
+    assert [text.get_text() for text in beyond.texts] == ["recorded from 0 to 49.95 s only"]
+
+
+def test_rows_are_named_by_what_differs_between_them() -> None:
+    table = trace_table(rows=3)
+    table.insert(1, "beta", 0.8)
+    table.insert(2, "psi_1", table["row"] * np.pi / 2)
+    assert row_names(table) == {
+        0: r"$\psi_{1}$ = $0$",
+        1: r"$\psi_{1}$ = $0.5\,\pi$",
+        2: r"$\psi_{1}$ = $\pi$",
+    }
+    assert row_names(table, without=["psi_1"]) == {0: "row 0", 1: "row 1", 2: "row 2"}
 
 
 def test_footprints_of_many_legs_and_of_rows_without_samples() -> None:

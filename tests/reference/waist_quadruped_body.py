@@ -17,21 +17,29 @@ HEIGHT = 0.05  # m, of both bodies
 
 
 def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
-    """The body with `body_mass`, `link_mass` (kg), `body_length`, `body_width`, `link_length` (m), `g`."""
+    """The body with `link_mass` (kg), `link_length` (m), `g`, and masses and sizes of both its bodies.
+
+    `front_mass`, `rear_length` and so on; where they are left out, `body_mass`, `body_length`, `body_width`.
+    """
     spec = mujoco.MjSpec.from_string(xml)
-    mass, long, wide = (values[name] for name in ("body_mass", "body_length", "body_width"))
     link, length = values["link_mass"], values["link_length"]
-    box = mass / 12.0 * np.array([wide**2 + HEIGHT**2, long**2 + HEIGHT**2, long**2 + wide**2])
     rod = link * length**2 * np.array([1.0 / 12.0, 1.0 / 12.0, 1e-6 / (0.1 * 0.08**2)])
-    trunk = np.array([long / 0.1, wide / 0.1, 1.0])
+    trunks = {}
+    for name in ("front", "rear"):
+        parts = ("mass", "length", "width")
+        mass, long, wide = (values.get(f"{name}_{part}", values.get(f"body_{part}")) for part in parts)
+        box = mass / 12.0 * np.array([wide**2 + HEIGHT**2, long**2 + HEIGHT**2, long**2 + wide**2])
+        trunks[name] = mass, box, np.array([long / 0.1, wide / 0.1, 1.0])
     for body in spec.bodies[1:]:
-        if body.name in ("front", "rear"):
+        if body.name in trunks:
+            mass, box, trunk = trunks[body.name]
             body.mass, body.inertia, body.ipos = mass, box, trunk * body.ipos
-            if body.name == "rear":
-                body.pos = trunk * body.pos
+            if body.name == "rear":  # the waist is at the end of the front body
+                body.pos = trunks["front"][2] * body.pos
             continue
         body.mass, body.inertia, body.ipos = link, rod, [0.0, 0.0, -0.5 * length]
-        body.pos = trunk * body.pos if body.name.startswith("upper") else [0.0, 0.0, -length]
+        carrier = "front" if body.name[-1] in "12" else "rear"
+        body.pos = trunks[carrier][2] * body.pos if body.name.startswith("upper") else [0.0, 0.0, -length]
         for site in body.sites:
             site.pos = [0.0, 0.0, -length]
     spec.option.gravity = [0.0, 0.0, -values["g"]]

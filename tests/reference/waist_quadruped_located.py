@@ -30,11 +30,16 @@ Q, V, PHI = slice(0, 16), slice(16, 31), slice(31, 35)
 
 @dataclass(frozen=True)
 class Landing:
-    """Limb 3's landing: time (s), all phases (4,) rad after the reset, where the front body is (m)."""
+    """Limb 3's landing: time (s), all phases (4,) rad after the reset, where the front body is (m).
+
+    Of the cycle that it ends: the share that each foot stood, and how often each touched down, (4,).
+    """
 
     time: float
     phases: np.ndarray
     x: float
+    duty: np.ndarray
+    touchdowns: np.ndarray
 
 
 class Quadruped:
@@ -55,11 +60,12 @@ class Quadruped:
         self.segment = [STANCE if a >= self.AEP else EARLY if a < 0.5 * self.AEP else LATE for a in phi]
         self.contact, self.lifted = [True] * 4, [False] * 4
         self.growing = self.held = True
+        self.cycle_began, self.down_since, self.stood, self.touched = 0.0, [0.0] * 4, [0.0] * 4, [0] * 4
         self.LP = [(p["x_c"], -p["H"])] * 4
         self.y = np.zeros(35)
         self.y[PHI] = phi
         self.y[3] = 1.0
-        weight = (2.0 * p["body_mass"] + 8.0 * p["link_mass"]) * p["g"]
+        weight = (p["front_mass"] + p["rear_mass"] + 8.0 * p["link_mass"]) * p["g"]
         self.y[2] = p["H"] - weight / (4.0 * p["K_TL"])
         starts = [self.path(i, 0.0, float(phi[i])) for i in range(4)]
         for i, (x, z) in enumerate(starts):
@@ -130,8 +136,12 @@ class Quadruped:
         dy[3:7] *= 0.5
         dy[7:16] = v[6:]
         dy[V] = d.qacc_smooth
-        held = p["K_13"] if self.held else 0.0
-        pulls = [(0, 1, p["K_12"], p["K_21"], math.pi), (2, 3, p["K_34"], p["K_43"], math.pi)]
+        held = p["K_hold"] if self.held else 0.0
+        pulls = [
+            (i, j, p[f"K_{i + 1}{j + 1}"], p[f"K_{j + 1}{i + 1}"], p[f"delta_star_{i + 1}{j + 1}"])
+            for i in range(4)
+            for j in range(i + 1, 4)
+        ]
         pulls += [(0, 2, held, held, self.delta_13), (1, 3, held, held, self.delta_13)]
         rate = [self.omega] * 4
         for i, j, on_i, on_j, wanted in pulls:
@@ -161,6 +171,11 @@ class Quadruped:
             if fired[4 + i]:
                 self.contact[i] = not self.contact[i]
                 if self.contact[i]:
+                    self.down_since[i] = self.time
+                    self.touched[i] += 1
+                else:
+                    self.stood[i] += self.time - self.down_since[i]
+                if self.contact[i]:
                     self.anchor[i] = self.data.site_xpos[self.sites[i]][:2].copy()
             before = self.segment[i]
             if fired[i] and before in (STANCE, BEYOND):
@@ -177,7 +192,23 @@ class Quadruped:
                 found = i == 2 or found
         self.growing &= not fired[8]
         self.held &= not fired[9]
-        return Landing(self.time, self.y[PHI].copy(), float(self.y[0])) if found is True else None
+        return self.ended() if found is True else None
+
+    def ended(self) -> Landing:
+        """What is read of the cycle that limb 3's landing ends."""
+        on = [
+            self.time - since if down else 0.0
+            for since, down in zip(self.down_since, self.contact, strict=True)
+        ]
+        duty = (np.array(self.stood) + on) / (self.time - self.cycle_began)
+        landing = Landing(self.time, self.y[PHI].copy(), float(self.y[0]), duty, np.array(self.touched))
+        self.cycle_began, self.down_since, self.stood, self.touched = (
+            self.time,
+            [self.time] * 4,
+            [0.0] * 4,
+            [0] * 4,
+        )
+        return landing
 
     def fell(self) -> bool:
         """The front body is low, has tilted or the waist has twisted over (the page's limits)."""

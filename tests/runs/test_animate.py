@@ -22,8 +22,8 @@ from trace_directories import (
 
 from gaitsweep.cli import main
 from gaitsweep.job import Job
+from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.movie import mujoco_movie
-from gaitsweep.plot.movie.side_view import limb_colours
 from gaitsweep.runs import movie
 from gaitsweep.table import Snapshot
 

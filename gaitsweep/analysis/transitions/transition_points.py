@@ -64,17 +64,31 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
 
 
 def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
-    """The largest of the `jumps` of each row and pass, in the same columns, without oscillating passes.
-
-    A row that reverses direction at least twice within a pass, as an irregular gait does, is on no branch.
-    """
+    """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
     found = jumps(table, observable, parameter, least)
-    size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
-    back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
-    turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
-    steady = found.loc[turns[one] < 2]
+    apart = irregular_passes(table, observable, parameter, least)
+    keys, apart = (pd.MultiIndex.from_frame(each[["row", "pass"]]) for each in (found, apart))
+    steady = found.loc[~keys.isin(apart)]
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
+
+
+def irregular_passes(
+    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST
+) -> pd.DataFrame:
+    """The passes on no branch (row, pass), which reverse direction at least twice, by `least` or more.
+
+    Either their jumps do, or the observable itself, which is smoothed for a ramp.
+
+    Args, raises: as for `jumps`.
+    """
+    found = jumps(table, observable, parameter, least)
+    apart = {(row, int(number)) for row, number in found.loc[_oscillating(found), ["row", "pass"]].to_numpy()}
+    for course in courses(table, observable, parameter):
+        for number in np.unique(course.passes):
+            if _reversals(course.value[records_of(course, int(number))], least) >= 2:
+                apart.add((course.first["row"], int(number)))
+    return pd.DataFrame(sorted(apart), columns=["row", "pass"]).astype(int)
 
 
 def transition_points(
@@ -178,6 +192,27 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
         for loop in range(int(course.passes.max()) // 2 + 1):
             found.append({**_place(course, axes), "loop": loop, **_area(course, 2 * loop, circular)})
     return pd.DataFrame(found, columns=["row", *axes, "loop", "area", "signed", "low", "high"])
+
+
+def _oscillating(found: pd.DataFrame) -> np.ndarray:
+    """Whether each of the `jumps` is of a pass whose jumps reverse direction at least twice, (n,)."""
+    size, one = found["size"].to_numpy(float), found.groupby(["row", "pass"]).ngroup().to_numpy(int)
+    back = (size[1:] * size[:-1] < 0.0) & (one[1:] == one[:-1])
+    turns = np.bincount(one[1:][back], minlength=int(one.max(initial=0)) + 1)
+    return turns[one] >= 2
+
+
+def _reversals(value: np.ndarray, least: float) -> int:
+    """The number of times that a course turns back, having moved by `least` or more since the last turn."""
+    turns, way = 0, 0
+    low = high = value[0]
+    for each in value:
+        low, high = min(low, each), max(high, each)
+        if way <= 0 and each - low >= least:
+            turns, way, high = turns + (way < 0), 1, each
+        elif way >= 0 and high - each >= least:
+            turns, way, low = turns + (way > 0), -1, each
+    return turns
 
 
 def _place(course: Course, axes: Sequence[str]) -> dict[str, object]:

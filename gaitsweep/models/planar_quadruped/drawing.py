@@ -13,9 +13,10 @@ import numpy as np
 from gaitsweep.models.planar_quadruped.bodies import edited
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right hind"}
+LIMBS = tuple(LimbLook(NAMES[leg], pair=int(leg[1] == "H"), far=leg[0] == "L") for leg in LEGS)
 _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
@@ -28,7 +29,11 @@ def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
 
 
 class PlanarDrawing:
-    """The functions `skeleton` and `mjcf` of a model with this body."""
+    """The members `limbs`, `skeleton` and `mjcf` of a model with this body."""
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        return LIMBS
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return of_values(values).to_xml()
@@ -53,10 +58,7 @@ class PlanarDrawing:
             across = data.geom_xmat[torso].reshape(3, 3) * model.geom_size[torso]
             boxes[k] = data.geom_xpos[torso] + _CORNERS @ across.T
         return Skeleton(
-            limbs=tuple(
-                Limb(NAMES[leg], limbs[i], pair=int(leg[1] == "H"), far=leg[0] == "L")
-                for i, leg in enumerate(LEGS)
-            ),
+            limbs=tuple(Limb(look.name, limbs[i], look.pair, look.far) for i, look in enumerate(LIMBS)),
             bodies=(boxes,),
             note="Each leg slides: its knee is a spring along it.",
         )

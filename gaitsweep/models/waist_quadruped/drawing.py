@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
+LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))
 # Corners of a box in halves of its size; a quarter next to the waist is left out, so that the spring is
 # visible.
 _GAP = 0.75
@@ -26,15 +27,18 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
 
     Args:
-        values: `body_length`, `body_width` and `link_length`, m, among others.
+        values: `front_length`, `rear_width`, `link_length` and so on, m, among others.
     """
     root = ElementTree.fromstring(mjcf())
-    trunk = np.array([values["body_length"] / 0.1, values["body_width"] / 0.1, 1.0])
+    trunks = {
+        name: np.array([values[f"{name}_length"] / 0.1, values[f"{name}_width"] / 0.1, 1.0])
+        for name in ("front", "rear")
+    }
     link = np.full(3, values["link_length"] / 0.08)
     for geom in root.findall("default//geom[@fromto]"):
         _scale(geom, "fromto", np.tile(link, 2))
     for body in root.iter("body"):
-        factor = trunk if body.get("name") in ("front", "rear") else link
+        factor = trunks.get(str(body.get("name")), link)
         for part in body:
             if part.get("pos"):
                 _scale(part, "pos", factor)
@@ -49,7 +53,11 @@ def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
 
 
 class WaistDrawing:
-    """The functions `skeleton` and `mjcf` of a model with this body."""
+    """The members `limbs`, `skeleton` and `mjcf` of a model with this body."""
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        return LOOKS
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return scaled_mjcf(values)
@@ -81,7 +89,7 @@ class WaistDrawing:
                 boxes[side, k] = data.geom_xpos[geom] + corners @ across.T
                 waist[k, side] = data.geom_xpos[geom] + across @ ends[side]
         return Skeleton(
-            limbs=tuple(Limb(NAMES[i], limbs[i], pair=i // 2, far=bool(i % 2)) for i in LIMBS),
+            limbs=tuple(Limb(look.name, limbs[i], look.pair, look.far) for i, look in enumerate(LOOKS)),
             bodies=(boxes[0], boxes[1]),
             springs=(waist,),
             note="The waist between its two bodies is a sprung roll joint.",

@@ -18,7 +18,7 @@ def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
     m = p.mechanics
     reach = jnp.minimum(jnp.hypot(p.H, 0.5 * p.D + jnp.abs(p.x_c)), 2.0 * m.link_length)
     cosine = reach * reach / (2.0 * m.link_length * m.link_length) - 1.0  # of the knee angle
-    free = 1.0 + 0.5 * m.link_mass / m.body_mass
+    free = 1.0 + 0.5 * m.link_mass / jnp.minimum(m.front_mass, m.rear_mass)
     c = free * _fastest(m.D_TL, m.sigma_1, m.sigma_2, cosine, m.link_mass, m.link_length)
     k = free * _fastest(m.K_TL, m.kappa_1, m.kappa_2, cosine, m.link_mass, m.link_length)
     root = jnp.sqrt(k)

@@ -21,7 +21,12 @@ if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.variants import Variants
 
 # Table I's masses (kg) and lengths (m), those of the MJCF.
-_TABLE_1 = {"body_mass": 1.0, "body_length": 0.1, "body_width": 0.1, "link_mass": 0.1, "link_length": 0.08}
+_TABLE_1 = {
+    **{f"{body}_mass": 1.0 for body in ("front", "rear")},
+    **{f"{body}_{size}": 0.1 for body in ("front", "rear") for size in ("length", "width")},
+    "link_mass": 0.1,
+    "link_length": 0.08,
+}
 
 
 class WaistMjxBody(WaistBody):

@@ -49,9 +49,12 @@ class WaistMechanics:
     D_TL: jax.Array
     clamp: jax.Array
     g: jax.Array
-    body_mass: jax.Array
-    body_length: jax.Array
-    body_width: jax.Array
+    front_mass: jax.Array
+    front_length: jax.Array
+    front_width: jax.Array
+    rear_mass: jax.Array
+    rear_length: jax.Array
+    rear_width: jax.Array
     link_mass: jax.Array
     link_length: jax.Array
     numbers: dict[str, jax.Array]
@@ -194,13 +197,16 @@ def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any],
     """The factors of mass and of size of each body relative to Table I, by name.
 
     Args:
-        of: an object with `body_mass` (kg), `body_length` (m) and so on, numbers or arrays.
+        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays.
         stack: the function that stacks them to an array.
     """
-    trunk = stack([of.body_length / 0.1, of.body_width / 0.1, 1.0])
+    front, rear = (
+        stack([length / 0.1, width / 0.1, 1.0])
+        for length, width in ((of.front_length, of.front_width), (of.rear_length, of.rear_width))
+    )
     links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
-    mass = {"front": of.body_mass, "rear": of.body_mass} | dict.fromkeys(links, of.link_mass / 0.1)
-    size = {"front": trunk, "rear": trunk} | dict.fromkeys(links, of.link_length / 0.08)
+    mass = {"front": of.front_mass, "rear": of.rear_mass} | dict.fromkeys(links, of.link_mass / 0.1)
+    size = {"front": front, "rear": rear} | dict.fromkeys(links, of.link_length / 0.08)
     return mass, size
 
 

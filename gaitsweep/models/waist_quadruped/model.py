@@ -2,9 +2,9 @@
 
 Two rigid bodies joined by a roll joint with a spring, and four limbs of two links. Each limb has a phase
 oscillator whose phase determines the desired position of its foot. Left and right oscillators are coupled in
-antiphase; fore and hind ones are not coupled. A landing resets the phase of its limb, and the gait, the phase
-difference between fore and hind limbs, results from the mechanics only. Limbs: 1 right fore, 2 left fore,
-3 right hind, 4 left hind.
+antiphase; fore and hind ones are not, unless their gains K_ij are given. A landing resets the phase of its
+limb. So the gait, the phase difference between fore and hind limbs, results from the mechanics only. Limbs:
+1 right fore, 2 left fore, 3 right hind, 4 left hind.
 
 There are two integration methods: an ODE with located events (`numerics.method: rk4`) for transition points
 and Jacobians, and semi-implicit Euler (`method: semi_implicit`) for scans, with landing times interpolated
@@ -143,7 +143,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         root = jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero])
         q = jnp.concatenate([root, jnp.stack(angles)])
         # compression of the ground by the body's weight
-        weight = (2.0 * p.mechanics.body_mass + 8.0 * p.mechanics.link_mass) * p.mechanics.g
+        bodies = p.mechanics.front_mass + p.mechanics.rear_mass
+        weight = (bodies + 8.0 * p.mechanics.link_mass) * p.mechanics.g
         q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))
         at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
         return State(
@@ -167,6 +168,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             stride_t=zero,
             speed=zero,
             period=zero,
+            stood=jnp.zeros(4, q.dtype),
+            landed=jnp.zeros(4, q.dtype),
+            duty=jnp.ones(4, q.dtype),
+            touchdowns=jnp.zeros(4, q.dtype),
         )
 
     @property
@@ -181,7 +186,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         return {
             "q": q_rate,
             "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces),
-            "phi": phase_rates(p, s, jnp.where(s.held, p.K_13, 0.0)),
+            "phi": phase_rates(p, s, jnp.where(s.held, p.K_hold, 0.0)),
             "clock": jnp.ones_like(s.clock),
         }
 
@@ -233,6 +238,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             "delta_34": wrapped(phi[2] - phi[3]),
             "speed": state.speed,
             "period": state.period,
+            "stride": state.speed * state.period,
+            **{f"duty_{i + 1}": state.duty[i] for i in LIMBS},
+            **{f"touchdowns_{i + 1}": state.touchdowns[i] for i in LIMBS},
         }
 
     def signal(self, params: Params, state: State) -> dict[str, jax.Array]:

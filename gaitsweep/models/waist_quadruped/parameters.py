@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from gaitsweep.contract import Quantity
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS
 
@@ -14,15 +16,28 @@ def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: 
     return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
 
 
-def _gain(i: int, j: int) -> Quantity:
+def _gain(i: int, j: int, default: float = 0.0) -> Quantity:
     return Quantity(
-        f"K_{i}{j}",
-        "rad/s",
-        f"coupling of limb {j} to limb {i}, in antiphase",
-        10.0,
-        low=0.0,
-        symbol=f"K_{{{i}{j}}}",
-        source="Aoi 2011, eq. (6)",
+        f"K_{i}{j}", "rad/s", f"pull of limb {i} by limb {j} towards their desired phase difference", default,
+        low=0.0, symbol=f"K_{{{i}{j}}}", source="Aoi 2011, eq. (6)",
+    )  # fmt: skip
+
+
+def _desired(i: int, j: int, default: float | str) -> Quantity:
+    return Quantity(
+        f"delta_star_{i}{j}", "rad", f"desired lead of limb {i} over limb {j}", default,
+        circular=True, symbol=rf"\Delta^*_{{{i}{j}}}", source="Aoi 2011, eq. (6), (9)",
+    )  # fmt: skip
+
+
+def _of_body(name: str, unit: str, meaning: str, both: str, symbol: str) -> tuple[Quantity, Quantity]:
+    return (
+        _positive(
+            f"front_{name}", unit, f"{meaning} of the front body", both, f"{symbol}_\\mathrm{{FB}}", _TABLE_1
+        ),
+        _positive(
+            f"rear_{name}", unit, f"{meaning} of the rear body", both, f"{symbol}_\\mathrm{{RB}}", _TABLE_1
+        ),
     )
 
 
@@ -46,7 +61,13 @@ PARAMETERS = (
     _positive("zeta_0", "1", "damping ratio of the waist", 1.0, r"\zeta_0", _PAPER),
     _positive("D", "m", "distance between the extreme positions of a foot", 0.056, "D", _PAPER),
     _positive("T_sw", "s", "duration of the swing", 0.1, r"T_\mathrm{sw}", _PAPER),
-    _gain(1, 2), _gain(2, 1), _gain(3, 4), _gain(4, 3),
+    _gain(1, 2, 10.0), _gain(2, 1, 10.0), _gain(3, 4, 10.0), _gain(4, 3, 10.0),
+    _gain(1, 3), _gain(3, 1), _gain(2, 4), _gain(4, 2), _gain(1, 4), _gain(4, 1), _gain(2, 3), _gain(3, 2),
+    _desired(1, 2, math.pi), _desired(3, 4, math.pi), _desired(1, 3, math.pi),
+    # a phase difference is the sum of those between
+    _desired(1, 4, "delta_star_13 + delta_star_34"),
+    _desired(2, 3, "delta_star_13 - delta_star_12"),
+    _desired(2, 4, "delta_star_13 - delta_star_12 + delta_star_34"),
     Quantity("resetting", "1", "1: phases are reset at landing; 0: they are not", 1.0, low=0.0, high=1.0,
              symbol="r", source="Aoi 2011, eq. (7)"),
     _positive("kappa_1", "N m/rad", "stiffness of the hips", 16.3, r"\kappa_1", _SEARCH),
@@ -65,13 +86,16 @@ PARAMETERS = (
     _positive("body_mass", "kg", "mass of the front body and of the rear one", 1.0, "m_B", _TABLE_1),
     _positive("body_length", "m", "length of each body, hips in place", 0.1, "l_B", _TABLE_1),
     _positive("body_width", "m", "width of each body, hips at its sides", 0.1, "w_B", _TABLE_1),
+    *_of_body("mass", "kg", "mass", "body_mass", "m"),
+    *_of_body("length", "m", "length", "body_length", "l"),
+    *_of_body("width", "m", "width", "body_width", "w"),
     _positive("link_mass", "kg", "mass of each of a limb's two links", 0.1, "m_L", _TABLE_1),
     _positive("link_length", "m", "length of each of a limb's two links", 0.08, "l_L", _TABLE_1),
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _PAPER),
     _positive("T_grow", "s", "time in which D and h grow from 0", 4.0, r"T_\mathrm{grow}", _SEARCH),
     _positive("T_hold", "s", "time for which delta_13 is held", 7.0, r"T_\mathrm{hold}", _SEARCH),
-    Quantity("K_13", "rad/s", "coupling towards the delta_13 of the start while it is held", 20.0, low=0.0,
-             symbol="K_{13}", source=_SEARCH),
+    Quantity("K_hold", "rad/s", "coupling towards the delta_13 of the start while it is held", 20.0, low=0.0,
+             symbol=r"K_\mathrm{hold}", source=_SEARCH),
     *_gait("walk", 2.37, 0.24),
     *_gait("trot", 2.83, 0.22),
     *_gait("pace", 0.0, 1.2),
@@ -85,12 +109,37 @@ def _difference(i: int, j: int) -> Quantity:
     )  # fmt: skip
 
 
+# The infinite scales: a row settles or not by its phases, speed and period, whatever its feet do meanwhile.
 OBSERVABLES = (
     _difference(1, 3),
     _difference(1, 2),
     _difference(3, 4),
     Quantity("speed", "m/s", "mean forward speed over the last cycle", symbol="v"),
     Quantity("period", "s", "duration of the last cycle", symbol="T"),
+    Quantity(
+        "stride", "m", "distance covered in the last cycle", symbol="S", source="eq. (3)", scale=math.inf
+    ),
+    *(
+        Quantity(
+            f"duty_{i + 1}",
+            "1",
+            f"share of the last cycle with foot {i + 1} on the ground",
+            symbol=rf"\beta_{i + 1}",
+            source="eq. (3)",
+            scale=math.inf,
+        )
+        for i in LIMBS
+    ),
+    *(
+        Quantity(
+            f"touchdowns_{i + 1}",
+            "1",
+            f"touchdowns of foot {i + 1} in the last cycle",
+            symbol=f"n_{i + 1}",
+            scale=math.inf,
+        )
+        for i in LIMBS
+    ),
 )
 SIGNALS = (
     *(Quantity(f"phase_{i + 1}", "rad", f"phase phi_{i + 1} of limb {i + 1}", circular=True) for i in LIMBS),

@@ -25,14 +25,24 @@ class Transitions(NamedTuple):
 
 def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
     """Derivatives (4,) of the phases, rad/s, eq. (2), (6); `held` (rad/s) couples delta_13 to `s.wanted`."""
-    left, right = jnp.sin(s.phi[0] - s.phi[1] - jnp.pi), jnp.sin(s.phi[2] - s.phi[3] - jnp.pi)
+    left = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
+    right = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
+    # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
+    d_13, d_24 = (
+        jnp.sin(s.phi[0] - s.phi[2] - p.delta_star_13),
+        jnp.sin(s.phi[1] - s.phi[3] - p.delta_star_24),
+    )
+    d_14, d_23 = (
+        jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14),
+        jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23),
+    )
     pair_13 = held * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
     pair_24 = held * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
     pull = [
-        -p.K_12 * left - pair_13,
-        p.K_21 * left - pair_24,
-        -p.K_34 * right + pair_13,
-        p.K_43 * right + pair_24,
+        -p.K_12 * left - pair_13 - (p.K_13 * d_13 + p.K_14 * d_14),
+        p.K_21 * left - pair_24 - (p.K_24 * d_24 + p.K_23 * d_23),
+        -p.K_34 * right + pair_13 + (p.K_31 * d_13 + p.K_32 * d_23),
+        p.K_43 * right + pair_24 + (p.K_42 * d_24 + p.K_41 * d_14),
     ]
     return p.omega + jnp.stack(pull)
 
@@ -57,13 +67,19 @@ def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transiti
 
 
 def after_events(
-    p: Params, s: State, now: Transitions, wanted_at: tuple[jax.Array, jax.Array], over: jax.Array | float
+    p: Params,
+    s: State,
+    now: Transitions,
+    wanted_at: tuple[jax.Array, jax.Array],
+    over: jax.Array | float,
+    since: jax.Array | float = 0.0,
 ) -> State:
     """The state after the transitions of its limbs, without the update of anchors.
 
     Args:
         wanted_at: desired x and z (4,) m of the feet at their landings.
         over: phase (4,) rad since each landing.
+        since: time (4,) s since each foot touched the ground or left it.
     """
     reset = now.lands & (p.resetting > 0.0)
     phi = jnp.where(reset, p.phi_AEP + over, jnp.where(now.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)
@@ -71,6 +87,11 @@ def after_events(
     t = s.clock - (over * jnp.ones(4))[2] / p.omega
     cycle = jnp.where(closed, t - s.stride_t, 1.0)
     x = s.q[0] - (s.clock - t) * s.v[0]
+    switched, at = now.contact ^ s.contact, s.clock - since
+    stood = s.stood + jnp.where(switched, jnp.where(now.contact, -at, at), 0.0)
+    landed = s.landed + (switched & now.contact)
+    # a stance that goes on at the end of the cycle is cut there
+    open_end = jnp.where(now.contact, t, 0.0)
     return dataclasses.replace(
         s,
         phi=phi,
@@ -84,4 +105,8 @@ def after_events(
         stride_t=jnp.where(closed, t, s.stride_t),
         speed=jnp.where(closed, (x - s.stride_x) / cycle, s.speed),
         period=jnp.where(closed, cycle, s.period),
+        stood=jnp.where(closed, -open_end, stood),
+        landed=jnp.where(closed, 0.0, landed),
+        duty=jnp.where(closed, (stood + open_end) / cycle, s.duty),
+        touchdowns=jnp.where(closed, landed, s.touchdowns),
     )

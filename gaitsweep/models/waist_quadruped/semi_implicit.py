@@ -82,7 +82,10 @@ class SemiImplicit(FixedStepDynamics):
         touches = now.contact & ~s.contact
         # the share of the last step after the foot's height was zero
         sunk = s.height - height
-        rest = jnp.where(touches, -height / jnp.where(sunk != 0.0, sunk, 1.0), 0.0)
+        drop = jnp.where(sunk != 0.0, sunk, 1.0)
+        rest = jnp.where(touches, -height / drop, 0.0)
+        lifts = s.contact & ~now.contact
+        since = dt * jnp.where(lifts, (RELEASE - height) / drop, rest)
         # of a touchdown and a segment's end in one step, the later one is the landing; but in the second half
         # of the swing a touchdown alone is a landing
         since_touch = jnp.where(touches, rest * s.gain, jnp.inf)
@@ -95,7 +98,7 @@ class SemiImplicit(FixedStepDynamics):
         path = p.path(s.clock, s.growing)
         phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
         x, z = path.target(phi, jnp.where(now.lands, landing_in, now.segment), (s.landing_x, s.landing_z))
-        s = after_events(p, dataclasses.replace(s, anchor=anchor), now, (x, z), over)
+        s = after_events(p, dataclasses.replace(s, anchor=anchor), now, (x, z), over, since)
         on_line = path.line(x, z, path.done(s.phi))
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
 
@@ -104,7 +107,7 @@ class SemiImplicit(FixedStepDynamics):
         q, v = self.body.moved(m, s, tau, forces, dt)
         # in the step in which delta_13 is released, it is held for a share of the step
         share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
-        gain, clock = dt * phase_rates(p, s, p.K_13 * share), s.clock + dt
+        gain, clock = dt * phase_rates(p, s, p.K_hold * share), s.clock + dt
         return dataclasses.replace(
             s,
             q=q,

@@ -22,10 +22,24 @@ class Params:
     K_21: jax.Array
     K_34: jax.Array
     K_43: jax.Array
+    K_13: jax.Array
+    K_31: jax.Array
+    K_24: jax.Array
+    K_42: jax.Array
+    K_14: jax.Array
+    K_41: jax.Array
+    K_23: jax.Array
+    K_32: jax.Array
+    delta_star_12: jax.Array
+    delta_star_34: jax.Array
+    delta_star_13: jax.Array
+    delta_star_24: jax.Array
+    delta_star_14: jax.Array
+    delta_star_23: jax.Array
     resetting: jax.Array
     T_grow: jax.Array
     T_hold: jax.Array
-    K_13: jax.Array
+    K_hold: jax.Array
     D: jax.Array
     H: jax.Array
     x_c: jax.Array
@@ -57,8 +71,10 @@ class State:
     `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path; `lifted` (4,): the foot has been
     off the ground since the beginning of its swing; `landing_x`, `landing_z` (4,) m, the desired position of
     the foot at its landing (LP); `wanted` rad, the delta_13 that is held; `stride_x` (m) and `stride_t` (s),
-    position and time at limb 3's last landing; `speed` (m/s) and `period` (s) of the cycle before it. For the
-    last fixed step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of the phases during it,
+    position and time at limb 3's last landing; of the cycle before it `speed` (m/s), `period` (s) and of each
+    foot the `duty` factor and the number of `touchdowns`, (4,). Since that landing, (4,): `stood` (s), the
+    times of lift-off less those of touchdown, and `landed`, the number of touchdowns. For the last fixed
+    step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of the phases during it,
     `closed`: limb 3 landed in it.
     """
 
@@ -82,3 +98,7 @@ class State:
     stride_t: jax.Array
     speed: jax.Array
     period: jax.Array
+    stood: jax.Array
+    landed: jax.Array
+    duty: jax.Array
+    touchdowns: jax.Array

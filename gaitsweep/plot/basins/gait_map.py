@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_hex, to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -27,9 +27,10 @@ def gait_map(
 ) -> Figure:
     """Cells coloured by the set of gaits that their starts settle in: one colour for each set.
 
-    A gait belongs to a cell's set if any start of the cell settles in it; starts that fall or do not settle
-    do not change the set. A cell without a named gait is `another gait`, `not settled` or `failed`: the first
-    of these that occurs among its starts. The legend gives each set's share of the cells.
+    A gait belongs to a cell's set if any start of the cell settles in it. Cells in which another start failed
+    have a darker colour of their own, those in which another did not settle a lighter one: they may have more
+    gaits. A cell without a named gait is `another gait`, `not settled` or `failed`, the first of these that
+    occurs among its starts. The legend gives each set's share of the cells.
 
     Args:
         table: a settle table, several starts for each pair of x and y; a partial table is drawn as far as it
@@ -69,30 +70,51 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     def reached(names: pd.Series) -> tuple[str, ...]:
         here = set(names)
         gaits = tuple(name for name in order if name in here)
-        return gaits or tuple(name for name in (OTHER, *_HATCHED) if name in here)[:1]
+        if not gaits:
+            return tuple(name for name in (OTHER, *_HATCHED) if name in here)[:1]
+        return gaits + tuple(name for name in (FAILED, NOT_SETTLED) if name in here)[:1]
 
     cells = pd.DataFrame({x: table[x], y: table[y], "set": shown})
     return cells.groupby([x, y], sort=True)["set"].agg(reached).reset_index()
 
 
 def _ordered(sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """The sets that occur: single gaits first, then sets of several, cells without a gait last."""
+    """The sets that occur: single gaits first, then sets of several; cells without a gait last."""
     present = list(dict.fromkeys(sets))
     without = [(OTHER,), *((name,) for name in _HATCHED)]
-    gaits = sorted((each for each in present if each not in without), key=lambda each: (len(each), each))
-    return [*gaits, *(each for each in without if each in present)]
+    gaits = (each for each in present if each not in without)
+    ordered = sorted(gaits, key=lambda each: (each[-1] in _HATCHED, len(each), each))
+    return [*ordered, *(each for each in without if each in present)]
+
+
+def _whole(names: tuple[str, ...]) -> tuple[str, ...]:
+    """A set of gaits without the mark of a start that failed or did not settle."""
+    return names[:-1] if len(names) > 1 and names[-1] in _HATCHED else names
 
 
 def _colours(sets: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
     """The colour of each set: a single gait's own, another for sets of several, greys for none."""
-    alone = style.colours(dict.fromkeys(name for each in sets for name in each if name != OTHER))
-    colour = {
-        each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]] for each in sets if len(each) == 1
+    whole = list(dict.fromkeys(map(_whole, sets)))
+    alone = style.colours(dict.fromkeys(name for each in whole for name in each if name != OTHER))
+    colour: dict[tuple[str, ...], str] = {
+        each: style.COLOURS["none"] if each == (OTHER,) else alone[each[0]]
+        for each in whole
+        if len(each) == 1
     }
     free = [each for each in ("#009E73", *style.SPARE_COLOURS) if each not in alone.values()]
     free = free or list(style.SPARE_COLOURS)  # with many gaits no colour is free
-    several = [each for each in sets if len(each) > 1]
-    return colour | {each: free[number % len(free)] for number, each in enumerate(several)}
+    several = [each for each in whole if len(each) > 1]
+    colour |= {each: free[number % len(free)] for number, each in enumerate(several)}
+    for each in sets:
+        if each not in colour:
+            colour[each] = _mixed(colour[_whole(each)], "black" if each[-1] == FAILED else "white")
+    return colour
+
+
+def _mixed(colour: str, other: str) -> str:
+    """Half way between two colours."""
+    red, green, blue = 0.5 * (np.array(to_rgb(colour)) + np.array(to_rgb(other)))
+    return to_hex((float(red), float(green), float(blue)))
 
 
 def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:
@@ -108,7 +130,9 @@ def _key(sets: pd.DataFrame, colour: dict[tuple[str, ...], str]) -> list[Patch]:
 
 
 def _words(names: tuple[str, ...]) -> str:
-    """A set in words: `trot only`, `trot and walk`, `failed`."""
+    """A set in words: `trot only`, `trot and walk`, `trot; another start failed`, `failed`."""
+    if _whole(names) != names:
+        return f"{' and '.join(_whole(names))}; another start {names[-1]}"
     if len(names) == 1:
         return names[0] if names[0] in (OTHER, *_HATCHED) else f"{names[0]} only"
     return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -23,7 +23,9 @@ from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
 from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
 
-_STABLE, _UNSTABLE, _BESIDE = "#0072B2", "#D55E00", "#EDEDED"
+_STABLE, _UNSTABLE = "#0072B2", "#D55E00"
+# fill and hatch of the ranges beside the branches, in order
+_BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
 POLLS_PER_CHUNK = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
 WORDS = {
     "corner": "fold at a bend of the map",
@@ -71,13 +73,13 @@ def continuation(
             style.message(axes, "no fixed point was found")
             return figure
         colours = _colours(table, hue)
-        for low, high in intervals.values():
-            axes.axvspan(low, high, color=_BESIDE, lw=0, zorder=0)
+        for number, (low, high) in enumerate(intervals.values()):
+            axes.axvspan(low, high, zorder=0, **_beside(number))
         for row, branch in table.groupby("row", sort=True):
             _draw(axes, branch, x, name, colours.get(row))
         if is_angle(table, name):
             style.angle_ticks(axes, "y")
-        handles = _key(table, list(intervals), hue is not None)
+        handles = _key(table, intervals, hue is not None)
         if hue is not None and _numbers(table, hue):
             shades = ScalarMappable(_span(table, hue), "viridis")
             figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
@@ -148,7 +150,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
         axes.plot(at[here], value[here], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
 
-def _key(table: pd.DataFrame, beside: list[str], coloured: bool) -> list[Line2D | Patch]:
+def _key(table: pd.DataFrame, beside: Mapping[str, Sequence[float]], coloured: bool) -> list[Line2D | Patch]:
     stable = table["stable"].to_numpy(bool)
     shade = (lambda _: "#333333") if coloured else (lambda colour: colour)
     handles: list[Line2D | Patch] = []
@@ -166,5 +168,16 @@ def _key(table: pd.DataFrame, beside: list[str], coloured: bool) -> list[Line2D 
         for kind, mark in POLLS_PER_CHUNK.items()
         if kind in special
     ]
-    handles += [Patch(color=_BESIDE, label=name) for name in beside]
+    handles += [Patch(label=name, **_beside(number)) for number, name in enumerate(beside)]
+    pairs = itertools.combinations(beside.values(), 2)
+    if any(max(low, begin) < min(high, end) for (low, high), (begin, end) in pairs):
+        handles.append(
+            Patch(facecolor="none", edgecolor="#9A9A9A", hatch="xxxx", lw=0.5, label="both of these")
+        )
     return handles
+
+
+def _beside(number: int) -> dict[str, Any]:
+    """The look of the range of this number: translucent, so that overlaps show both."""
+    face, hatch = _BESIDE[number % len(_BESIDE)]
+    return {"facecolor": to_rgba(face, 0.5), "edgecolor": "#9A9A9A", "hatch": hatch, "linewidth": 0.5}

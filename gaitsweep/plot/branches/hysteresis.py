@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.circular import cut
+from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.records import sound
-from gaitsweep.analysis.transitions.transition_points import LEAST, largest_jumps, transition_points
-from gaitsweep.kinds.numbers import Positive, Text
+from gaitsweep.analysis.transitions.jumps import where_it_moves
+from gaitsweep.analysis.transitions.transition_points import (
+    LEAST,
+    irregular_passes,
+    largest_jumps,
+    transition_points,
+)
+from gaitsweep.kinds.numbers import Positive, Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.passes import DOWN, UP, draw_arrows, draw_row
 from gaitsweep.plot.columns import (
@@ -31,13 +39,17 @@ from gaitsweep.plot.columns import (
     unit_of,
     written,
 )
-from gaitsweep.plot.figure_kind import Observed, Panels, PlannedTable, Refusal, Title, figure_kind
+from gaitsweep.plot.figure_kind import Observable, Observed, Panels, PlannedTable, Refusal, Title, figure_kind
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.table import TableError, load
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 12
 _FAINT = 4  # with more rows each is drawn fainter
+
+
+# the colour and hatch of the intervals in which rows jump, by the parameter's direction
+_BANDS = {"rising": (UP, "////"), "falling": (DOWN, "\\\\\\\\")}
 
 
 class _Panel(NamedTuple):
@@ -64,6 +76,12 @@ def hysteresis(
         Text | pd.DataFrame | None,
         "a second result directory to show beside, by its path or its job's name",
     ] = None,
+    x: Annotated[
+        Observable | None, "observable along the horizontal axis, such as speed; the parameter if not given"
+    ] = None,
+    ticks: Annotated[
+        Mapping[Text, Real], "values of y to mark at the right side, by name, such as those of a paper"
+    ] = MappingProxyType({}),
     least: Annotated[Positive, "change of y that counts as a jump, in its unit"] = LEAST,
     title: Title = None,
 ) -> Figure:
@@ -71,7 +89,8 @@ def hysteresis(
 
     A ramp is a thin line through its crossings; a staircase has a marker at the end of each hold, open where
     the hold had not settled, and a faint line between holds of one branch. The legend gives the interval of
-    each pass's jump, the median over the rows.
+    each pass's jump, the median over the rows. Arrows stand where the two passes differ most. Passes that
+    jump to and fro, as an irregular gait does, are on no branch: they have a panel of their own below.
 
     Args:
         table: a ramp or staircase table.
@@ -91,29 +110,47 @@ def hysteresis(
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(shown)} panels)".strip()
         shown = shown[:_MOST_PANELS]
     for panel in shown:
-        for name in (y, parameter, "pass", "row"):
+        for name in (y, parameter, "pass", "row", *([x] if x else [])):
             if panel.table is not None:
-                column(panel.table, name, ("_n", "") if name == y else ("",))
+                column(panel.table, name, ("_n", "") if name in (y, x) else ("",))
     name = column(table, y, ("_n", ""))
+    if x is not None:
+        shown = [each._replace(table=_moving(each.table, parameter)) for each in shown]
+        parameter = column(table, x, ("_n", ""))
     across = min(len(shown), _PANELS_A_ROW)
     down = -(-len(shown) // across)
     width = style.PAGE if across > 1 else style.COLUMN + 1.2
-    with style.canvas(width, 2.5 * down + 1.0, title) as figure:
-        grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False).ravel()
-        origin = _origin([panel.table for panel in shown if panel.table is not None], name)
-        for number, (axes, panel) in enumerate(zip(grid, shown, strict=False)):
-            handles = _draw(axes, panel, name, parameter, least, origin)
+    origin = _origin([panel.table for panel in shown if panel.table is not None], name)
+    parted = [_parted(panel.table, name, parameter, least) for panel in shown]
+    strips = any(len(irregular) for _, irregular in parted)
+    with style.canvas(width, (3.5 if strips else 2.5) * down + 1.0, title) as figure:
+        shape: dict[str, Any] = {"height_ratios": [2.5, 1.0] * down if strips else [1.0] * down}
+        every = figure.subplots((1 + strips) * down, across, sharex=True, squeeze=False, **shape)
+        grid, below = every[:: 1 + strips].ravel(), (every[1::2] if strips else every).ravel()
+        for same in (grid, below):
+            for axes in same[1:]:
+                axes.sharey(same[0])
+        for number, (axes, strip, panel) in enumerate(zip(grid, below, shown, strict=False)):
+            branches, irregular = parted[number]
+            handles = _draw(axes, panel, branches, name, parameter, least, origin)
+            if strips:
+                _strip(strip, irregular, panel.table, name, parameter, origin)
+            last = number % across == across - 1 or number == len(shown) - 1
+            _mark(axes, strip if strips else None, ticks, origin, named=last)
             if number % across == 0:
                 axes.set_ylabel(described(table, name, 30))
+            else:
+                axes.tick_params(labelleft=False)
+                strip.tick_params(labelleft=False)
             if number + across >= len(shown):
-                axes.set_xlabel(described(table, parameter, 66 // across))
-                axes.tick_params(labelbottom=True)
-            _below(axes, handles)
-        for axes in grid[len(shown) :]:
+                strip.set_xlabel(described(table, parameter, 66 // across))
+                strip.tick_params(labelbottom=True)
+            _below(strip, handles)
+        for axes in (*grid[len(shown) :], *below[len(shown) :]):
             axes.set_visible(False)
-        if origin is not None:
-            style.angle_ticks(grid[0], "y")
-        drawn = {str(line.get_color()) for axes in grid for line in axes.lines}
+        for axes in {grid[0], below[0]} if origin is not None else ():
+            style.angle_ticks(axes, "y")
+        drawn = {str(line.get_color()) for axes in (*grid, *below) for line in axes.lines}
         figure.legend(handles=_key(shown, table, parameter, drawn), loc="outside lower center", ncols=3)
     return figure
 
@@ -169,19 +206,102 @@ def _origin(tables: list[pd.DataFrame], name: str) -> float | None:
     return cut(np.concatenate([table[name].to_numpy(float) for table in tables]))
 
 
+def _moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | None:
+    """A table without the records of a ramp before its parameter moves."""
+    if table is None or "stair" in table.columns:
+        return table
+    table = table.sort_values(["row", "crossing"], kind="stable")
+    first = table.groupby("row")[parameter].transform(lambda each: where_it_moves(each.to_numpy(float)))
+    return rows_where(table, table.groupby("row").cumcount() >= first)
+
+
+def _parted(
+    table: pd.DataFrame | None, name: str, parameter: str, least: float
+) -> tuple[pd.DataFrame | None, pd.DataFrame]:
+    """The records on branches, and those of irregular passes."""
+    if table is None:
+        return None, pd.DataFrame()
+    keys = pd.MultiIndex.from_arrays([table["row"], table["pass"]])
+    apart = keys.isin(pd.MultiIndex.from_frame(irregular_passes(table, name, parameter, least)))
+    return rows_where(table, ~apart), rows_where(table, apart)
+
+
+def _strip(
+    axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, name: str, x: str, origin: float | None
+) -> None:
+    """The records of irregular passes, as points."""
+    if table is None or not len(irregular):
+        style.message(axes, "no irregular pass")
+        return
+    kept = rows_where(irregular, sound(irregular, name, x))
+    for number, part in kept.groupby("pass", sort=True):
+        value = part[name].to_numpy(float)
+        colour = _colour_of(part, x, int(str(number)))
+        value = value if origin is None else on_line(value, origin)
+        size = float(np.clip(60.0 / np.sqrt(len(kept)), 0.8, 3.0))
+        axes.plot(part[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
+    axes.margins(y=0.1)
+    rows = f"{irregular['row'].nunique()} of {table['row'].nunique()} rows"
+    axes.set_title(f"irregular, on no branch: {rows}", loc="left", fontsize=7.0, pad=2.0)
+
+
+def _colour_of(part: pd.DataFrame, x: str, number: int) -> str:
+    """The colour of a pass, by whether x rises along most of its rows."""
+    first, last = (part.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
+    change = float(np.median(last - first))
+    return (UP if change > 0.0 else DOWN) if change else (UP, DOWN)[number % 2]
+
+
+def _mark(
+    axes: Axes, strip: Axes | None, ticks: Mapping[str, float], origin: float | None, *, named: bool
+) -> None:
+    """Thin lines at values of y, named at the right side; in the strip if they are nearer to its data."""
+    values = np.array(list(ticks.values()), float)
+    values = values if origin is None else on_line(values, origin)
+    below = np.zeros(len(values), bool)
+    if strip is not None:
+        below = _distance(strip, values) < 0.5 * _distance(axes, values)
+    for each, mine in ((axes, ~below), (strip, below)):
+        if each is None or not mine.any():
+            continue
+        for value in values[mine]:
+            each.axhline(float(value), color="#999999", lw=0.6, ls=(0, (1, 2)), zorder=0.5)
+        if named:
+            right = each.secondary_yaxis("right")
+            right.set_yticks(values[mine], [name for name, here in zip(ticks, mine, strict=True) if here])
+            right.tick_params(length=0, labelsize=7.0, colors="#555555")
+
+
+def _distance(axes: Axes, values: np.ndarray) -> np.ndarray:
+    """How far values are from the bulk of the data of axes, (n,)."""
+    data = np.concatenate([[], *(np.asarray(line.get_ydata(), float) for line in axes.lines)])
+    data = data[np.isfinite(data)]
+    if not len(data):
+        return np.full(len(values), np.inf)
+    low, high = np.quantile(data, (0.02, 0.98))  # a row that falls may leave single points far away
+    return np.maximum(np.maximum(low - values, values - high), 0.0)
+
+
 def _draw(
-    axes: Axes, panel: _Panel, name: str, parameter: str, least: float, origin: float | None
+    axes: Axes,
+    panel: _Panel,
+    branches: pd.DataFrame | None,
+    name: str,
+    parameter: str,
+    least: float,
+    origin: float | None,
 ) -> list[Patch]:
-    """One panel: each row's passes, and the jumps' intervals shaded; returns the jumps' legend."""
+    """One panel: each row's passes on branches, the jumps' intervals shaded; returns the jumps' legend."""
     axes.set_title(panel.heading if panel.table is not None else "")
-    if panel.table is None:
+    if panel.table is None or branches is None:
         style.message(axes, panel.note)
         return []
     order = "stair" if "stair" in panel.table.columns else "crossing"
-    table = panel.table.sort_values(["row", order], kind="stable")
-    table = rows_where(table, sound(table, name, parameter))
+    # the last records before a fall are those of the whole row
+    table = rows_where(panel.table, sound(panel.table, name, parameter))
+    table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
     if not len(table):
-        style.message(axes, "no numbers yet")
+        style.message(axes, "no pass on a branch" if len(panel.table) else "no numbers yet")
         return []
     rows = table["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
@@ -191,13 +311,27 @@ def _draw(
     for row, part in table.groupby("row", sort=True):
         passes = draw_row(axes, part, name, parameter, origin, alpha, least)
         if row == with_arrows:
-            draw_arrows(axes, passes)
+            draw_arrows(axes, passes, least)
     found = transition_points(panel.table, name, parameter, least)
+    return _bands(axes, found, table, parameter)
+
+
+def _bands(axes: Axes, found: pd.DataFrame, table: pd.DataFrame, parameter: str) -> list[Patch]:
+    """The intervals of the jumps, hatched by their direction; returns their legend."""
     handles = []
-    for edge in found.to_dict("records"):
-        colour = UP if edge["direction"] == "rising" else DOWN
-        axes.axvspan(edge["low"], edge["high"], color=colour, alpha=0.18, lw=0.8, zorder=0)
-        handles.append(Patch(color=colour, alpha=0.35, lw=0, label=_in_words(edge, table, parameter)))
+    edges = found.to_dict("records")
+    for edge in edges:
+        colour, hatch = _BANDS[edge["direction"]]
+        look: dict[str, Any] = {"facecolor": to_rgba(colour, 0.16), "edgecolor": to_rgba(colour, 0.55)}
+        look |= {"hatch": hatch, "lw": 0.8}
+        axes.axvspan(edge["low"], edge["high"], zorder=0, **look)
+        handles.append(Patch(label=_in_words(edge, table, parameter), **look))
+    up, down = ([e for e in edges if e["direction"] == way] for way in ("rising", "falling"))
+    both = [(a, b) for a in up for b in down if max(a["low"], b["low"]) < min(a["high"], b["high"])]
+    if both:
+        hatch = "".join(each for _, each in _BANDS.values())
+        look = {"facecolor": "#CFC9C4", "edgecolor": "#8A7F86", "hatch": hatch, "lw": 0.8}
+        handles.append(Patch(label="where both overlap", **look))
     return handles
 
 

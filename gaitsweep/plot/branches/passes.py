@@ -14,6 +14,7 @@ from gaitsweep.analysis.circular import on_line
 from gaitsweep.analysis.transitions.jumps import STEEPER, where_it_moves
 
 UP, DOWN = "#D55E00", "#0072B2"  # distinct for colour-blind readers, and in lightness
+_GRID = 201  # values of the parameter at which two passes are compared
 
 
 class Pass(NamedTuple):
@@ -68,26 +69,46 @@ def draw_row(
     return passes
 
 
-def draw_arrows(axes: Axes, passes: list[Pass]) -> None:
-    """An arrow half way along each pass, on the side away from the other passes."""
-    heights = []
-    for one in passes:
-        middle = 0.5 * (one.at[0] + one.at[-1])
-        heights.append(float(one.value[np.argmin(np.abs(one.at - middle))]))
-    for one, height in zip(passes, heights, strict=True):
-        middle, half = 0.5 * (one.at[0] + one.at[-1]), 0.06 * (one.at[-1] - one.at[0])
-        if half == 0.0:
-            continue
-        above = height > np.mean(heights) or (height == np.mean(heights) and one.colour == DOWN)
+def draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
+    """An arrow along the first pass up and the first pass down, where the two differ most.
+
+    There is none if they nowhere differ by half of `least` (in the observable's unit).
+    """
+    first = {one.colour: one for one in reversed(passes)}
+    if set(first) != {UP, DOWN}:
+        return
+    low = max(float(one.at.min()) for one in first.values())
+    high = min(float(one.at.max()) for one in first.values())
+    if not high > low:
+        return
+    grid = np.linspace(low, high, _GRID)
+    curves = {colour: _along(one, grid) for colour, one in first.items()}
+    differ = np.abs(curves[UP] - curves[DOWN])
+    if differ.max() < 0.5 * least:
+        return
+    begin, end = _longest(differ >= 0.5 * differ.max())
+    half = min(0.06 * (high - low), 0.4 * (grid[end] - grid[begin]))
+    at = (begin + end) // 2
+    for colour, curve in curves.items():
+        above = curve[at] >= curves[DOWN if colour == UP else UP][at]
         offset = ScaledTranslation(0.0, (7 if above else -7) / 72, axes.figure.dpi_scale_trans)
-        ends = (middle - half, height), (middle + half, height)
-        look: dict[str, Any] = {
-            "arrowstyle": "-|>",
-            "mutation_scale": 8,
-            "lw": 1.0,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
-        arrow = FancyArrowPatch(*ends, color=one.colour, **look)
+        way = half if colour == UP else -half
+        look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
+        ends = (grid[at] - way, curve[at]), (grid[at] + way, curve[at])
+        arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, **look)
         arrow.set_transform(axes.transData + offset)
         axes.add_patch(arrow)
+
+
+def _along(one: Pass, grid: np.ndarray) -> np.ndarray:
+    """A pass's values at the grid's parameters."""
+    order = np.argsort(one.at, kind="stable")
+    return np.interp(grid, one.at[order], one.value[order])
+
+
+def _longest(marked: np.ndarray) -> tuple[int, int]:
+    """The first and last index of the longest run that is marked."""
+    turns = np.flatnonzero(np.diff(np.r_[False, marked, False]))
+    begins, ends = turns[::2], turns[1::2] - 1
+    longest = int(np.argmax(ends - begins))
+    return int(begins[longest]), int(ends[longest])

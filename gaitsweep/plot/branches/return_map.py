@@ -124,6 +124,7 @@ def _panel(
         axes.axhline(0.0, color="black", lw=0.6, zorder=2)
     else:
         axes.axline((here.min(), here.min()), slope=1.0, color="black", lw=0.6, zorder=2)
+        seen.add("diagonal")
     if len(curve):
         _curve(axes, curve, form, origin)
         seen.add("curve")
@@ -135,8 +136,10 @@ def _panel(
     for place, least in zip(_on_axis(ghost["value"], origin), ghost["drift"], strict=True):
         at = place, least + place * (form == "next")
         axes.plot(*at, "^" if least > 0 else "v", ms=5, color=_GHOST, zorder=6)
-        offset = (0, -14) if least > 0 else (0, 8)  # beyond zero, where fewer points are
-        look = {"textcoords": "offset points", "ha": "center", "fontsize": 7, "color": _GHOST}
+        offset, side = ((0, -14) if least > 0 else (0, 8)), "center"  # beyond zero, where fewer points are
+        if form == "next":  # beside the diagonal
+            offset, side = ((8, -9), "left") if least > 0 else ((-8, 3), "right")
+        look = {"textcoords": "offset points", "ha": side, "fontsize": 7, "color": _GHOST}
         axes.annotate(f"{least:+.2g}".replace("-", "−"), at, offset, **look)
         seen.add("ghost")
     return seen
@@ -187,6 +190,7 @@ def _key(seen: set[str]) -> list[Line2D]:
     handles = {
         "points": Line2D([], [], ls="", marker=".", color=_POINTS, label="one step of one start"),
         "curve": Line2D([], [], color=_CURVE, lw=1.2, label="smoothed, ± 2 standard errors"),
+        "diagonal": Line2D([], [], color="black", lw=0.6, label="no change"),
         "stable": Line2D([], [], label="stable", **point),
         "unstable": Line2D([], [], mfc="white", label="unstable", **point),
         "ghost": Line2D(

@@ -98,7 +98,7 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
     for name, area in areas.items():
         low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
         axes.fill_betweenx(up, low, high, color=colour[name], alpha=0.3, lw=0)
-    for low, high, up in _overlaps(areas):
+    for low, high, up in _overlaps(areas).values():
         axes.fill_betweenx(up, low, high, color="white", lw=0)
         axes.fill_betweenx(up, low, high, color=_TOGETHER, alpha=0.45, lw=0)
     for name, area in areas.items():
@@ -113,9 +113,9 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
                 axes.plot(at[here], up[here], POLLS_PER_CHUNK[mark], **look)
 
 
-def _overlaps(areas: dict[str, pd.DataFrame]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """For each pair of gaits: low, high and up (n,) of the range where both are stable, NaN where not."""
-    names, found = list(areas), []
+    names, found = list(areas), {}
     for number, one in enumerate(names):
         for other in names[number + 1 :]:
             both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
@@ -123,7 +123,8 @@ def _overlaps(areas: dict[str, pd.DataFrame]) -> list[tuple[np.ndarray, np.ndarr
             high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
             apart, up = high <= low, both["up"].to_numpy(float)
             if not apart.all():
-                found.append((np.where(apart, np.nan, low), np.where(apart, np.nan, high), up))
+                range_ = np.where(apart, np.nan, low), np.where(apart, np.nan, high), up
+                found[f"{one} and {other}"] = range_
     return found
 
 
@@ -132,8 +133,8 @@ def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
         Patch(facecolor=colour[name], alpha=0.3, label=f"{name} stable") for name in areas
     ]
-    if _overlaps(areas):
-        handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label="both stable"))
+    if together := _overlaps(areas):
+        handles.append(Patch(facecolor=_TOGETHER, alpha=0.45, label=f"{', or '.join(together)}: both stable"))
     every = {by for area in areas.values() for by in (*area["low_by"], *area["high_by"])}
     look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
     handles += [

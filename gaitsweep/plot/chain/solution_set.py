@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from pydantic import Field
 
 from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.kinds.numbers import Flag, Real, Text
 from gaitsweep.models.multilegged.theory.chain import Chain
@@ -68,7 +69,7 @@ def solution_set(
         _label(table, names, space, low, high)
         if not kept:
             style.message(low, "no row has settled")
-        _legend(figure, table, hue, shown, len(lines) > 0, remark)
+        _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
     return figure
 
 
@@ -137,7 +138,7 @@ def _label(table: pd.DataFrame, names: list[str], space: Any, low: Any, high: An
 
 
 def _legend(
-    figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: bool, remark: str | None
+    figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: str | None, remark: str | None
 ) -> None:
     order = in_order(table, hue, shown)
     colour, marker = style.colours(order), style.markers(order)
@@ -148,12 +149,18 @@ def _legend(
         label = f"{name} ({count})" if face != "none" else f"{name}: {count}, not shown"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:
-        handles.append(Line2D([], [], color="black", lw=0.9, label="analytic solutions"))
+        handles.append(Line2D([], [], color="black", lw=0.9, label=theory))
     title = f"No analytic solutions are drawn: {remark}" if remark else None
     if handles or title:
         figure.legend(
             handles=handles, loc="outside lower center", ncols=min(4, max(len(handles), 1)), title=title
         )
+
+
+def _named(table: pd.DataFrame) -> str:
+    """The analytic solutions in the legend, with the largest distance of settled states from them."""
+    far = largest_distance(table)
+    return "analytic solutions" if far is None else f"analytic solutions, {far[0]:.3f} rad away at most"
 
 
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -12,10 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS
+from gaitsweep.models.planar_quadruped import drawing
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot.columns import PlotError, written
 from gaitsweep.plot.figure_kind import PlannedTable, Refusal
 from gaitsweep.plot.gaits.footprints import contact_intervals
+from gaitsweep.plot.limbs import limb_colours, name_limbs
+from gaitsweep.skeleton import LimbLook
 
 # A colour for each family of gaits, a marker for its side, in the order of speed.
 COLOURS = MappingProxyType(
@@ -50,8 +53,10 @@ MARKERS = MappingProxyType(
 )
 ORDER = tuple(COLOURS)
 NAMES = MappingProxyType({"none": "none of them, or fallen"})
-LEG_COLOURS = MappingProxyType({"LF": "#0072B2", "LH": "#D55E00", "RF": "#009E73", "RH": "#AA4499"})
+LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
+LEG_COLOURS: Mapping[str, str] = MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
 CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
+FLIGHT = "#E6E6E6"
 _BAR = 0.62
 
 
@@ -113,14 +118,10 @@ def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> 
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
     shade_flights(axes, t, down)
-    axes.set_yticks(range(len(legs)), list(legs))
-    for tick, leg in zip(axes.get_yticklabels(), legs, strict=True):
-        tick.set_color(LEG_COLOURS[leg])
-    axes.tick_params(axis="y", length=0)
-    axes.set_ylim(len(legs) - 0.4, -0.6)
+    name_limbs(axes, [LIMBS[leg] for leg in legs])
 
 
 def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:
     """Light grey flight phases; `t` (n,) s, `down` (n, legs)."""
     for start, stop in zip(*contact_intervals(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
-        axes.axvspan(float(start), float(stop), facecolor="#E6E6E6", linewidth=0, zorder=0)
+        axes.axvspan(float(start), float(stop), facecolor=FLIGHT, linewidth=0, zorder=0)

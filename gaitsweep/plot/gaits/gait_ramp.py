@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Any
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from scipy.optimize import isotonic_regression
 
 from gaitsweep.analysis.transitions.gait_bouts import gaits_along
-from gaitsweep.kinds.numbers import Count
+from gaitsweep.kinds.numbers import Count, word
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, axis_label, column, moved_parameter, rows_where, written
+from gaitsweep.plot.columns import (
+    PlotError,
+    axis_label,
+    column,
+    moved_parameter,
+    row_names,
+    rows_where,
+    written,
+)
 from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
 from gaitsweep.plot.gaits.gait_looks import COLOURS, NAMES, ORDER, check_gaits
 
@@ -34,10 +43,18 @@ def gait_ramp(
     table: pd.DataFrame,
     *,
     panels: Panels = None,
+    x: Annotated[
+        Literal["parameter", "speed"],
+        word("parameter", "speed"),
+        "what is along the axis: the moving parameter, or the measured speed",
+    ] = "parameter",
     cycles: Annotated[Count, "cycles that give one reading of the gait"] = 3,
     title: Title = None,
 ) -> Figure:
     """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window.
+
+    Rows are named by the swept quantities that differ between those of a panel. A measured speed goes to and
+    fro a little from cycle to cycle; windows stand at its nearest monotone course (isotonic regression).
 
     Args:
         table: a ramp, or a trace with a moving parameter, of a model with the nine gaits.
@@ -52,7 +69,9 @@ def gait_ramp(
         column(table, panels)
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     along = gaits_along(table, cycles=cycles)
-    along = along.loc[np.isfinite(along[parameter])] if len(along) else along
+    if x == "speed" and "speed" not in along.columns and len(along):
+        raise PlotError("x is speed, but the table has neither speed_n nor the signal x: leave it out.")
+    along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])] if len(along) else along
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(each), 1) for each in rows]
@@ -61,8 +80,9 @@ def gait_ramp(
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, value, each in zip(grid, values, rows, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
-            _panel(axes, along, each, parameter)
-        grid[-1].set_xlabel(axis_label(table, parameter))
+            names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
+            _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
+        grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
         handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
         handles = list({handle.get_facecolor(): handle for handle in handles}.values())
         figure.legend(handles=handles, loc="outside lower center", ncols=6)
@@ -76,33 +96,38 @@ def _kind(gait: str) -> str:
     )
 
 
-def _panel(axes: Axes, along: pd.DataFrame, rows: np.ndarray, parameter: str) -> None:
+def _panel(
+    axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
+) -> None:
     look: dict[str, Any] = {"fontsize": 6.5, "va": "center", "ha": "right", "color": "#444444"}
-    for place, row in enumerate(rows):
+    for place, (row, _) in enumerate(rows):
         mine = along.loc[along["row"] == row]
         for down in (0, 1):
             part = mine.loc[mine["pass"] == down]
             height = place + (0.22 if down else -0.22)
-            _bar(axes, part, parameter, height)
+            falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
+            at = part["speed" if measured else parameter].to_numpy(float)
+            if measured and len(at):
+                at = isotonic_regression(at, increasing=not falls).x
+            _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height)
             if len(part):
-                arrow = "\u2190" if down else "\u2192"
+                arrow = "\u2190" if falls else "\u2192"
                 axes.annotate(
                     arrow, (0.0, height), (-3, 0), axes.get_yaxis_transform(), "offset points", **look
                 )
-    axes.set_yticks(range(len(rows)), [f"row {row}" for row in rows])
+    axes.set_yticks(range(len(rows)), [name for _, name in rows])
     axes.tick_params(axis="y", length=0, pad=12)
     axes.set_ylim(len(rows) - 0.45, -0.55)
     axes.spines["left"].set_visible(False)
 
 
-def _bar(axes: Axes, part: pd.DataFrame, parameter: str, height: float) -> None:
-    """The intervals of one pass's windows, half way to their neighbours but no farther than usual."""
-    if len(part) < 2:
+def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height: float) -> None:
+    """The intervals of one pass's windows: half way to their neighbours, but not over missing windows."""
+    if len(at) < 2:
         return
-    at = part[parameter].to_numpy(float)
-    edges = np.r_[at[0], 0.5 * (at[1:] + at[:-1]), at[-1]]
-    colours = [COLOURS[str(gait)] for gait in part["gait"]]
-    usual = float(np.median(np.abs(np.diff(at))))
-    begins, ends = (np.clip(each, at - usual, at + usual) for each in (edges[:-1], edges[1:]))
-    for low, high, colour in zip(begins, ends, colours, strict=True):
-        axes.barh(height, high - low, _BAR, left=low, color=colour, linewidth=0)
+    middle, step = 0.5 * (at[1:] + at[:-1]), np.diff(t)
+    missing = step > 2.0 * np.median(step)
+    begins = np.r_[at[0], np.where(missing, at[1:], middle)]
+    ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
+    for low, high, gait in zip(begins, ends, gaits, strict=True):
+        axes.barh(height, high - low, _BAR, left=low, color=COLOURS[gait], linewidth=0)

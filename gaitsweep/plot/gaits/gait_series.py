@@ -12,20 +12,30 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from pydantic import Field
+from matplotlib.patches import Patch
 
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.kinds.diagnostics import found as as_found
-from gaitsweep.kinds.numbers import CountOrZero, Flag, Positive, Real, Text
+from gaitsweep.kinds.numbers import Count, CountOrZero, Flag, Positive, Text
 from gaitsweep.kinds.trace import Trace
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, rows_where
-from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
-from gaitsweep.plot.gaits.gait_looks import COLOURS, CONTACTS, LEG_COLOURS, footfalls, in_words, shade_flights
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, Window, check_window, figure_kind
+from gaitsweep.plot.gaits.gait_looks import (
+    COLOURS,
+    CONTACTS,
+    FLIGHT,
+    LEG_COLOURS,
+    LIMBS,
+    footfalls,
+    in_words,
+    shade_flights,
+)
 
 _MOST_STRIPS = 12
+_MOST_COLUMNS, _LONG = 2, 4  # more strips than _LONG are in two columns
+_BESIDE = 1.0  # inches; of names and labels beside a strip
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
 _LEAST = 3  # least number of windows of a named gait bout
 _LETTER = 0.075  # inches; width of a letter of a gait's name
@@ -37,8 +47,12 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         yield figure.needs(table, f"the signal {name}")
     if figure.row is not None and figure.row >= table.rows.n_rows:
         yield ("row",), f"is {figure.row}, but the job has rows 0 to {table.rows.n_rows - 1}."
-    if figure.window is not None and not figure.window[0] < figure.window[1]:
-        yield ("window",), f"is {as_found(figure.window)}, but its begin comes before its end."
+    yield from check_window(figure)
+    if figure.strip_columns is not None and figure.strip_columns > _MOST_COLUMNS:
+        yield (
+            ("strip_columns",),
+            f"is {figure.strip_columns}, but strips stand in 1 or {_MOST_COLUMNS} columns.",
+        )
     if figure.strip is not None and isinstance(table.run, Trace):
         strips = table.run.duration / figure.strip
         if strips > 10_000 or math.isinf(strips):
@@ -51,18 +65,20 @@ def gait_series(
     table: pd.DataFrame,
     *,
     row: Annotated[CountOrZero | None, "the only row to show; all if not given"] = None,
-    window: Annotated[
-        Sequence[Real] | None, Field(min_length=2, max_length=2), "begin and end of what is shown, in s"
-    ] = None,
+    window: Window = None,
     strip: Annotated[Positive | None, "length of a strip, in s; gaits are then named along time"] = None,
     loads: Annotated[Flag, "whether the loads on the feet are drawn too"] = False,
     titles: Annotated[Sequence[Text] | None, "titles of the strips, in order"] = None,
+    strip_columns: Annotated[
+        Count | None, "columns of strips, 1 or 2, read downwards; 2 of more than four strips if not given"
+    ] = None,
     title: Title = None,
 ) -> Figure:
     """The output of each flexor, footfalls and pitch over time; flight phases in grey.
 
     Each row is a strip; the peaks of loads at touchdown are cut off. A single row may extend over several
-    strips of a given length, with the name of each gait bout: for a walk whose speed changes.
+    strips of a given length, with the name of each gait bout: for a walk whose speed changes. Strips in two
+    columns are read downwards, the left column first.
 
     Args:
         table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
@@ -73,21 +89,29 @@ def gait_series(
     for name in ("row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads)):
         column(table, name)
     table = table if row is None else rows_where(table, table["row"] == row)
-    parts = _strips(table, window, strip)
+    every = _strips(table, window, strip)
+    parts = every[:_MOST_STRIPS]
+    if len(every) > len(parts):
+        title = f"{title or ''} (the first {len(parts)} of {len(every)} strips)".strip()
+    columns = min(strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1), max(len(parts), 1))
+    down = -(-len(parts) // columns) or 1
     kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
     heights = [_HEIGHTS[kind] for kind in kinds]
-    height = max(len(parts), 1) * (sum(heights) + 0.35) + 0.5
+    height = down * (sum(heights) + 0.35) + 0.5
     along = gaits_along(table) if strip and len(table) else None
     with style.canvas(style.PAGE, height, title) as figure:
-        outer = figure.subfigures(max(len(parts), 1), 1, squeeze=False)[:, 0]
+        outer = figure.subfigures(down, columns, squeeze=False).ravel(order="F")
         for number, (sub, part) in enumerate(zip(outer, parts, strict=False)):
             grid = sub.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
             heading = _heading(table, part, number, titles) if strip is None or titles else ""
-            _draw(dict(zip(kinds, grid, strict=True)), part, along, heading)
+            _draw(dict(zip(kinds, grid, strict=True)), part, along, heading, style.PAGE / columns)
         if not parts:
             style.message(outer[0].subplots(), "nothing was recorded")
-        handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=leg) for leg in LEGS]
-        figure.legend(handles=handles, loc="outside lower center", ncols=4)
+        handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
+        flight = (
+            [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
+        )
+        figure.legend(handles=[*handles, *flight], loc="outside lower center", ncols=5)
     return figure
 
 
@@ -105,7 +129,12 @@ def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | 
             part = rows_where(samples, (t >= low - 1e-9) & (t <= high + 1e-9))
             if len(part) > 1:
                 parts.append(part)
-    return parts[:_MOST_STRIPS]
+    return parts
+
+
+def _flies(part: pd.DataFrame) -> bool:
+    """Whether there is an instant without a foot on the ground."""
+    return bool((part[list(CONTACTS.values())].max(axis=1) < 0.5).any())
 
 
 def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Sequence[str] | None) -> str:
@@ -117,8 +146,10 @@ def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Seque
     return ", ".join([str(found["gait"]), *in_words(table, found, part)])
 
 
-def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str) -> None:
-    """One strip."""
+def _draw(
+    grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str, wide: float
+) -> None:
+    """One strip, in `wide` inches."""
     t = part["t"].to_numpy(float)
     down = part[[name for name in CONTACTS.values() if name in part.columns]].to_numpy(float)
     footfalls(grid["feet"], part)
@@ -145,17 +176,17 @@ def _draw(grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None,
     top = next(iter(grid.values()))
     top.set_title(heading, loc="left")
     if along is not None and "gait" in grid:
-        _names(grid["gait"], part, along)
+        _names(grid["gait"], part, along, wide)
 
 
-def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame) -> None:
+def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> None:
     """The gait bouts as bars with their names, and the speed at round times."""
     axes.set_axis_off()
     axes.set_ylim(0.0, 1.0)
     mine = rows_where(along, along["row"] == part["row"].iloc[0])
     low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
     axes.set_xlim(low, high)
-    width = style.PAGE * 0.86 / (high - low)  # inches a second
+    width = (wide - _BESIDE) / (high - low)  # inches a second
     found = gait_bouts(mine, "gait", _LEAST).to_dict("records")
     for spell in found:
         begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.gaits import loading_rule as rule
@@ -22,6 +23,7 @@ from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refus
 from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, ORDER, check_gaits, gait_key, has_swing_onsets
 
 _ACROSS = 3
+_OF_THE_RULE = "#F0F0F0"
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -85,7 +87,8 @@ def loading_rule(
                 axes.set_ylabel("shift of the pair, $\\delta$ (cycles)\nhind leg late: positive")
         for axes in grid[len(names) :]:
             axes.set_visible(False)
-        figure.legend(handles=gait_key(present), loc="outside lower center", ncols=6)
+        rule_ = Patch(color=_OF_THE_RULE, label="sign as the rule says")
+        figure.legend(handles=[*gait_key(present), rule_], loc="outside lower center", ncols=6)
     return figure
 
 
@@ -100,7 +103,7 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, told: Mapping[Any, Any]) 
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-height, height)
     for x, low in ((-reach, THRESHOLD), (0.0, -height)):
-        look = {"facecolor": "#F0F0F0", "linewidth": 0, "zorder": 0}
+        look = {"facecolor": _OF_THE_RULE, "linewidth": 0, "zorder": 0}
         axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **look)
     axes.axhline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
     axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)

@@ -57,12 +57,14 @@ def nine_gaits(
                 _empty(axes, gait)
             if place // 3 == 0:
                 axes.annotate(
-                    f"LF, RH: {_TILTS[place]}", (0.5, 1.0), (0, 32), "axes fraction", "offset points",
-                    ha="center", fontsize=7.5,
+                    f"left fore, right hind:\n{_TILTS[place]}", (0.5, 1.0), (0, 32), "axes fraction",
+                    "offset points", ha="center", fontsize=7.5,
                 )  # fmt: skip
             if place % 3 == 0:
                 axes.set_ylabel(
-                    f"RF, LH:\n{_TILTS[place // 3]}".replace(" (", "\n("), fontsize=7.5, labelpad=4
+                    f"right fore, left hind:\n{_TILTS[place // 3]}".replace(" (", "\n("),
+                    fontsize=7.5,
+                    labelpad=4,
                 )
             if place // 3 == 2:
                 axes.set_xlabel("time (s)")

@@ -16,7 +16,8 @@ from matplotlib.text import Text
 
 from gaitsweep.plot import style
 from gaitsweep.plot.gaits.footprints import contact_intervals
-from gaitsweep.plot.movie.side_view import SideView, bounds, limb_colours
+from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.plot.movie.side_view import SideView, bounds
 from gaitsweep.skeleton import Limb, Skeleton
 
 _WIDE = 8.0  # inches; width of every frame, so that its text has the same relative size

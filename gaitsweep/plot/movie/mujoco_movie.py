@@ -19,7 +19,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
 
 from gaitsweep.plot.columns import PlotError
-from gaitsweep.plot.movie.side_view import bounds, limb_colours
+from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.plot.movie.side_view import bounds
 from gaitsweep.skeleton import Skeleton
 
 BACKENDS = ("egl", "osmesa")  # OpenGL without a display; the first that works is used

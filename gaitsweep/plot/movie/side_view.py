@@ -3,39 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex, to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from scipy.spatial import ConvexHull, QhullError
 
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.skeleton import Skeleton
 
 # The drawn offset (m) of a metre to the left: to the right and up.
 _ASIDE = np.array([0.28, 0.22])
 _BODY, _NEAR_SIDE, _EDGE = "#DDE0E4", "#BFC4CC", "#4A4F57"
-_PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_FAR = 0.45  # share of white in the colour of the far limb of a pair
 _STRIP, _MARK, _INK = "#F1EEE8", "#CFC9BE", "#8A8478"
 _MARKS = 7  # approximate number of marks across the frame
 # Space above the body and below the ground, as shares of its height, with names and without.
 _NAMED, _PLAIN = (1.22, 0.24), (1.12, 0.1)
 _TURNS = 5  # turns of a spring
 _MOST_NAMES = 16
-
-
-def limb_colours(limbs: Sequence[Limb]) -> list[str]:
-    """A colour for each limb: that of its pair, lighter on the far side."""
-    found: list[str] = []
-    for limb in limbs:
-        white = _FAR if limb.far else 0.0
-        red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[limb.pair % len(_PAIRS)]))
-        found.append(to_hex((red, green, blue)))
-    return found
 
 
 def heading(skeleton: Skeleton) -> float:

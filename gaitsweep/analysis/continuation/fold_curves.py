@@ -1,0 +1,398 @@
+"""Folds of fixed points followed in the plane of two parameters, and the cusps where two folds meet.
+
+At a fold the Jacobian A of Newton's equations F = 0 is singular. A bordered system defines the test function
+g, [A b; c' 0] [v; g] = [0; 1], which is zero there; v and the solution w of the transposed system are null
+vectors. A curve of folds is F = 0, g = 0 in the space of the coordinates and both parameters, followed by
+pseudo-arclength. It is smooth where it passes a cusp: there the second derivative w' A_v v is zero, and the
+curve in the plane of the parameters has its tip. A curve ends as lost where the map has a corner or a jump.
+
+Source: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibria, chapters 4 and 8.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.continuation.arclength import ContinuationProblem
+from gaitsweep.analysis.continuation.bifurcation_tests import fold_test, located
+from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
+from gaitsweep.analysis.continuation.newton import (
+    ConservedConstraints,
+    NewtonOutcome,
+    matrices,
+    newton,
+    residuals,
+    sizes,
+)
+from gaitsweep.engine.poincare.maps import Map, Points, Values
+from gaitsweep.errors import ArgumentError
+
+# Steps of the central differences: along v in scaled coordinates, of parameters as shares of their ranges.
+ALONG, SHARE = 1e-4, 1e-5
+# Tolerances on the scaled residuals of F and on g, and most corrections of a step.
+TOLERANCE, FOLD_TOLERANCE, MOST_CORRECTIONS = 1e-9, 1e-6, 12
+# Steps of the search for the first fold.
+MOST_TO_A_FOLD = 60
+MOST_TRIALS = 30
+# A cusp is found in an interval this short, as a share of its step.
+SHORTEST_INTERVAL = 1e-5
+
+
+@dataclasses.dataclass(frozen=True)
+class FoldPoint:
+    """A point of a fold curve.
+
+    `point`, one of `Points`; `unknowns` (m + 2,): scaled coordinates, drifts, both parameters as shares of
+    their ranges; `matrix` (m + 1, m + 2), the derivatives of F and g by them; unit `tangent` (m + 2,); null
+    vectors `v` and `w` (m,), oriented as those of the point before; `curvature`, w' A_v v; `observed`.
+    """
+
+    point: Points
+    unknowns: np.ndarray
+    matrix: np.ndarray
+    tangent: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    curvature: float
+    observed: dict[str, float]
+    corrections: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class _Equations:
+    """F = 0 and g = 0 of one curve: `low` and `width` (2,) scale the parameters, `scale` (m,) the others."""
+
+    mapping: Map
+    names: tuple[str, str]
+    low: np.ndarray
+    width: np.ndarray
+    values: dict[str, Any]
+    held: ConservedConstraints
+    scale: np.ndarray
+
+    def parameters(self, unknowns: np.ndarray) -> np.ndarray:
+        """The two parameters (2,) of these unknowns."""
+        return self.low + self.width * unknowns[-2:]
+
+    def at(self, like: Points, several: np.ndarray, derivatives: bool = True) -> Any:
+        """F (n, m), the scaled Jacobians A (n, m, m) and the images at the unknowns `several` (n, m + 2).
+
+        `like` gives the modes; where the map is not defined, F and A are NaN.
+        """
+        n, size = len(several), like.at.shape[1]
+        points = Points(several[:, :size] * self.scale[:size], _repeated(like.modes, n))
+        at = self.low + self.width * several[:, -2:]
+        values = {**self.values, **{name: at[:, k] for k, name in enumerate(self.names)}}
+        images = self.mapping.linearised(points, values)
+        held = self.held[np.zeros(n, int)]
+        miss = residuals(self.mapping, points, several[:, size:-2], images, held) / self.scale
+        A = matrices(images, held) * self.scale[None, None, :] / self.scale[None, :, None]
+        bad = ~images.sound
+        miss[bad], A[bad] = np.nan, np.nan
+        return miss, A, images
+
+
+def fold_curves(
+    mapping: Map,
+    starts: Points,
+    values: Values,
+    *,
+    parameters: Sequence[str],
+    within: Mapping[str, Sequence[float]],
+    begin: Mapping[str, float],
+    to_fold: int = 1,
+    towards: int = 1,
+    fix: Sequence[str] = (),
+    steps: ArclengthSteps | None = None,
+) -> pd.DataFrame:
+    """Follow the first fold on the branch through each of n starts in the plane of two parameters.
+
+    Args:
+        mapping: a return map, or any other.
+        starts: points near fixed points at `begin`.
+        values: other parameters, numbers or one for each start (n,).
+        parameters: the names of both; branches are followed along the first to their fold.
+        within: their ranges, two numbers each.
+        begin: their values at the starts.
+        to_fold: 1 or -1, the direction of the first parameter in which the fold is looked for.
+        towards: 1 or -1, the direction of the second parameter in which the curve is followed.
+        fix: conserved quantities to constrain, as for `newton`.
+        steps: lengths and number of the steps; parameters are shares of their ranges.
+
+    Returns:
+        One record a point: row, point, both parameters, the map's observables, curvature (zero at a cusp),
+        special (`cusp`; `kink`, a step over a corner or jump of the map; or empty), corrections, end (range,
+        most, lost, no_fold: none on the branch, or a `NewtonOutcome` where no fixed point was found at the
+        start).
+
+    Raises:
+        ArgumentError: there are not two parameters, or a range has no width.
+    """
+    if len(parameters) != 2 or parameters[0] == parameters[1]:
+        raise ArgumentError(f"parameters are {', '.join(parameters)}: a curve of folds takes two.")
+    for name in parameters:
+        if name not in within or not max(within[name]) > min(within[name]):
+            raise ArgumentError(f"within has no range for {name}: two numbers that differ.")
+    steps = steps or ArclengthSteps()
+    n, records = len(starts), []
+    complete = mapping.complete({**values, **begin}, n)
+    for row in range(n):
+        mine = {name: each[row : row + 1] for name, each in complete.items()}
+        found, why = _first_fold(
+            mapping, starts[np.array([row])], mine, parameters, within, to_fold, fix, steps
+        )
+        if found is None:
+            records.append({"row": row, "point": 0, **begin, "end": why})
+            continue
+        equations, here = found
+        records += _followed(equations, here, float(np.sign(towards)), row, steps)
+    return pd.DataFrame(records)
+
+
+def _first_fold(
+    mapping: Map,
+    start: Points,
+    values: dict[str, np.ndarray],
+    parameters: Sequence[str],
+    within: Mapping[str, Sequence[float]],
+    to_fold: int,
+    fix: Sequence[str],
+    steps: ArclengthSteps,
+) -> tuple[tuple[_Equations, FoldPoint] | None, str]:
+    """The first fold on the branch through a start, or why there is none."""
+    first = parameters[0]
+    found = newton(mapping, start, values, fix=fix)
+    if not found.converged[0]:
+        return None, NewtonOutcome(int(found.outcome[0])).name
+    held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
+    others = {name: each for name, each in values.items() if name != first}
+    problem = ContinuationProblem.of(mapping, first, within[first], others, held, found.points.at)
+    here = problem.first(found.points, found.drift, values[first], float(to_fold))
+    length = np.array([steps.longest])
+    for _ in range(MOST_TO_A_FOLD):
+        if steps.between is not None:
+            steps.between()
+        there, ok = problem.step(here, length)
+        if not ok[0]:
+            length = 0.5 * length
+            if length[0] < steps.shortest:
+                return None, "lost"
+            continue
+        if not problem.low <= there.parameter[0] <= problem.high:
+            return None, "no_fold"
+        if fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
+            ends = fold_test(problem, here), fold_test(problem, there)
+            fold, where = located(problem, here, length, fold_test, ends)
+            return (
+                _on_curve(problem, fold, parameters, within, values)
+                if np.isfinite(where[0])
+                else (None, "lost")
+            )
+        here = there
+    return None, "no_fold"
+
+
+def _on_curve(
+    problem: ContinuationProblem,
+    fold: Any,
+    parameters: Sequence[str],
+    within: Mapping[str, Sequence[float]],
+    values: dict[str, np.ndarray],
+) -> tuple[tuple[_Equations, FoldPoint] | None, str]:
+    """The equations of a fold's curve, and the fold as its first point."""
+    low = np.array([float(min(within[name])) for name in parameters])
+    width = np.array([float(max(within[name])) for name in parameters]) - low
+    k = len(problem.held.which)
+    scale = np.concatenate([sizes(fold.points.at)[0], np.ones(k)])
+    others = {name: each[0] for name, each in values.items() if name not in parameters}
+    equations = _Equations(
+        problem.mapping, (parameters[0], parameters[1]), low, width, others, problem.held, scale
+    )
+    at = np.array([fold.parameter[0], values[parameters[1]][0]])
+    unknowns = np.concatenate(
+        [fold.points.at[0] / scale[: len(scale) - k], fold.drift[0], (at - low) / width]
+    )
+    _, A, _ = equations.at(fold.points, unknowns[None])
+    if not np.isfinite(A).all():
+        return None, "lost"
+    left, _, right = np.linalg.svd(A[0])
+    # along the branch the parameter turns: v is oriented as the first coordinate that grows with it
+    return (equations, _differentiated(equations, fold.points, unknowns, left[:, -1], right[-1], None)), ""
+
+
+def _differentiated(
+    equations: _Equations,
+    like: Points,
+    unknowns: np.ndarray,
+    b: np.ndarray,
+    c: np.ndarray,
+    before: np.ndarray | None,
+    corrections: int = 0,
+) -> FoldPoint:
+    """A point of the curve with the derivatives of its equations, bordered by `b` and `c` (m,).
+
+    The curve's tangent has a positive product with `before` (m + 2,), where it is given.
+    """
+    A = equations.at(like, unknowns[None])[1][0]
+    v, w, _ = _null_vectors(A, b, c)
+    m = len(v)
+    shifts = np.zeros((6, m + 2))
+    shifts[0, :m], shifts[1, :m] = ALONG * v, -ALONG * v
+    for k in (0, 1):
+        shifts[2 + 2 * k, m + k], shifts[3 + 2 * k, m + k] = SHARE, -SHARE
+    miss, several, images = equations.at(like, np.concatenate([unknowns[None], unknowns + shifts]))
+    matrix = np.zeros((m + 1, m + 2))
+    matrix[:m, :m] = several[0]
+    for k in (0, 1):
+        matrix[:m, m + k] = (miss[3 + 2 * k] - miss[4 + 2 * k]) / (2.0 * SHARE)
+        matrix[m, m + k] = -w @ (several[3 + 2 * k] - several[4 + 2 * k]) @ v / (2.0 * SHARE)
+    # A_z v = A_v z: second derivatives commute
+    matrix[m, :m] = -w @ (several[1] - several[2]) / (2.0 * ALONG)
+    tangent = np.full(m + 2, np.nan)
+    if np.isfinite(matrix).all():
+        tangent = np.linalg.svd(matrix)[2][-1]
+        if before is not None and tangent @ before < 0.0:
+            tangent = -tangent
+    observed = {name: float(each[0]) for name, each in images.observed.items()}
+    point = Points(unknowns[None, : like.at.shape[1]] * equations.scale[: like.at.shape[1]], like.modes)
+    return FoldPoint(point, unknowns, matrix, tangent, v, w, float(-matrix[m, :m] @ v), observed, corrections)
+
+
+def _null_vectors(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """v and w (m,) with length 1, and g, of the Jacobian A (m, m) bordered by `b` and `c`."""
+    m = len(A)
+    full = np.zeros((m + 1, m + 1))
+    full[:m, :m], full[:m, m], full[m, :m] = A, b, c
+    last = np.zeros(m + 1)
+    last[m] = 1.0
+    right, left = np.linalg.solve(full, last), np.linalg.solve(full.T, last)
+    v, w = right[:m], left[:m]
+    return (
+        v / np.linalg.norm(v),
+        w / np.linalg.norm(w),
+        float(right[m] / np.linalg.norm(v) / np.linalg.norm(w)),
+    )
+
+
+def _stepped(equations: _Equations, here: FoldPoint, length: float) -> FoldPoint | None:
+    """The point of the curve one arclength step ahead; None where the corrections do not converge."""
+    guess = length * here.tangent
+    matrix = np.concatenate([here.matrix, here.tangent[None]])
+    change, step, like = guess.copy(), np.zeros_like(guess), here.point
+    norm = np.inf
+    for taken in range(1, MOST_CORRECTIONS + 1):
+        unknowns = here.unknowns + change
+        miss, A, images = equations.at(like, unknowns[None])
+        if not np.isfinite(A).all():
+            return None
+        _, _, g = _null_vectors(A[0], here.w, here.v)
+        off = here.tangent @ change - length
+        now = float(np.max(np.abs(miss[0])))
+        if now <= TOLERANCE and abs(g) <= FOLD_TOLERANCE and abs(off) <= 1e-9:
+            there = _differentiated(equations, like, unknowns, here.w, here.v, here.tangent, taken)
+            return there if np.isfinite(there.tangent).all() else None
+        if max(now, abs(g)) > 10.0 * norm + 1e-3:
+            return None
+        norm = max(now, abs(g))
+        wrong = np.concatenate([miss[0], [g, off]])
+        if taken > 1:  # Broyden's update: what the last step did not foresee
+            matrix += np.outer(wrong, step) / (step @ step)
+        try:
+            step = np.linalg.solve(matrix, -wrong)
+        except np.linalg.LinAlgError:
+            return None
+        change = change + step
+        like = Points(like.at, images.points.modes)
+    return None
+
+
+def _followed(
+    equations: _Equations, here: FoldPoint, sign: float, row: int, steps: ArclengthSteps
+) -> list[dict[str, Any]]:
+    """The records of one curve, from its first fold in the direction `sign` of the second parameter."""
+    if not np.isfinite(here.tangent).all():
+        return [_record(equations, here, row, 0, "") | {"end": "lost"}]
+    if sign * here.tangent[-1] < 0.0:
+        here = dataclasses.replace(here, tangent=-here.tangent)
+    records = [_record(equations, here, row, 0, "")]
+    length, end = steps.first, "most"
+    while len(records) < steps.most:
+        if steps.between is not None:
+            steps.between()
+        there = _stepped(equations, here, length)
+        if there is None or there.tangent @ here.tangent < 0.9:
+            length *= 0.5
+            if length >= steps.shortest:
+                continue
+            leap = _leap(equations, here, steps.longest)
+            if leap is None:
+                end = "lost"
+                break
+            records.append(_record(equations, leap, row, len(records), "kink"))
+            here, length = leap, steps.first
+            continue
+        if here.curvature * there.curvature < 0.0:
+            tip = _cusp(equations, here, there, length)
+            if tip is not None:
+                records.append(_record(equations, tip, row, len(records), "cusp"))
+        if np.any((there.unknowns[-2:] < 0.0) | (there.unknowns[-2:] > 1.0)):
+            end = "range"
+            break
+        records.append(_record(equations, there, row, len(records), ""))
+        if there.corrections <= 5:
+            length = min(1.4 * length, steps.longest)
+        here = there
+    records[-1]["end"] = end
+    return records
+
+
+def _leap(equations: _Equations, here: FoldPoint, longest: float) -> FoldPoint | None:
+    """The point behind a corner or a jump of the map, where no short step leads over it; else None."""
+    for share in JUMPS:
+        there = _stepped(equations, here, share * longest)
+        if there is not None and there.tangent @ here.tangent > 0.0:
+            return there
+    return None
+
+
+def _cusp(equations: _Equations, here: FoldPoint, there: FoldPoint, length: float) -> FoldPoint | None:
+    """The cusp on a step of a curve, by the Illinois variant of regula falsi."""
+    low, high, below, above = 0.0, length, here.curvature, there.curvature
+    best = None
+    for _ in range(MOST_TRIALS):
+        at = low + (high - low) * below / (below - above)
+        middle = _stepped(equations, here, at)
+        if middle is None:
+            return best
+        best, value = middle, middle.curvature
+        if value * below > 0.0:
+            low, below, above = at, value, 0.5 * above
+        else:
+            high, above, below = at, value, 0.5 * below
+        if high - low < SHORTEST_INTERVAL * length or value == 0.0:
+            break
+    return best
+
+
+def _record(equations: _Equations, here: FoldPoint, row: int, point: int, special: str) -> dict[str, Any]:
+    at = equations.parameters(here.unknowns)
+    return {
+        "row": row,
+        "point": point,
+        **dict(zip(equations.names, map(float, at), strict=True)),
+        **here.observed,
+        "curvature": here.curvature,
+        "special": special,
+        "corrections": here.corrections,
+        "end": "",
+    }
+
+
+def _repeated(modes: Any, n: int) -> Any:
+    return jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[:1], n, axis=0), modes)

@@ -1,0 +1,109 @@
+"""Where each gait is lost along a parameter, by settled rows that start in each gait (Aoi 2011, Fig. 7b)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitsweep.analysis.circular import cut, is_circular, on_line
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
+from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, described, outcome, rows_where, symbol, unit_of
+from gaitsweep.plot.figure_kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
+
+_OPEN = "#777777"
+
+
+@figure_kind("settle")
+def gait_transitions(
+    table: pd.DataFrame,
+    *,
+    x: Annotated[AlongAxis, "column of the parameter, which varies"],
+    y: Observed,
+    start: Annotated[Column, "column of the start that selects the branch"],
+    hue: GaitColumn = "gait",
+    title: Title = None,
+) -> Figure:
+    """An observable of settled rows over a parameter, and the intervals in which each gait is lost.
+
+    Points are coloured by gait; rows that did not settle are open, and those that fell are marked below. A
+    gait is lost between the last value at which a row settles in it and the first at which none of its own
+    starts does; the legend gives these intervals.
+
+    Args:
+        table: a settle table with starts in each gait at each value of x.
+
+    Raises:
+        PlotError: the table does not have a column.
+    """
+    name = column(table, y, ("_end", ""))
+    for each in (x, start, hue, "status"):
+        column(table, each)
+    with style.canvas(style.COLUMN + 1.6, 3.6, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, name, 36))
+        table = rows_where(table, table[x].notna())
+        if not len(table):
+            style.message(axes, "no rows yet")
+            return figure
+        place = table[name].to_numpy(float)
+        place = on_line(place, cut(place)) if is_circular(table, name) else place
+        shown = outcome(table, hue)
+        names = in_order(table, hue, shown)
+        colour = style.colours([each for each in names if each not in (NOT_SETTLED, FAILED)])
+        handles = _points(axes, table[x].to_numpy(float), place, shown.to_numpy(), names, colour)
+        lost = transition_points_by_gait(table, x, start, hue)
+        lost = lost.loc[lost["gait"].isin(list(colour)).to_numpy()]
+        for edge in lost.to_dict("records"):
+            tint = colour[str(edge["gait"])]
+            axes.axvspan(edge["low"], edge["high"], color=tint, alpha=0.3, lw=0)
+            axes.axvline(0.5 * (edge["low"] + edge["high"]), color=tint, lw=0.8, ls=":")
+            handles.append(Patch(facecolor=tint, alpha=0.4, label=_words(table, x, edge)))
+        if is_circular(table, name):
+            style.angle_ticks(axes, "y")
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _points(
+    axes: Axes,
+    at: np.ndarray,
+    place: np.ndarray,
+    shown: np.ndarray,
+    names: list[str],
+    colour: dict[str, str],
+) -> list[Line2D | Patch]:
+    """The rows, and their entries in the legend."""
+    handles: list[Line2D | Patch] = []
+    markers = style.markers(list(colour))
+    for name in names:
+        mine = shown == name
+        look: dict[str, Any] = {"ls": "", "ms": 3.5, "label": name}
+        if name == FAILED:
+            look |= {"marker": "x", "color": "black", "clip_on": False}
+            axes.plot(at[mine], np.zeros(mine.sum()), transform=axes.get_xaxis_transform(), **look)
+        else:
+            tint = colour.get(name, _OPEN)
+            face = "white" if name == NOT_SETTLED else tint
+            look |= {"marker": markers.get(name, "o"), "color": tint, "mfc": face}
+            axes.plot(at[mine], place[mine], **look)
+        handles.append(Line2D([], [], **look))
+    return handles
+
+
+def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
+    """Which gait is lost, in which direction of the parameter, and in which interval."""
+    ways = {"rising": "rises", "falling": "falls"}
+    unit = unit_of(table, x)
+    unit = f" {unit}" if unit and unit != "1" else ""
+    told = symbol(table, x) or x
+    way = ways[edge["direction"]]
+    return f"{edge['gait']} lost as {told} {way}: {edge['low']:.6g} to {edge['high']:.6g}{unit}"

@@ -1,0 +1,60 @@
+"""The names and colours of limbs, the same in all figures and movies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
+
+from gaitsweep import models
+from gaitsweep.skeleton import LimbLook
+
+_PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_FAR = 0.45  # share of white in the colour of the far limb of a pair
+_ALIKE = "#000000"  # where all limbs are of one pair and side, their colour would tell nothing
+
+
+class Placed(Protocol):
+    """A limb of a pair, on the near or the far side: a `Limb` or a `LimbLook`."""
+
+    @property
+    def pair(self) -> int: ...
+    @property
+    def far(self) -> bool: ...
+
+
+def limb_colours(limbs: Iterable[Placed]) -> list[str]:
+    """A colour for each limb: that of its pair, lighter on the far side; dark grey if all are alike."""
+    places = [(limb.pair, limb.far) for limb in limbs]
+    if len(set(places)) == 1:
+        return [_ALIKE] * len(places)
+    found: list[str] = []
+    for pair, far in places:
+        white = _FAR if far else 0.0
+        red, green, blue = (part + white * (1.0 - part) for part in to_rgb(_PAIRS[pair % len(_PAIRS)]))
+        found.append(to_hex((red, green, blue)))
+    return found
+
+
+def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
+    """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names none."""
+    job = table.attrs.get("job", {})
+    try:
+        limbs = models.find(job["model"])(**job.get("structure", {})).limbs
+    except (KeyError, TypeError, ValueError, models.ModelError):  # a model that is not here, or no job
+        limbs = ()
+    if len(limbs) == count:
+        return limbs
+    return [LimbLook(f"leg {number + 1}") for number in range(count)]
+
+
+def name_limbs(axes: Axes, limbs: Sequence[LimbLook]) -> None:
+    """The names of limbs beside their bars, each in its colour, the first limb on top."""
+    axes.set_yticks(range(len(limbs)), [limb.name for limb in limbs])
+    for tick, colour in zip(axes.get_yticklabels(), limb_colours(limbs), strict=True):
+        tick.set_color(colour)
+    axes.tick_params(axis="y", length=0)
+    axes.set_ylim(len(limbs) - 0.4, -0.6)

@@ -1,0 +1,141 @@
+"""The measures of Ambe et al. (2021) on small tables made from the theory, whose values are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gaitsweep.analysis.chain.travelling_wave import waves
+from gaitsweep.claims.measures import ambe2021 as measures
+from gaitsweep.claims.paper import read_paper
+from gaitsweep.claims.verdict import ClaimVerdict, verdict
+from gaitsweep.errors import UserError
+from gaitsweep.models.multilegged.theory.chain import Chain, touchdown_phase
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, places, rule_of
+
+N = 9
+OMEGA = 0.4
+ROWS = [Branch("direct", N), Branch("B", 2), Branch("B", 6)]
+CIRCLE = float(touchdown_phase(Chain()))
+
+
+def trace(branch: Branch, at: float, row: int, springs: int = N) -> pd.DataFrame:
+    """The reduced chain along a solution: phases turn at omega from 0 to the touchdown phase."""
+    rule = rule_of(springs, branch, Chain())
+    theta = np.asarray(places(rule, rule.low + at * (rule.high - rule.low)))
+    t = np.arange(0.0, 50.0, 0.05)
+    phase = np.mod(theta + OMEGA * t[:, None] + 0.01, CIRCLE)
+    legs = range(1, springs + 2)
+    columns = {f"phase_{i}": phase[:, i - 1] for i in legs}
+    columns |= {f"contact_{i}": (phase[:, i - 1] < 1.65 * np.pi).astype(float) for i in legs}
+    return pd.DataFrame({"row": row, "t": t, **columns})
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    return pd.concat([trace(branch, 0.3, row) for row, branch in enumerate(ROWS)], ignore_index=True)
+
+
+def test_waves_of_the_theory_have_its_wavelength_and_exact_speed(table: pd.DataFrame) -> None:
+    found = waves(table)
+    assert list(found["gait"]) == ["direct", "retrograde", "source"]
+    assert list(found["k"]) == [0, 2, 6]
+    assert list(found["free_link"]) == [9, 1, 5]
+    assert np.allclose(found["wavelength"], found["wavelength_27"], atol=1e-9)
+    assert np.allclose(found["speed"], found["speed_exact"], atol=1e-9)
+    assert np.allclose(found["period"], CIRCLE / OMEGA, atol=1e-9)
+    assert found["spread"].max() < 1e-9
+    assert found["distance"].max() < 1e-6
+
+
+def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
+    assert measures.directions(table, row=0) == ["forwards"] * 8 + ["free"]
+    assert measures.directions(table, row=1) == ["free"] + ["backwards"] * 8
+    assert measures.directions(table, row=2) == ["forwards"] * 4 + ["free"] + ["backwards"] * 4
+    part = [2, 3, 4, 5, 6, 7, 8, 9]
+    assert measures.simulated_order(table, row=1, legs=part) == "2 9 3 4 5 6 7 8"
+    assert measures.order_of_touchdowns(kind="B", k=2, N=9, legs=part, at=0.3) == "2 9 3 4 5 6 7 8"
+    assert measures.leads(table, row=0, links=[1, 2]) == pytest.approx([0.994942393] * 2, abs=1e-8)
+    assert measures.one_swing_share(table, row=0, of=list(range(1, 10))) == 1.0
+    assert measures.touchdown_phases_apart(table) < 1e-9
+
+
+def test_a_trace_of_less_than_two_cycles_is_refused(table: pd.DataFrame) -> None:
+    with pytest.raises(UserError, match="two cycles at least"):
+        waves(table[table["t"] < 20.0])
+
+
+def settled(gait: str, psi: np.ndarray) -> pd.DataFrame:
+    columns = {f"psi_{i + 1}_end": psi[:, i] for i in range(3)}
+    return pd.DataFrame({"status": "settled", "gait": gait, "distance": 0.05, **columns})
+
+
+def test_three_lines_at_right_angles() -> None:
+    s = np.linspace(1.1, 5.1, 41)
+    one, low, high = np.ones_like(s), 1.1 * np.ones_like(s), 5.3 * np.ones_like(s)
+    table = pd.concat(
+        [
+            settled("direct", np.stack([low, one, s], axis=1)),
+            settled("source", np.stack([low, s, high], axis=1)),
+            settled("retrograde", np.stack([s, high, high], axis=1)),
+        ],
+        ignore_index=True,
+    )
+    assert measures.angles_of_lines(table) == pytest.approx([90.0, 90.0], abs=1e-9)
+    assert measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
+    assert measures.gap_between_lines(table)[1] == pytest.approx(0.2, abs=1e-9)
+    assert measures.free_range(table, gait="source", phase="psi_2") == pytest.approx([1.1, 5.1])
+    assert measures.gait_ends(table, gait="direct", phases=["psi_1", "psi_3"]) == pytest.approx([1.1, 3.1])
+    table.loc[3, "psi_2_end"] += 0.5  # off both planes only where psi_1 and psi_3 are, too
+    assert measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
+    cell = np.arange(6)
+    rows = [(2, 1, "direct"), (2, 0, "direct"), (2, 5, "direct"), (0, 3, "retrograde"), (5, 3, "retrograde")]
+    grid = {(i, j): "source" for i in cell for j in cell} | {(i, j): gait for i, j, gait in rows}
+    table = pd.DataFrame(
+        [{"psi_3": 1.0, "psi_2": i, "psi_1": j, "gait": gait} for (i, j), gait in grid.items()]
+    )
+    assert measures.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
+    table.loc[(table["psi_2"] == 4) & (table["psi_1"] == 1), "gait"] = "direct"
+    assert measures.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
+    assert measures.slice_shares(table, slice=0) == pytest.approx([4 / 36, 30 / 36, 2 / 36])
+
+
+def test_drift_and_period_of_a_return_map() -> None:
+    crossing = np.arange(30)
+    parts = [
+        pd.DataFrame(
+            {
+                "row": row,
+                "crossing": crossing,
+                "t": crossing * (15.0 + row),
+                "psi_1_n": (6.0 + rate * crossing) % (2 * np.pi),  # passes 2 pi
+                "psi_2_n": 1.0,
+            }
+        )
+        for row, rate in enumerate((0.0, 0.02))
+    ]
+    table = pd.concat(parts[::-1], ignore_index=True)
+    assert measures.drift_of_sum(table, row=1) == pytest.approx(0.02, abs=1e-12)
+    assert measures.last_change(table) == pytest.approx(0.02, abs=1e-12)
+    assert measures.period_in_phase(table) == pytest.approx([6.0, 6.4])
+    assert measures.distinct_ends(table) == [2.0, 1.0]
+
+
+def test_the_theory_of_ten_legs_satisfies_the_printed_equations() -> None:
+    assert measures.touchdown_relation_error(N=3) < 1e-14
+    assert measures.order_sets_agree(N=3) == 1.0
+    assert measures.phases_of_neighbours(N=3) == 1.0
+    assert measures.reset_set_numbers(kind="B", k=2) == [2, 3, 6, 6, 6, 6, 6, 4, 3, 8]
+    assert measures.slopes_of_fig10(k=3) == pytest.approx([1.0, 0.0], abs=1e-9)
+
+
+def test_every_claim_has_a_number_that_a_wrong_one_would_miss() -> None:
+    paper = read_paper("ambe2021")
+    assert len(paper.claims) > 100
+    for claim in paper.claims:
+        wrong = "backwards" if isinstance(claim.paper, str) and not claim.unit else float("nan")
+        assert verdict(claim, wrong) is not ClaimVerdict.reproduced, claim.id

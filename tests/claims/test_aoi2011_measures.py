@@ -1,0 +1,158 @@
+"""The measures of Aoi 2011 on tables whose folds, fixed points and footfalls are known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hysteresis_tables import CENTRE, FOLD, map_table, settle_table, staircase_table
+
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.claims.measures import aoi2011 as measures
+
+STAIR = 0.1
+
+
+@pytest.fixture(scope="module")
+def stairs() -> pd.DataFrame:
+    return staircase_table(3)
+
+
+@pytest.fixture(scope="module")
+def maps() -> pd.DataFrame:
+    """At -.6 the lower point alone, at 0 both and one between, at .6 the upper one alone."""
+    return map_table((-0.6, 0.0, 0.6), noise=1e-4)
+
+
+def test_transitions_of_holds_are_the_folds(stairs: pd.DataFrame) -> None:
+    """The lower branch is lost as the parameter rises to FOLD, the upper one as it falls to -FOLD."""
+    up = measures.transition_at(stairs, observable="delta_13", parameter="f", direction="rising")
+    down = measures.transition_at(stairs, observable="delta_13", parameter="f", direction="falling")
+    assert abs(up - FOLD) < STAIR
+    assert abs(down + FOLD) < STAIR
+    (width,) = measures.hysteresis_widths(stairs, observable="delta_13", parameter="f")
+    assert width == pytest.approx(up - down)
+    with pytest.raises(AnalysisError, match="No row jumps"):
+        measures.transition_at(
+            stairs.query("f < 0"), observable="delta_13", parameter="f", direction="rising"
+        )
+
+
+def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None:
+    """A table whose second half has its parameter moved by .3: both widths equal, transitions .3 apart."""
+    moved = stairs.assign(f=stairs["f"] + 0.3, row=stairs["row"] + 3)
+    both = pd.concat([stairs.assign(mass=1.0), moved.assign(mass=2.0)], ignore_index=True)
+    both.attrs = stairs.attrs
+    columns = ["row", "mass", *(name for name in both.columns if name not in ("row", "mass"))]
+    both = both.loc[:, columns]
+    found = measures.hysteresis_widths(both, observable="delta_13", parameter="f", by="mass")
+    assert found[0] == pytest.approx(found[1])
+    change = measures.least_change_of_transition(both, observable="delta_13", parameter="f", by=["mass"])
+    assert change == pytest.approx(0.3)
+
+
+def test_directions_in_which_the_upper_branch_is_lost(stairs: pd.DataFrame) -> None:
+    found = measures.directions_of_loss(stairs, stairs, observable="delta_13", parameters=["f", "f"])
+    assert found == ["falling", "falling"]
+
+
+def test_gaits_are_lost_at_the_folds() -> None:
+    table = settle_table(np.linspace(-0.6, 0.6, 121).tolist(), (-1.0, 1.0), over="other")
+    walk = measures.gait_lost_at(table, parameter="f", gait="walk", direction="rising")
+    trot = measures.gait_lost_at(table, parameter="f", gait="trot", direction="falling")
+    assert (walk, trot) == pytest.approx((FOLD, -FOLD), abs=0.006)
+    mirrored = table.assign(f=-table["f"])
+    width = measures.gap_of_edges(mirrored, parameter="f", upper="trot", lower="walk")
+    assert width == pytest.approx(2.0 * FOLD, abs=0.012)
+    with pytest.raises(AnalysisError, match="trot is not lost as f is rising"):
+        measures.gait_lost_at(table, parameter="f", gait="trot", direction="rising")
+
+
+def test_fixed_points_of_return_maps(maps: pd.DataFrame) -> None:
+    kinds = {
+        f: measures.kinds_of_fixed_points(maps, observable="delta_13", parameter="f", at=f)
+        for f in (-0.6, 0.0, 0.6)
+    }
+    assert kinds == {-0.6: ["stable"], 0.0: ["stable", "unstable", "stable"], 0.6: ["stable"]}
+    assert measures.share_with_unstable_between(maps, observable="delta_13", parameter="f") == 1.0
+    high = {"observable": "delta_13", "parameter": "f", "between": [CENTRE, CENTRE + 1.0]}
+    assert measures.stable_until(maps, **high, take="min") == 0.0
+    assert measures.stable_until(maps, **high, take="max") == 0.6
+    with pytest.raises(AnalysisError, match="No stable fixed point"):
+        measures.stable_until(maps, observable="delta_13", parameter="f", between=[0.0, 1.0], take="max")
+
+
+def test_gaits_of_a_branch_are_in_order() -> None:
+    """Stable as a trot to a fold, unstable to another, stable as a walk."""
+    table = pd.DataFrame({
+        "row": 0, "point": range(7), "f": [0.0, 1.0, 2.0, 1.0, 0.0, 1.0, 2.0],
+        "stable": [True, True, False, False, False, True, True],
+        "special": ["", "", "fold", "", "fold", "", ""], "end": ["", "", "", "", "", "", "range"],
+        "gait": ["trot", "trot", "trot", "none", "walk", "walk", "walk"],
+    })  # fmt: skip
+    assert measures.gaits_of_branch(table, parameter="f") == ["trot", "walk"]
+
+
+def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.DataFrame:
+    """Contacts of period .4 s: foot i lands `lags[i]` rad late, and `broken` s are missing in its stance."""
+    t = np.arange(0.0, 2.0, 1e-3)
+    columns: dict[str, object] = {"row": 0, "t": t}
+    for foot, lag in enumerate(lags, start=1):
+        since = np.mod(t - 0.4 * lag / (2.0 * np.pi), 0.4)
+        columns[f"contact_{foot}"] = ((since < 0.3) & ~((since > 0.1) & (since < 0.1 + broken))).astype(float)
+    return pd.DataFrame(columns)
+
+
+@pytest.mark.parametrize("broken", [0.0, 0.015])
+def test_lags_of_touchdowns(broken: float) -> None:
+    """A break of 15 ms within the stance is not taken for a swing."""
+    table = trace((0.0, np.pi, 2.0, 2.0 + np.pi), broken)
+    found = measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
+    np.testing.assert_allclose(found, [np.pi, 2.0, np.pi], atol=0.03)
+
+
+def test_way_and_slip() -> None:
+    """Along a line with a sway of one cycle no way aside is left; on a circle it is the sagitta's share."""
+    t = np.arange(0.0, 4.0, 1e-2)
+    straight = pd.DataFrame({"row": 0, "t": t, "q_0": 0.2 * t, "q_1": 0.01 * np.sin(2.0 * np.pi * t / 0.4)})
+    assert measures.sideways_share(straight) < 1e-3
+    turned = straight.assign(q_0=np.sin(t), q_1=1.0 - np.cos(t))
+    assert measures.sideways_share(turned) > 0.1
+
+
+def test_values_of_gaits(stairs: pd.DataFrame) -> None:
+    ratio = measures.ratio_of_medians(stairs, column="t", where="gait == 'walk'", of="gait == 'trot'")
+    assert ratio > 0.0
+    spread = measures.spread_over(stairs, column="delta_13_n", over="f", where="gait == 'trot'")
+    assert 0.0 < spread < 0.3
+    away = measures.farthest_angle(stairs, column="delta_13_n", centre=CENTRE)
+    assert away == pytest.approx(np.abs(stairs["delta_13_n"] - CENTRE).max())
+    settled = settle_table((0.0,), (-1.0, 1.0), over="other")
+    assert measures.drift_from_start(settled, start="delta_13", end="delta_13_end") < 1e-6
+    moved = measures.difference_of_gaits(
+        settled, stairs, observable="delta_13", where="abs(f) < 0.01", gaits=["walk", "trot"]
+    )
+    assert moved < 0.01
+
+
+def test_constants() -> None:
+    assert measures.degrees_of_freedom() == 15
+    assert measures.quadruped_parameters(names=["body_mass", "link_length"]) == [1.0, 0.08]
+    np.testing.assert_allclose(measures.waist_constants(f=2.0), [1.0, 1.0], rtol=1e-12)
+    np.testing.assert_allclose(
+        measures.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5
+    )
+    with pytest.raises(AnalysisError, match="masse is not a parameter"):
+        measures.quadruped_parameters(names=["masse"])
+
+
+@pytest.mark.slow
+def test_equations() -> None:
+    assert measures.phase_rate_error() < 1e-12
+    assert measures.reset_error() < 1e-14
+    assert measures.torque_error(joints="waist") < 1e-10
+    assert measures.torque_error(joints="limbs") < 1e-9
+    assert measures.ground_force_error() < 1e-9
+    assert measures.angular_velocity_error() < 1e-7
+    for of in ("kinetic_energy", "feet", "accelerations"):
+        assert measures.mechanics_error(of=of) < 1e-9

@@ -1,0 +1,112 @@
+"""The figures of the chain's theory and waves, and what footprints say of free links and lost contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from plot_tables import rendered, settle_table, trace_table
+
+from gaitsweep import plot
+from gaitsweep.models.multilegged.theory.chain import Chain, touchdown_phase
+from gaitsweep.models.multilegged.theory.solution_sets import Branch, places, rule_of
+from gaitsweep.plot.chain.theory import SHOWN, theory_figure
+from gaitsweep.plot.style import COLOURS
+
+OMEGA = 0.4
+
+
+def walking(branches: list[Branch], N: int = 3, share: float = 0.5, duration: float = 50.0) -> pd.DataFrame:
+    """Traces of the reduced chain along its analytic solutions, one row each."""
+    circle, parts = float(touchdown_phase(Chain())), []
+    for row, branch in enumerate(branches):
+        rule = rule_of(N, branch, Chain())
+        theta = np.asarray(places(rule, rule.low + share * (rule.high - rule.low)))
+        t = np.arange(0.0, duration, 0.05)
+        phase = np.mod(theta + OMEGA * t[:, None] + 0.01, circle)
+        columns = {"row": row, "omega": OMEGA, "t": t}
+        for i in range(N + 1):
+            down = (phase[:, i] < 1.65 * np.pi).astype(float)
+            columns |= {f"phase_{i + 1}": phase[:, i], f"x_{i + 1}": 1.0, f"l_{i + 1}": 1.0}
+            columns |= {f"contact_{i + 1}": down}
+        parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.mark.parametrize("show", SHOWN)
+def test_the_theory_is_drawn_for_the_chain_of_a_table(show: str) -> None:
+    rendered(plot.chain_theory(settle_table(), show=show))
+
+
+def test_the_free_phase_turns_at_psi_b() -> None:
+    axes = theory_figure(3, Chain(), show="free_phase").axes[0]
+    (set_a, set_b), b = axes.lines[0:3:2] if len(axes.lines) < 3 else _sets_of(axes), 0.153938
+    psi_A, psi_B = 0.4 * np.pi - 1.7 * b, 0.4 * np.pi - 0.9 * b
+    assert set_a.get_xdata() == pytest.approx([psi_A, psi_B], abs=1e-5)
+    assert set_b.get_xdata() == pytest.approx([psi_B, 1.6 * np.pi], abs=1e-5)
+    assert set_b.get_ydata() == pytest.approx([1.6 * np.pi + 1.7 * b] * 2, abs=1e-5)
+    assert np.ptp(set_a.get_ydata()) == pytest.approx(psi_B - psi_A, abs=1e-5)  # eq. (20): slope 1
+
+
+def _sets_of(axes: object) -> list:
+    return [line for line in axes.lines if str(line.get_label()).startswith("solution set")]  # type: ignore[attr-defined]
+
+
+def test_the_order_of_touchdowns_is_numbered_leg_by_leg() -> None:
+    left = theory_figure(9, Chain(), show="order", k=2, at=0.45).axes[0]
+    texts = [text.get_text() for text in left.texts]
+    assert texts[::2] == ["6", "1", "3", "5", "7", "8", "9", "10", "2", "4"]  # 2 9 3 10 4 1 5 6 7 8
+    assert texts[1::2] == [f"$S_{{{i}}}$" for i in (2, 3, 6, 6, 6, 6, 6, 4, 3, 8)]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({"show": "everything"}, "allowed are"), ({"show": "sets", "k": 4}, "k = 2 to 3"),
+     ({"show": "order", "at": 1.5}, "between 0 and 1")],
+)  # fmt: skip
+def test_what_the_theory_cannot_show_is_refused(given: dict, words: str) -> None:
+    with pytest.raises(plot.PlotError, match=words):
+        plot.chain_theory(settle_table(), **given)
+
+
+def test_the_theory_of_a_table_of_another_model_is_refused() -> None:
+    with pytest.raises(plot.PlotError, match="multi-legged chain"):
+        plot.chain_theory(pd.DataFrame({"row": [0], "t": [0.0]}), show="sets")
+
+
+def test_wave_speed_shows_measured_waves_on_the_theorys_curves() -> None:
+    table = walking([Branch("direct", 3), Branch("B", 2)]).assign(omega=lambda each: 0.4 + 0.0 * each["row"])
+    figure = plot.wave_speed(table, x="omega")
+    for axes, expected in zip(figure.axes, (6.175876, 0.402033), strict=True):
+        dots = np.concatenate([np.asarray(each.get_offsets()) for each in axes.collections])
+        assert dots[:, 1] == pytest.approx([expected] * 2, abs=1e-6)
+    rendered(figure)
+    with pytest.raises(plot.PlotError, match="two cycles"):
+        plot.wave_speed(table[table["t"] < 12.0], x="omega")
+
+
+def test_footprints_of_the_chain_mark_the_link_whose_lag_is_free() -> None:
+    figure = plot.footprints(walking([Branch("direct", 3), Branch("B", 2), Branch("B", 3)]))
+    panels = [axes for axes in figure.axes if axes.get_yticklabels()]
+    for axes, free in zip(panels, (2, 0, 1), strict=True):
+        links = {(line.get_ydata()[0], line.get_color()) for line in axes.lines}
+        assert {link for link, colour in links if colour == COLOURS["locked"]} <= {free}
+        assert {link for link, colour in links if colour != COLOURS["locked"]} == {0, 1, 2} - {free}
+    assert "the lag of this link is free" in [text.get_text() for text in figure.legends[0].get_texts()]
+    # other models have no such link
+    words = [text.get_text() for text in plot.footprints(trace_table()).legends[0].get_texts()]
+    assert "the lag of this link is free" not in words
+
+
+def test_short_losses_of_contact_are_filled_and_said() -> None:
+    table = trace_table(4, 1)
+    loose = table["t"].between(5.02, 5.12)
+    chattering = table.assign(contact_1=table["contact_1"].where(~loose, 0.0))
+    bars = [
+        path.get_extents().width for path in plot.footprints(chattering).axes[0].collections[0].get_paths()
+    ]
+    whole = [path.get_extents().width for path in plot.footprints(table).axes[0].collections[0].get_paths()]
+    assert bars == pytest.approx(whole)
+    told = plot.footprints(chattering).legends[0].get_title().get_text()
+    assert told == "1 loss of contact within a stance filled, of 0.1 s at most"
+    assert plot.footprints(table).legends[0].get_title().get_text() == ""
