@@ -106,7 +106,7 @@ def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str
 
 
 @measure
-def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
+def median_ratio(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
     """Median of a column in the records of one query, over that in the records of another (1)."""
     require(table, column)
     return _median(_part(table, where), column) / _median(_part(table, to), column)
