@@ -63,6 +63,8 @@ class FiguresOfTable:
     gait_map = _method(plot.gait_map)
     gait_transitions = _method(plot.gait_transitions)
     drift_law = _method(plot.drift_law)
+    chain_theory = _method(plot.chain_theory)
+    wave_speed = _method(plot.wave_speed)
     gait_shares = _method(plot.gait_shares)
     basin_measures = _method(plot.basin_measures)
     shock = _method(plot.shock)
