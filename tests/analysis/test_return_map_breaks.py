@@ -68,6 +68,7 @@ def test_the_figure_of_the_lorenz_map_shows_no_such_point() -> None:
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "one step of one start",
         "smoothed, ± 2 standard errors",
+        "no change",
     ]
     at = np.asarray(axes.lines[-1].get_xdata(), float)
     steps = np.isfinite(at[1:]) & np.isfinite(at[:-1])
