@@ -49,7 +49,7 @@ BAD = [
         ["figures[0].panels is mas", "did you mean mass?"],
     ),
     (RAMP, "{kind: hysteresis, y: launch_1, least: 0}", ["figures[0].least is 0", "above 0"]),
-    (RAMP, "{kind: hysteresis, y: launch_1, x: stiffness}", ["figures[0].x is stiffness", "not an observable"]),
+    (RAMP, "{kind: hysteresis, y: launch_1, x: stiffness}", ["figures[0].x is stiffness", "an observable"]),
     (MAP, "{kind: hysteresis, y: launch_1}", ["needs a run of ramp or staircase, not of return_map"]),
     (MAP, "{kind: return_map, y: 3}", ["figures[0].y is 3", "takes text"]),
     # the run of this name has crossings, its figure does not
