@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from gaitsweep.claims.verdict import ClaimVerdict
+from gaitsweep.runs.report import document, figure_of
 from gaitsweep.version import version
 
 if TYPE_CHECKING:
@@ -55,14 +55,9 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
         for file in dict.fromkeys(claims["figure"]):
             if file and file not in shown:
                 shown.add(file)
-                sections.append(_figure(Path(file)))
+                sections.append(figure_of(Path(file), f"{Path(file).parents[1].name}: {Path(file).stem}"))
     sections.append(_jobs(runs))
-    title = html.escape(paper)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE}</style></head><body>\n{''.join(sections)}\n</body></html>\n"
-    )
+    return document(html.escape(paper), _STYLE, sections)
 
 
 def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
@@ -103,13 +98,6 @@ def _claim(claim: dict[str, object]) -> str:
         f'<h3><span class="verdict">{html.escape(found.value)}</span> {html.escape(str(claim["claim"]))}</h3>'
         f'<dl>{listed}</dl><p class="small"><code>{html.escape(str(claim["command"]))}</code></p></article>'
     )
-
-
-def _figure(file: Path) -> str:
-    image = base64.b64encode(file.read_bytes()).decode()
-    name = html.escape(f"{file.parents[1].name}: {file.stem}")
-    shown = f'<img alt="{name}" src="data:image/png;base64,{image}">'
-    return f"<figure>{shown}<figcaption>{name}</figcaption></figure>"
 
 
 def _jobs(runs: Sequence[JobRun]) -> str:

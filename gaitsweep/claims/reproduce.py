@@ -19,7 +19,7 @@ from gaitsweep.job import load_job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import FigureError, Progress
 from gaitsweep.runs.self_check_report import sentence
-from gaitsweep.table import Snapshot, load, not_written, reason, replace_file
+from gaitsweep.table import Snapshot, load, replace_file, writing
 
 TABLE, PAGE = "claims.parquet", "index.html"
 
@@ -245,8 +245,6 @@ def allowed(claim: Claim) -> str:
 
 def _write(folder: Path, name: str, write: Callable) -> None:
     target = folder / name
-    try:
+    with writing(f"{target} could not be written"):
         folder.mkdir(parents=True, exist_ok=True)
         replace_file(target, write)
-    except OSError as error:
-        raise not_written(f"{target} could not be written: {reason(error)}.", error) from error

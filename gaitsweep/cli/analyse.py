@@ -195,9 +195,8 @@ def gait_transitions(
 def waves(directory: Directory) -> None:
     """Print wavelength and speed of waves in traces of the multi-legged chain, beside eqs. (27), (28)."""
     from gaitsweep.analysis.chain.travelling_wave import waves as measured
-    from gaitsweep.table import load
 
-    _print(measured(load(directory)), 6)
+    _print(measured(_table(directory)), 6)
 
 
 @app.command()
@@ -235,13 +234,11 @@ def multilegged_theory(
     print(theory_summary(springs, omega, Chain(**values)))
     if figures is not None:
         from gaitsweep.plot.chain.theory import SHOWN, theory_figure
-        from gaitsweep.table import not_written, reason
+        from gaitsweep.table import writing
 
-        try:
+        with writing(f"{figures} could not be written"):
             figures.mkdir(parents=True, exist_ok=True)
             for show in SHOWN:
                 file = figures / f"{show}.png"
                 theory_figure(springs, Chain(**values), show=show, k=k).savefig(file)
                 print(f"Figure: {file}")
-        except OSError as error:
-            raise not_written(f"{figures} could not be written: {reason(error)}.", error) from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
@@ -53,21 +54,28 @@ def _page(snapshot: Snapshot) -> str:
     job = html.escape(yaml.safe_dump(snapshot.job, sort_keys=False, allow_unicode=True))
     sections = [
         f"<h1>{name}</h1><p>Model {model}, {state}.</p>",
-        *(_figure(figure) for figure in snapshot.figures),
+        *(figure_of(figure, figure.stem) for figure in snapshot.figures),
         f"<h2>How rows ended</h2>{_counts(snapshot)}",
         f"<h2>Job</h2><pre>{job}</pre>",
         f"<h2>Provenance</h2>{_provenance(snapshot)}",
     ]
+    return document(name, _STYLE, sections)
+
+
+def document(title: str, style: str, sections: Sequence[str]) -> str:
+    """An HTML document that needs no other file, from an escaped title, CSS, and sections of HTML."""
     body = "\n".join(sections)
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title>'
-        f"<style>{_STYLE}</style></head><body>\n{body}\n</body></html>\n"
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{style}</style></head><body>\n{body}\n</body></html>\n"
     )
 
 
-def _figure(path: Path) -> str:
+def figure_of(path: Path, caption: str) -> str:
+    """The HTML of a PNG file, with its image inside."""
     image = base64.b64encode(path.read_bytes()).decode()
-    name = html.escape(path.stem)
+    name = html.escape(caption)
     return (
         f'<figure><img alt="{name}" src="data:image/png;base64,{image}">'
         f"<figcaption>{name}</figcaption></figure>"

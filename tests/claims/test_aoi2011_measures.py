@@ -9,6 +9,7 @@ from hysteresis_tables import CENTRE, FOLD, map_table, settle_table, staircase_t
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.measures import aoi2011 as measures
+from gaitsweep.claims.measures.general import default_values, ratio_of_medians
 
 STAIR = 0.1
 
@@ -121,7 +122,7 @@ def test_way_and_slip() -> None:
 
 
 def test_values_of_gaits(stairs: pd.DataFrame) -> None:
-    ratio = measures.ratio_of_medians(stairs, column="t", where="gait == 'walk'", of="gait == 'trot'")
+    ratio = ratio_of_medians(stairs, column="t", where="gait == 'walk'", to="gait == 'trot'")
     assert ratio > 0.0
     spread = measures.spread_over(stairs, column="delta_13_n", over="f", where="gait == 'trot'")
     assert 0.0 < spread < 0.3
@@ -137,13 +138,13 @@ def test_values_of_gaits(stairs: pd.DataFrame) -> None:
 
 def test_constants() -> None:
     assert measures.degrees_of_freedom() == 15
-    assert measures.quadruped_parameters(names=["body_mass", "link_length"]) == [1.0, 0.08]
+    assert default_values(model="waist_quadruped", names=["body_mass", "link_length"]) == [1.0, 0.08]
     np.testing.assert_allclose(measures.waist_constants(f=2.0), [1.0, 1.0], rtol=1e-12)
     np.testing.assert_allclose(
         measures.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5
     )
     with pytest.raises(AnalysisError, match="masse is not a parameter"):
-        measures.quadruped_parameters(names=["masse"])
+        default_values(model="waist_quadruped", names=["masse"])
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from gait_traces import ideal_phases
 
 from gaitsweep.claims.measures import fukuoka2015 as measures
-from gaitsweep.claims.measures.general import MeasureError
+from gaitsweep.claims.measures.general import MeasureError, default_values
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS
@@ -73,7 +73,7 @@ def test_the_sequence_of_gaits_in_each_pass() -> None:
     assert measures.share_with_ends(table, begin="L-walk", end="L-walk") == 0.5
     assert measures.gallops_by_their_canter_or_trot(table) == 1.0
     beginning = ["RT-gallop", "R-canter"]
-    assert measures.share_beginning(table, order=beginning, falling=True, by="gait") == 1.0
+    assert measures.share_in_order(table, order=beginning, falling=True, by="gait", at="begin") == 1.0
 
 
 def test_a_row_of_left_leads_counts_as_its_mirror_image() -> None:
@@ -113,7 +113,7 @@ def test_values_of_the_model() -> None:
     assert measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
     assert measures.motor_targets() == [0.0] * 4
     with pytest.raises(MeasureError, match="torso_mass"):
-        measures.default_values(names=["torso_mas"])
+        default_values(model="planar_quadruped", names=["torso_mas"])
 
 
 def test_verdicts_of_the_claims() -> None:

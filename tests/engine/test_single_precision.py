@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import run_rows
+from sweeping import run_rows, scalars
 
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.expression import resolve
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
@@ -73,9 +70,7 @@ def test_mixed_precision_is_for_steps_of_fixed_length() -> None:
 def test_a_foot_is_placed_to_single_precision() -> None:
     """A micrometre sunk into the ground is .04 N of some 6 N that a foot bears: feet are wanted to 1e-7 m."""
     model = WaistQuadruped()
-    written: dict[str, Any] = {q.name: q.default for q in model.parameters}
-    values = {name: jnp.asarray(float(value)) for name, value in resolve(written, {}).items()}
-    m = model.params(values).mechanics
+    m = scalars(model).mechanics
     q = jnp.asarray(np.random.default_rng(0).uniform(-0.5, 0.5, 16))
     v = jnp.asarray(np.random.default_rng(1).uniform(-1.0, 1.0, 15))
     exact, _ = WaistMechanics.feet(m, q, v)

@@ -51,15 +51,15 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
 
     Source: eqs. (27), (28).
     """
-    legs = sum(f"phase_{i}" in table.columns for i in range(1, len(table.columns)))
-    if "t" not in table.columns or legs < 3:
+    N = springs_of(table)
+    if "t" not in table.columns or N < 2:
         raise AnalysisError("Waves are measured in a trace of the multi-legged chain: t, phase_1, ...")
     records = []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values("t")
         first = pd.DataFrame(part.head(1))
         chain = Chain(*(float(np.asarray(value).flat[0]) for value in chains_of(table, first)))
-        records.append(_wave(int(str(row)), part, legs - 1, chain, _omega(table, first)))
+        records.append(_wave(int(str(row)), part, N, chain, _omega(table, first)))
     varied = [
         name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
     ]
@@ -67,6 +67,11 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(
         [pd.DataFrame(records)[["row"]], given, pd.DataFrame(records).drop(columns="row")], axis=1
     )
+
+
+def springs_of(table: pd.DataFrame) -> int:
+    """The number of springs N of the chain of a trace, from its signals phase_1 .. phase_{N+1}."""
+    return sum(f"phase_{i}" in table.columns for i in range(1, len(table.columns))) - 1
 
 
 def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:

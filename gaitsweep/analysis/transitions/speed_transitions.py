@@ -42,7 +42,7 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
         raise AnalysisError(
             "These rows have no passes up and down: take a ramp, or a trace with run.parameter."
         )
-    along = gaits_along(_after_dwell(table), cycles=cycles)
+    along = gaits_along(after_dwell(table), cycles=cycles)
     if "speed" not in along.columns:
         raise AnalysisError("The table has no speeds: speed_n, or x of a trace.")
     records = []
@@ -58,7 +58,7 @@ def speed_transitions(table: pd.DataFrame, by: Sequence[str] = (), cycles: int =
     return _pooled(found.assign(width=found["up"] - found["down"]), [*by, "slower", "faster"])
 
 
-def _after_dwell(table: pd.DataFrame) -> pd.DataFrame:
+def after_dwell(table: pd.DataFrame) -> pd.DataFrame:
     """The records after the parameter has begun to move."""
     dwell = table.attrs.get("job", {}).get("run", {}).get("initial_dwell", 0.0)
     moving = table.loc[table["t"] >= dwell]

@@ -20,12 +20,13 @@ from gaitsweep.analysis.chain.travelling_wave import (
     nearest_set,
     passages,
     relative_phases,
+    springs_of,
     waves,
 )
 from gaitsweep.analysis.continuation import floquet
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.claims.measure import measure
-from gaitsweep.claims.measures.general import MeasureError
+from gaitsweep.claims.measures.general import MeasureError, defaults, records
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -47,6 +48,7 @@ from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdo
 from gaitsweep.models.multilegged.theory.reset_sets import TABLE_2, reset_sets, touchdown_residuals
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
+    LagRule,
     branches,
     lag_rules,
     places,
@@ -78,27 +80,22 @@ def _row(table: pd.DataFrame, row: int) -> pd.DataFrame:
     return part.sort_values(by="t") if "t" in part.columns else part
 
 
-def _springs(table: pd.DataFrame) -> int:
-    return sum(f"phase_{i}" in table.columns for i in range(1, len(table.columns))) - 1
-
-
+@functools.cache
 def _parameters() -> dict[str, float]:
-    values: dict[str, Any] = {"N": 3}
-    for quantity in PARAMETERS:
-        default = quantity.default
-        values[quantity.name] = evaluate(default, values) if isinstance(default, str) else default
-    return values
+    return {"N": 3.0, **defaults(PARAMETERS)}
 
 
 @functools.cache
 def _sets(N: int) -> list[tuple[Branch, float]]:
     """Each set of a chain at a few free phases."""
-    rules = [(branch, rule_of(N, branch, Chain())) for branch in branches(N)]
-    return [
-        (branch, float(rule.low + share * (rule.high - rule.low)))
-        for branch, rule in rules
-        for share in _INSIDE
-    ]
+    return [(branch, _at(N, *branch, share)[2]) for branch in branches(N) for share in _INSIDE]
+
+
+def _at(N: int, kind: str, k: int, share: float) -> tuple[Branch, LagRule, float]:
+    """A set of solutions, its rule, and the free phase at a share of its range (rad)."""
+    branch = _branch(kind, k)
+    rule = rule_of(N, branch, Chain())
+    return branch, rule, float(rule.low + share * (rule.high - rule.low))
 
 
 def _branch(kind: str, k: int) -> Branch:
@@ -174,7 +171,7 @@ def _printed_acceleration(
 def leg_length_error(table: pd.DataFrame) -> float:
     """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
     values, largest = _parameters(), 0.0
-    for leg in range(1, _springs(table) + 2):
+    for leg in range(1, springs_of(table) + 2):
         length, _ = _printed_leg(_numbers(table, f"phase_{leg}"), values)
         largest = max(largest, float(np.abs(length - _numbers(table, f"l_{leg}")).max()))
     return largest
@@ -183,7 +180,7 @@ def leg_length_error(table: pd.DataFrame) -> float:
 @measure
 def contact_as_printed(table: pd.DataFrame) -> float:
     """Share of the traced contacts that are those of eq. (2) (1)."""
-    legs = range(1, _springs(table) + 2)
+    legs = range(1, springs_of(table) + 2)
     right = [
         (_numbers(table, f"contact_{i}") > 0.5) == (_numbers(table, f"l_{i}") >= _numbers(table, f"x_{i}"))
         for i in legs
@@ -196,7 +193,7 @@ def air_in_swing(table: pd.DataFrame) -> float:
     """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
     beta, shares = _parameters()["beta"], []
     for _, part in table.groupby("row"):
-        for leg in range(1, _springs(table) + 2):
+        for leg in range(1, springs_of(table) + 2):
             swing = part[part[f"phase_{leg}"] > 2 * beta * np.pi]
             shares.append(float(np.mean(_numbers(pd.DataFrame(swing), f"contact_{leg}") < 0.5)))
     return min(shares)
@@ -247,7 +244,7 @@ def _equilibrium(legs: int) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array
 @measure
 def height_error(table: pd.DataFrame) -> float:
     """Median distance of traced heights from those of force balance, eq. (8), at the same legs (m)."""
-    legs = range(1, _springs(table) + 2)
+    legs = range(1, springs_of(table) + 2)
     lengths = np.asarray(table[[f"l_{i}" for i in legs]], float)
     solved, _ = _equilibrium(len(legs))(lengths)
     return float(np.median(np.abs(np.asarray(solved) - np.asarray(table[[f"x_{i}" for i in legs]], float))))
@@ -381,13 +378,13 @@ def _parts(mask: np.ndarray) -> np.ndarray:
 @measure
 def settled_phases(table: pd.DataFrame, *, row: int) -> list[float]:
     """Relative phases on section 1 at the end of a row of a trace (rad)."""
-    return [float(each) for each in relative_phases(_row(table, row), _springs(table))]
+    return [float(each) for each in relative_phases(_row(table, row), springs_of(table))]
 
 
 @measure
 def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) -> list[float]:
     """The time by which each leg swings before the one in front of it, times omega (rad)."""
-    part, N = _row(table, row), _springs(table)
+    part, N = _row(table, row), springs_of(table)
     found = passages(part, N)
     return [float(found.leads[link - 1]) * _parameters()["omega"] for link in links or range(1, N + 1)]
 
@@ -395,7 +392,7 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
 @measure
 def directions(table: pd.DataFrame, *, row: int) -> list[str]:
     """Direction in which swings pass over each link: forwards, backwards, or free where the lag is free."""
-    part, N = _row(table, row), _springs(table)
+    part, N = _row(table, row), springs_of(table)
     found = passages(part, N)
     branch, _ = nearest_set(N, Chain(), relative_phases(part, N))
     words = ["forwards" if lead < found.period / 2 else "backwards" for lead in found.leads]
@@ -452,7 +449,7 @@ def drift_of_sum(table: pd.DataFrame, *, row: int, cycles: int = 20) -> float:
 @measure
 def mirror_error(table: pd.DataFrame) -> float:
     """Largest difference of the phases of row 0 from those of row 1 with the legs in reversed order (rad)."""
-    legs = _springs(table) + 1
+    legs = springs_of(table) + 1
     one = _row(table, 0)[[f"phase_{i}" for i in range(1, legs + 1)]].to_numpy(float)
     other = _row(table, 1)[[f"phase_{i}" for i in range(legs, 0, -1)]].to_numpy(float)
     return float(np.abs(wrapped_difference(one - other)).max())
@@ -472,7 +469,7 @@ def wave_column(table: pd.DataFrame, *, row: int, column: str, over: str | None 
 @measure
 def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: str | None = None) -> float:
     """The ratio of two columns of measured waves that is farthest from 1, over the rows of a query (1)."""
-    found = waves(table) if where is None else waves(table).query(where)
+    found = records(waves(table), where)
     ratio = _numbers(found, column) / _numbers(found, over)
     return float(ratio[np.abs(ratio - 1.0).argmax()])
 
@@ -502,26 +499,21 @@ def three_gaits(table: pd.DataFrame, *, where: str | None = None) -> float:
     Args:
         where: a query over the columns of `gait_shares`, such as `conditions`.
     """
-    sets = _shares(table)
-    chosen = sets if where is None else sets.query(where)
-    if chosen.empty:
-        raise MeasureError(f"No set of parameters fulfils {where}.")
+    chosen = records(_shares(table), where)
     return float(np.mean((np.asarray(chosen[list(GAITS)]) > 0.0).all(axis=1)))
 
 
 @measure
 def no_gaits(table: pd.DataFrame, *, where: str) -> float:
     """Share of the sets of parameters at which none of the three gaits occurs, among those of a query (1)."""
-    chosen = _shares(table).query(where)
-    if chosen.empty:
-        raise MeasureError(f"No set of parameters fulfils {where}.")
+    chosen = records(_shares(table), where)
     return float(np.mean((np.asarray(chosen[list(GAITS)]) == 0.0).all(axis=1)))
 
 
 @measure
 def gaits_left(table: pd.DataFrame, *, where: str) -> list[str]:
     """The gaits in which the settled rows of a query end, in the order of the gaits."""
-    ends = set(table.query(where).query("status == 'settled'")["gait"].astype(str))
+    ends = set(records(table, where).query("status == 'settled'")["gait"].astype(str))
     if not ends:
         raise MeasureError(f"No row of {where} has settled.")
     return [gait for gait in LABELS if gait in ends]
@@ -541,8 +533,7 @@ def set_range(*, kind: str, k: int = 3, N: int = 3) -> list[float]:
 @measure
 def set_phase(*, kind: str, k: int, link: int, N: int = 9, at: float = 0.45) -> float:
     """The relative phase of one link on the section of leg k, at a share of the set's range (rad)."""
-    rule = rule_of(N, _branch(kind, k), Chain())
-    s = rule.low + at * (rule.high - rule.low)
+    _, rule, s = _at(N, kind, k, at)
     return float(solution(rule, jnp.asarray(s), touchdown_phase(Chain()), k)[link - 1])
 
 
@@ -577,9 +568,8 @@ def _reduced_map(N: int, psi: np.ndarray) -> tuple[BatchedReturnMap, Points]:
 @measure
 def reduced_multipliers(*, kind: str, k: int, N: int = 3) -> list[float]:
     """Eigenvalues of the simulated return map of the reduced chain at a solution, in falling order (1)."""
-    branch = _branch(kind, k)
-    rule = rule_of(N, branch, Chain())
-    psi = _solution(N, branch, float(rule.low + 0.45 * (rule.high - rule.low)), touchdown_phase(Chain()))
+    branch, _, s = _at(N, kind, k, 0.45)
+    psi = _solution(N, branch, s, touchdown_phase(Chain()))
     mapping, points = _reduced_map(N, np.asarray(psi)[None])
     found = floquet.multipliers(mapping.linearised(points, {}).jacobian)
     return sorted((float(each) for each in np.real(np.ravel(found))), reverse=True)
@@ -588,9 +578,8 @@ def reduced_multipliers(*, kind: str, k: int, N: int = 3) -> list[float]:
 @measure
 def theory_eigenvalues(*, kind: str, k: int, N: int) -> list[float]:
     """Eigenvalues of the linear map of a cycle, eq. (21), in falling order (1)."""
-    rule = rule_of(N, _branch(kind, k), Chain())
-    s = float(rule.low + 0.45 * (rule.high - rule.low))
-    found = eigenvalues(linear_map(N, _branch(kind, k), s))
+    branch, _, s = _at(N, kind, k, 0.45)
+    found = eigenvalues(linear_map(N, branch, s))
     return sorted((float(each) for each in np.real(found)), reverse=True)
 
 
@@ -613,7 +602,7 @@ def touchdown_relation_error(*, N: int = 9) -> float:
 @measure
 def touchdown_phases_apart(table: pd.DataFrame) -> float:
     """Largest difference of the legs' times from one passage of mid-stance to the next, times omega (rad)."""
-    N, omega = _springs(table), _parameters()["omega"]
+    N, omega = springs_of(table), _parameters()["omega"]
     found = []
     for _, part in table.groupby("row"):
         part = part.sort_values(by="t")
@@ -628,9 +617,9 @@ def reset_set_numbers(
     table: pd.DataFrame | None = None, *, kind: str, k: int, N: int = 9, at: float = 0.45
 ) -> list[float]:
     """The number 1 to 8 of the set S of each leg at a share of a set's range (1)."""
-    N = N if table is None else _springs(table)
-    rule = rule_of(N, _branch(kind, k), Chain())
-    found = reset_sets(N, _branch(kind, k), float(rule.low + at * (rule.high - rule.low)))
+    N = N if table is None else springs_of(table)
+    branch, _, s = _at(N, kind, k, at)
+    found = reset_sets(N, branch, s)
     return [float(each.number) for each in found]
 
 
@@ -659,17 +648,16 @@ def order_of_touchdowns(
     table: pd.DataFrame | None = None, *, kind: str, k: int, N: int, legs: Sequence[int], at: float = 0.45
 ) -> str:
     """Some legs in their order of touchdown in a cycle that begins with leg k."""
-    N = N if table is None else _springs(table)
-    rule = rule_of(N, _branch(kind, k), Chain())
-    s = float(rule.low + at * (rule.high - rule.low))
-    order = touchdown_order(N, _branch(kind, k), s)
+    N = N if table is None else springs_of(table)
+    branch, _, s = _at(N, kind, k, at)
+    order = touchdown_order(N, branch, s)
     return " ".join(str(leg) for leg in order if leg in legs)
 
 
 @measure
 def phases_of_neighbours(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
     """Share of touchdowns at which neighbours are in the segments of Fig. 8, source waves of set B (1)."""
-    N = N if table is None else _springs(table)
+    N = N if table is None else springs_of(table)
     beta, circle = 0.8, float(touchdown_phase(Chain()))
     stance, end = 2 * beta * np.pi, (1 + beta) * np.pi
     right = []
@@ -695,7 +683,7 @@ def phases_of_neighbours(table: pd.DataFrame | None = None, *, N: int = 9) -> fl
 @measure
 def chain_of_sets(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
     """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
-    N = N if table is None else _springs(table)
+    N = N if table is None else springs_of(table)
     rules, circle, gaps = lag_rules(N, Chain()), float(touchdown_phase(Chain())), []
     for i in range(2 * N - 2):
         one, other = (jax.tree.map(lambda leaf, at=at: leaf[at], rules) for at in (i, i + 1))
@@ -715,7 +703,7 @@ def ends_of_chain(*, N: int) -> list[str]:
 @measure
 def jump_sizes(table: pd.DataFrame | None = None, *, N: int = 9) -> list[float]:
     """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
-    N = N if table is None else _springs(table)
+    N = N if table is None else springs_of(table)
     sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch)]
     if not sizes:
         raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
@@ -748,7 +736,7 @@ def end_touchdown(*, end: str, m_1: float = 0.9, m_end: float = 0.9) -> float:
 @measure
 def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> str:
     """Legs in their order of passing mid-stance in a simulated cycle that begins with the first of them."""
-    found = passages(_row(table, row), _springs(table))
+    found = passages(_row(table, row), springs_of(table))
     behind = np.mod(-np.append(0.0, np.cumsum(found.leads)), found.period)  # of leg 1, s
     after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, found.period) for leg in legs}
     return " ".join(map(str, sorted(legs, key=lambda leg: after[leg])))
@@ -781,7 +769,7 @@ def line_range(*, k: int, N: int = 3) -> list[float]:
 @measure
 def slopes_of_fig10(table: pd.DataFrame | None = None, *, k: int, N: int = 3) -> list[float]:
     """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
-    N = N if table is None else _springs(table)
+    N = N if table is None else springs_of(table)
     slopes = []
     for kind in ("A", "B"):
         rule = rule_of(N, _branch(kind, k), Chain())

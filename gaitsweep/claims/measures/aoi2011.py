@@ -29,10 +29,9 @@ from gaitsweep.analysis.transitions import return_map
 from gaitsweep.analysis.transitions.transition_points import transition_points, transition_points_by_gait
 from gaitsweep.circular import TURN, wrapped_difference
 from gaitsweep.claims.measure import measure
-from gaitsweep.claims.measures.general import value
+from gaitsweep.claims.measures.general import defaults, records, value
 from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import turned
-from gaitsweep.expression import resolve
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.models.waist_quadruped.foot_path import LATE
@@ -46,16 +45,6 @@ _BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a s
 
 
 # ---- constants and equations -----------------------------------------------------------------------------
-
-
-@measure
-def quadruped_parameters(*, names: Sequence[str]) -> list[float]:
-    """Default values of parameters of the waist quadruped, in their units."""
-    values = _defaults()
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise AnalysisError(f"{missing[0]} is not a parameter of the waist quadruped.")
-    return [float(values[name]) for name in names]
 
 
 @measure
@@ -238,7 +227,7 @@ def _kinetic_energy(geometry: Any, q: Any, v: Any) -> Any:
 
 @cache
 def _defaults() -> dict[str, float]:
-    return {k: float(v) for k, v in resolve({q.name: q.default for q in MODEL.parameters}, {}).items()}  # type: ignore[misc]
+    return defaults(MODEL.parameters)
 
 
 def _params(**changed: float) -> Any:
@@ -280,10 +269,8 @@ def transition_at(
 ) -> float:
     """Middle of the interval in which a ramp or staircase jumps as the parameter is `rising` or `falling`."""
     points = transition_points(table, observable, parameter, least)
-    mine = points[points["direction"] == direction]
-    if mine.empty:
-        raise AnalysisError(f"No row jumps as {parameter} is {direction}.")
-    return float((mine["low"].iloc[0] + mine["high"].iloc[0]) / 2.0)
+    mine = points.loc[points["direction"] == direction]
+    return _first_middle(mine, f"No row jumps as {parameter} is {direction}.")
 
 
 @measure
@@ -311,10 +298,15 @@ def gait_lost_at(
 ) -> float:
     """Middle of the interval of the parameter in which settled rows lose a gait."""
     points = transition_points_by_gait(table, parameter, start)
-    mine = points[(points["gait"] == gait) & (points["direction"] == direction)]
-    if mine.empty:
-        raise AnalysisError(f"The gait {gait} is not lost as {parameter} is {direction}.")
-    return float((mine["low"].iloc[0] + mine["high"].iloc[0]) / 2.0)
+    mine = points.loc[(points["gait"] == gait) & (points["direction"] == direction)]
+    return _first_middle(mine, f"The gait {gait} is not lost as {parameter} is {direction}.")
+
+
+def _first_middle(points: pd.DataFrame, without: str) -> float:
+    """The middle of the first interval; the sentence `without` where there is none."""
+    if points.empty:
+        raise AnalysisError(without)
+    return float((points["low"].iloc[0] + points["high"].iloc[0]) / 2.0)
 
 
 @measure
@@ -403,12 +395,6 @@ def least_change_of_transition(
 
 
 @measure
-def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, of: str) -> float:
-    """Median of a column where one query holds, as a share of that where another does (1)."""
-    return value(table, column=column, where=where) / value(table, column=column, where=of)
-
-
-@measure
 def means_of_feet(table: pd.DataFrame, *, column: str, where: str | None = None) -> list[float]:
     """Mean of a column of each of the four feet, in its unit.
 
@@ -423,10 +409,8 @@ def means_of_feet(table: pd.DataFrame, *, column: str, where: str | None = None)
 @measure
 def spread_over(table: pd.DataFrame, *, column: str, over: str, where: str) -> float:
     """Range of the medians of a column at the values of another, in its unit."""
-    part = table.query(where, engine="python")
+    part = records(table, where)
     require(part, column, over)
-    if part.empty:
-        raise AnalysisError(f"No record fulfils {where}.")
     return float(np.ptp(part.groupby(over)[column].median()))
 
 
@@ -449,7 +433,7 @@ def difference_of_gaits(
 @measure
 def farthest_angle(table: pd.DataFrame, *, column: str, centre: float, where: str | None = None) -> float:
     """Largest distance (rad) of an angle from a centre."""
-    part = table if where is None else table.query(where, engine="python")
+    part = records(table, where)
     require(part, column)
     away = np.abs(wrapped_difference(part[column].dropna().to_numpy(float) - centre))
     if not away.size:
@@ -460,7 +444,7 @@ def farthest_angle(table: pd.DataFrame, *, column: str, centre: float, where: st
 @measure
 def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: str | None = None) -> float:
     """Largest distance (rad) between an angle at the start of a row and at its end."""
-    part = table if where is None else table.query(where, engine="python")
+    part = records(table, where)
     require(part, start, end)
     moved = np.abs(wrapped_difference(part[end].to_numpy(float) - part[start].to_numpy(float)))
     return float(np.max(moved))

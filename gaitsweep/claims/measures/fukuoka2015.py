@@ -18,10 +18,10 @@ from gaitsweep.analysis.gaits.loading_rule import load_prediction, loading_rule,
 from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
+from gaitsweep.analysis.transitions.speed_transitions import after_dwell
 from gaitsweep.claims.measure import measure
-from gaitsweep.claims.measures.general import MeasureError
+from gaitsweep.claims.measures.general import MeasureError, default_values, records, value
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
-from gaitsweep.expression import evaluate
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE
 from gaitsweep.models.planar_quadruped.nine_gaits import (
     CHART,
@@ -31,9 +31,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import (
     family,
     signs,
 )
-from gaitsweep.models.planar_quadruped.parameters import PARAMETERS
 from gaitsweep.models.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swinging
-from gaitsweep.near_miss import suggestion
 
 REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions
 # The mirror images of gaits with a left lead.
@@ -52,7 +50,7 @@ def gait_share(
     threshold: float = THRESHOLD,
 ) -> float:
     """Share of the rows with one of the gaits, by their swing onsets after the time `begin` (1)."""
-    found = _gaits(_part(table, where), begin, threshold)
+    found = _gaits(records(table, where), begin, threshold)
     return float(np.mean(found["gait"].isin(gaits).to_numpy()))
 
 
@@ -72,7 +70,7 @@ def nearest_speed(
     table: pd.DataFrame, *, gait: str, speed: float, column: str = "speed_end", where: str | None = None
 ) -> float:
     """Speed nearest to `speed` at which a row has the gait at its end (m/s)."""
-    part = _part(table, where)
+    part = records(table, where)
     require(part, "gait", column)
     speeds = part.loc[part["gait"].astype(str) == gait, column].to_numpy(float)
     if not len(speeds):
@@ -85,7 +83,7 @@ def speed_gap(
     table: pd.DataFrame, *, slow: Sequence[str], fast: Sequence[str], where: str | None = None
 ) -> float:
     """Least speed of the fast families of gaits less the largest speed of the slow ones (m/s)."""
-    part = _part(table, where)
+    part = records(table, where)
     require(part, "gait", "speed_end")
     kind = part["gait"].astype(str).map(family)
     speed = part["speed_end"].to_numpy(float)
@@ -98,7 +96,7 @@ def speed_gap(
 @measure
 def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str | None = None) -> float:
     """Number of parameter sets at which different starts come to each of the gaits (1)."""
-    part = _part(table, where)
+    part = records(table, where)
     require(part, "gait")
     axes = [name for name in axes_of(part) if name not in REPEATS]
     names = part.assign(gait=part["gait"].astype(str)).groupby(axes)["gait"].agg(set)
@@ -106,17 +104,9 @@ def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str
 
 
 @measure
-def median_ratio(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
-    """Median of a column in the records of one query, over that in the records of another (1)."""
-    require(table, column)
-    return _median(_part(table, where), column) / _median(_part(table, to), column)
-
-
-@measure
 def difference_of_medians(table: pd.DataFrame, *, column: str, where: str, less: str) -> float:
     """Median of a column in the records of one query, less that in the records of another (its unit)."""
-    require(table, column)
-    return _median(_part(table, where), column) - _median(_part(table, less), column)
+    return value(table, column=column, where=where) - value(table, column=column, where=less)
 
 
 @measure
@@ -129,25 +119,18 @@ def share_in_order(
     by: str = "family",
     at: str = "all",
 ) -> float:
-    """Share of the rows of a ramp with this order of gaits in one pass, all of it or its `end` (1)."""
-    sequences = _sequences(_part(table, where), falling, by).values()
-    first = -len(order) if at == "end" else 0
-    return float(np.mean([names[first:] == list(order) for names in sequences]))
-
-
-@measure
-def share_beginning(
-    table: pd.DataFrame, *, order: Sequence[str], falling: bool, by: str, where: str | None = None
-) -> float:
-    """Share of the rows of a ramp that begin one pass with these gaits in this order (1)."""
-    sequences = _sequences(_part(table, where), falling, by).values()
-    return float(np.mean([names[: len(order)] == list(order) for names in sequences]))
+    """Share of the rows of a ramp with this order of gaits in one pass, `all`, its `begin` or `end` (1)."""
+    sequences = _sequences(records(table, where), falling, by).values()
+    parts = {"all": slice(None), "begin": slice(len(order)), "end": slice(-len(order), None)}
+    if at not in parts:
+        raise MeasureError(f"at is {at}: allowed are {', '.join(parts)}.")
+    return float(np.mean([names[parts[at]] == list(order) for names in sequences]))
 
 
 @measure
 def share_with_ends(table: pd.DataFrame, *, begin: str, end: str, where: str | None = None) -> float:
     """Share of the rows of a ramp whose first gait, as it rises, and last gait are these (1)."""
-    up, down = (_sequences(_part(table, where), falling, "gait") for falling in (False, True))
+    up, down = (_sequences(records(table, where), falling, "gait") for falling in (False, True))
     return float(np.mean([(up[row][0], down[row][-1]) == (begin, end) for row in up.keys() & down.keys()]))
 
 
@@ -156,7 +139,7 @@ def most_frequent_order(
     table: pd.DataFrame, *, falling: bool = False, where: str | None = None, by: str = "family"
 ) -> list[str]:
     """The sequence of gaits that most rows of a ramp show in one pass."""
-    sequences = [tuple(names) for names in _sequences(_part(table, where), falling, by).values()]
+    sequences = [tuple(names) for names in _sequences(records(table, where), falling, by).values()]
     return list(max(sequences, key=sequences.count))
 
 
@@ -169,7 +152,7 @@ def acceleration(
     where: str | None = None,
 ) -> float:
     """Slope of the speed over time in one pass of a ramp, of the cycles between two speeds (m/s2)."""
-    part = _moving(_part(table, where))
+    part = _passes(records(table, where))
     low, high = between
     part = part.loc[(part["pass"] == int(falling)) & part["speed_n"].between(low, high)]
     slopes = [np.polyfit(mine["t"], mine["speed_n"], 1)[0] for _, mine in part.groupby("row")]
@@ -179,7 +162,7 @@ def acceleration(
 @measure
 def narrowest_family(table: pd.DataFrame, *, where: str | None = None) -> str:
     """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
-    bouts = _bouts(_part(table, where), False, "family")
+    bouts = _bouts(records(table, where), False, "family")
     bouts["width"] = np.abs(bouts["speed_end"].to_numpy(float) - bouts["speed_begin"].to_numpy(float))
     widths = {
         str(name): np.median([mine["width"].sum() for _, mine in part.groupby("row")])
@@ -195,7 +178,7 @@ def bout_time_ratio(
     """Median time in a family of gaits in the rising passes of one ramp, over that of another (1)."""
     times = []
     for each in (table, other):
-        bouts = _bouts(_part(each, where), False, "family")
+        bouts = _bouts(records(each, where), False, "family")
         mine = (bouts["family"] == family).to_numpy()
         lasted = (bouts["end"] - bouts["begin"]).to_numpy(float) * mine
         row = bouts["row"].to_numpy()
@@ -207,7 +190,7 @@ def bout_time_ratio(
 def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: str | None = None) -> float:
     """Share of the gallops of rising passes that follow the canter of the same lead, or a trot (1)."""
     before = []
-    for _, mine in _bouts(_part(table, where), False, "gait").groupby("row"):
+    for _, mine in _bouts(records(table, where), False, "gait").groupby("row"):
         names = [str(name) for name in mine["gait"]]
         for first, then in itertools.pairwise(names):
             if then in SAME_LEAD:
@@ -220,7 +203,7 @@ def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: str | None = 
 @measure
 def swing_order(table: pd.DataFrame, *, gait: str, where: str | None = None) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
-    found = gaits_in(_part(table, where))
+    found = gaits_in(records(table, where))
     found = found.loc[found["gait"].astype(str) == gait]
     if found.empty:
         raise MeasureError(f"No row of the table has the gait {gait}.")
@@ -233,7 +216,7 @@ def rule_agreement(
     table: pd.DataFrame, *, measure: str, what: str = "right", where: str | None = None
 ) -> float:
     """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1)."""
-    found = loading_rule(_part(table, where)).set_index("measure")
+    found = loading_rule(records(table, where)).set_index("measure")
     return float(found.loc[measure, what])
 
 
@@ -248,7 +231,7 @@ def pair_measure(
     table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: str | None = None
 ) -> float:
     """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait."""
-    pairs = pairs_in(_part(table, where))
+    pairs = pairs_in(records(table, where))
     mine = pairs.loc[(pairs["gait"].astype(str) == gait) & (pairs["pair_number"] == pair)]
     if mine.empty:
         raise MeasureError(f"No row of the table has the gait {gait}.")
@@ -284,7 +267,7 @@ def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
 @measure
 def pitch_cycles(table: pd.DataFrame, *, where: str | None = None) -> float:
     """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
-    found = body_oscillation(_part(table, where))
+    found = body_oscillation(records(table, where))
     return float(np.median(np.where(found["twice"] > found["once"], 2.0, 1.0)))
 
 
@@ -293,7 +276,7 @@ def body_cycles_along(
     table: pd.DataFrame, *, families: Sequence[str], where: str | None = None
 ) -> list[float]:
     """Pitch oscillations in a gait cycle, 1 or 2, of each family's longest bout along a ramp (1)."""
-    bouts = oscillation_along(_part(table, where))
+    bouts = oscillation_along(records(table, where))
     found = []
     for name in families:
         mine = bouts.loc[bouts["family"] == name]
@@ -306,14 +289,14 @@ def body_cycles_along(
 @measure
 def stance_ratio(table: pd.DataFrame, *, where: str, to: str) -> float:
     """Mean duration of stance in the rows of one query, over that in the rows of another (1)."""
-    return _stance_time(_part(table, where)) / _stance_time(_part(table, to))
+    return _stance_time(records(table, where)) / _stance_time(records(table, to))
 
 
 @measure
 def largest_deviation(table: pd.DataFrame, *, column: str, value: float, where: str | None = None) -> float:
     """Largest distance of a column from a value (its unit)."""
     require(table, column)
-    return float(np.nanmax(np.abs(_part(table, where)[column].to_numpy(float) - value)))
+    return float(np.nanmax(np.abs(records(table, where)[column].to_numpy(float) - value)))
 
 
 @measure
@@ -321,28 +304,17 @@ def rise_with(
     table: pd.DataFrame, *, parameter: str, where: str | None = None, columns: Sequence[str]
 ) -> float:
     """Spearman's correlation of the mean size of columns with a parameter as it rises (1)."""
-    part = _part(table, where)
+    part = records(table, where)
     part = part.loc[part["pass"] == 0]
     sizes = part[list(columns)].abs().mean(axis=1).groupby(part[parameter]).mean()
     return float(pd.Series(sizes.index, dtype=float).corr(sizes.reset_index(drop=True), method="spearman"))
 
 
 @measure
-def default_values(*, names: Sequence[str]) -> list[float]:
-    """Defaults of parameters of the model (their units)."""
-    values: dict[str, float] = {}
-    for quantity in PARAMETERS:
-        values[quantity.name] = evaluate(quantity.default or 0.0, values)
-    for name in names:
-        if name not in values:
-            raise MeasureError(f"{name} is no parameter of planar_quadruped{suggestion(name, values)}")
-    return [float(values[name]) for name in names]
-
-
-@measure
 def total_mass() -> float:
     """Mass of the torso and four legs (kg)."""
-    torso, *leg = default_values(names=[f"{part}_mass" for part in ("torso", "upper", "lower", "foot")])
+    names = [f"{part}_mass" for part in ("torso", "upper", "lower", "foot")]
+    torso, *leg = default_values(model="planar_quadruped", names=names)
     return torso + len(LEGS) * sum(leg)
 
 
@@ -356,7 +328,7 @@ def motors() -> float:
 def motor_targets() -> list[float]:
     """Forces of hip (N m) and knee (N) at the targets of swing and of stance, in these phases."""
     names = [field.name for field in dataclasses.fields(Motors)]
-    values = dict(zip(names, default_values(names=names), strict=True))
+    values = dict(zip(names, default_values(model="planar_quadruped", names=names), strict=True))
     driven = Motors(**{name: jnp.asarray(value) for name, value in values.items()})
     forces = []
     for phase, active in (("sw", 1.0), ("st", -1.0)):
@@ -391,16 +363,6 @@ def chart_order(*, gait: str) -> str:
     return _order(phases)
 
 
-def _part(table: pd.DataFrame, where: str | None) -> pd.DataFrame:
-    if where is None:
-        return table
-    part = table.query(where, engine="python")
-    if part.empty:
-        raise MeasureError(f"No record of the table fulfils {where}.")
-    part.attrs = table.attrs
-    return part
-
-
 def _stance_time(trace: pd.DataFrame) -> float:
     """Mean duration of stance (s)."""
     period = gaits_in(trace).set_index("row")["period"].to_dict()
@@ -411,10 +373,6 @@ def _stance_time(trace: pd.DataFrame) -> float:
     return float(np.mean(times))
 
 
-def _median(table: pd.DataFrame, column: str) -> float:
-    return float(np.nanmedian(table[column].to_numpy(float)))
-
-
 def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:
     """The gaits of the rows; a table of ends has its own threshold unless another one is asked for."""
     found = gaits_in(table, window=(begin, math.inf), thresholds=(THRESHOLD, threshold))
@@ -423,18 +381,15 @@ def _gaits(table: pd.DataFrame, begin: float, threshold: float) -> pd.DataFrame:
     return found
 
 
-def _moving(table: pd.DataFrame) -> pd.DataFrame:
-    """The records after the initial dwell of a ramp."""
+def _passes(table: pd.DataFrame) -> pd.DataFrame:
+    """The records of the passes of a ramp, after its initial dwell."""
     require(table, "t", "pass", "speed_n")
-    dwell = table.attrs.get("job", {}).get("run", {}).get("initial_dwell", 0.0)
-    found = table.loc[table["t"] >= dwell]
-    found.attrs = table.attrs
-    return found
+    return after_dwell(table)
 
 
 def _bouts(table: pd.DataFrame, falling: bool, by: str) -> pd.DataFrame:
     """The bouts of gaits in one pass of a ramp, without irregular ones."""
-    along = gaits_along(_moving(table))
+    along = gaits_along(_passes(table))
     names = along[by].astype(str)
     steady = ~names.isin(["unsteady", "none"])
     along = along.loc[steady & (along["pass"] == int(falling))]

@@ -1,14 +1,21 @@
-"""Measures of any table: shares of rows, and values of a column."""
+"""Measures of any table or model: shares of rows, values of a column, default parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import pandas as pd
 
+from gaitsweep import models
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.measure import measure
-from gaitsweep.errors import UserError
+from gaitsweep.contract import Quantity
+from gaitsweep.expression import resolve
+from gaitsweep.near_miss import suggestion
 
 
-class MeasureError(UserError):
+class MeasureError(AnalysisError):
     """A table does not have what a measure needs; the message is a sentence."""
 
 
@@ -23,8 +30,8 @@ def share(table: pd.DataFrame, *, where: str, of: str | None = None) -> float:
     Raises:
         MeasureError: no row fulfils `of`, or a query cannot be evaluated.
     """
-    among = _rows(table, of)
-    return len(_rows(among, where, may_be_empty=True)) / len(among)
+    among = records(table, of)
+    return len(records(among, where, may_be_empty=True)) / len(among)
 
 
 @measure
@@ -40,7 +47,7 @@ def value(table: pd.DataFrame, *, column: str, where: str | None = None, take: s
     Raises:
         MeasureError: no record fulfils `where`, or the table has no such column or `take` is another word.
     """
-    rows = _rows(table, where, may_be_empty=take == "count")
+    rows = records(table, where, may_be_empty=take == "count")
     if column not in rows.columns:
         raise MeasureError(f"The table has no column {column}.")
     if take in ("first", "last"):
@@ -62,13 +69,48 @@ def texts(table: pd.DataFrame, *, column: str, where: str | None = None) -> list
     Raises:
         MeasureError: no record fulfils `where`, or the table has no such column.
     """
-    rows = _rows(table, where)
+    rows = records(table, where)
     if column not in rows.columns:
         raise MeasureError(f"The table has no column {column}.")
     return [str(text) for text in rows[column].dropna().unique()]
 
 
-def _rows(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) -> pd.DataFrame:
+@measure
+def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
+    """Median of a column in the records of one query, over that in the records of another (1)."""
+    return value(table, column=column, where=where) / value(table, column=column, where=to)
+
+
+@measure
+def default_values(*, model: str, names: Sequence[str]) -> list[float]:
+    """Default values of parameters of a model, in their units.
+
+    Args:
+        model: its name.
+        names: the parameters.
+
+    Raises:
+        MeasureError: the model has no such parameter.
+    """
+    values = defaults(models.find(model)().parameters)
+    for name in names:
+        if name not in values:
+            raise MeasureError(f"{name} is not a parameter of {model}{suggestion(name, values)}")
+    return [values[name] for name in names]
+
+
+def defaults(parameters: Iterable[Quantity]) -> dict[str, float]:
+    """The default values of parameters, those that are formulas of others worked out."""
+    written: dict[str, Any] = {quantity.name: quantity.default for quantity in parameters}
+    return resolve(written, {})
+
+
+def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) -> pd.DataFrame:
+    """The records of a table that fulfil a query of pandas; all of them without one.
+
+    Raises:
+        MeasureError: no record fulfils the query, unless that is allowed, or it cannot be evaluated.
+    """
     if where is None:
         found = table
     else:
@@ -76,6 +118,7 @@ def _rows(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) ->
             found = table.query(where, engine="python")
         except (ValueError, SyntaxError, KeyError, TypeError, NameError, AttributeError) as error:
             raise MeasureError(f"The query {where} cannot be evaluated: {error}.") from error
+        found.attrs = table.attrs
     if found.empty and not may_be_empty:
         raise MeasureError(f"No record of the table fulfils {where}." if where else "The table is empty.")
     return found
