@@ -27,7 +27,7 @@ class Placed(Protocol):
 
 
 def limb_colours(limbs: Iterable[Placed]) -> list[str]:
-    """A colour for each limb: that of its pair, lighter on the far side; dark grey if all are alike."""
+    """A colour for each limb: that of its pair, lighter on the far side; black if all are alike."""
     places = [(limb.pair, limb.far) for limb in limbs]
     if len(set(places)) == 1:
         return [_ALIKE] * len(places)

@@ -36,10 +36,14 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
         t, pitch = (of_row[row][name].to_numpy(float) for name in ("t", "pitch"))
         cycles = (t - t[0]) / period
         whole = cycles < np.floor(cycles[-1])
-        for part in (1, 2):
-            turning = np.exp(-2j * np.pi * part * cycles[whole])
-            parts[number, part - 1] = 2.0 * np.abs(np.mean((pitch[whole] - pitch[whole].mean()) * turning))
+        parts[number] = harmonics(cycles[whole], pitch[whole] - pitch[whole].mean())
     return gaits.assign(once=parts[:, 0], twice=parts[:, 1])
+
+
+def harmonics(phase: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
+    """The amplitudes of a signal (n,) at once and twice the frequency of its phase (n,), in cycles."""
+    once, twice = (2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * part * phase))) for part in (1, 2))
+    return float(once), float(twice)
 
 
 def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from gaitsweep.analysis.gaits.loading_rule import REPEATS
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
 
-REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions
 MEASURES = (
     "speed",
     "period",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from gaitsweep.analysis.gaits.body_oscillation import harmonics
 from gaitsweep.analysis.records import require
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 
@@ -38,8 +39,7 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
             inside = (t >= begin) & (t < end)
             phase = cycles * (t[inside] - begin) / (end - begin)
             level = pitch[inside] - np.polyval(np.polyfit(phase, pitch[inside], 1), phase)
-            for part in (1, 2):
-                parts[number, part - 1] = 2.0 * np.abs(np.mean(level * np.exp(-2j * np.pi * part * phase)))
+            parts[number] = harmonics(phase, level)
     along = along.assign(once=parts[:, 0], twice=parts[:, 1])
     if "pass" not in along.columns:
         along["pass"] = 0

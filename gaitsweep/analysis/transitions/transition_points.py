@@ -66,7 +66,7 @@ def jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = L
 def largest_jumps(table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST) -> pd.DataFrame:
     """The largest of the `jumps` of each row and pass, in the same columns, without `irregular_passes`."""
     found = jumps(table, observable, parameter, least)
-    apart = irregular_passes(table, observable, parameter, least)
+    apart = _irregular(found, table, observable, parameter, least)
     keys, apart = (pd.MultiIndex.from_frame(each[["row", "pass"]]) for each in (found, apart))
     steady = found.loc[~keys.isin(apart)]
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
@@ -82,7 +82,13 @@ def irregular_passes(
 
     Args, raises: as for `jumps`.
     """
-    found = jumps(table, observable, parameter, least)
+    return _irregular(jumps(table, observable, parameter, least), table, observable, parameter, least)
+
+
+def _irregular(
+    found: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
+) -> pd.DataFrame:
+    """The `irregular_passes` of a table whose `jumps` are found."""
     apart = {(row, int(number)) for row, number in found.loc[_oscillating(found), ["row", "pass"]].to_numpy()}
     for course in courses(table, observable, parameter):
         for number in np.unique(course.passes):

@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
-from gaitsweep.analysis.gaits.loading_rule import load_prediction, loading_rule, pairs_in
+from gaitsweep.analysis.gaits.loading_rule import REPEATS, load_prediction, loading_rule, pairs_in
 from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
@@ -33,7 +33,6 @@ from gaitsweep.models.planar_quadruped.nine_gaits import (
 )
 from gaitsweep.models.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swinging
 
-REPEATS = ("seed", "pair", "scatter")  # axes along which rows are repetitions
 # The mirror images of gaits with a left lead.
 RIGHT = {"L-canter": "R-canter", "LT-gallop": "RT-gallop", "uL-canter": "uR-canter"}
 # The canter of each gallop's lead.

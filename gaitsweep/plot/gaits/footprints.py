@@ -84,14 +84,15 @@ def footprints(
     if len(parts) > _MOST_PANELS:
         title = f"{title or ''} (the first {_MOST_PANELS} of {len(parts)} panels)".strip()
     parts = parts[:_MOST_PANELS] or [(None, table)]
-    height = len(parts) * (0.85 + 0.17 * len(legs)) + (0.45 if guides else 0.15)
+    height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
     limbs = limbs_of(table, len(legs))
     with style.canvas(style.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
         joined: set[str] = set()
         hops: list[float] = []
         for number, (axes, (value, part)) in enumerate(zip(grid, parts, strict=True)):
-            heading = _heading(table, panels, value, number, titles or ())
+            alone = panels == "row" and len(parts) == 1  # its row's number would tell nothing
+            heading = _heading(table, panels, None if alone else value, number, titles or ())
             joined |= _panel(axes, part.sort_values("t"), legs, limbs, heading, guides, window, hops)
         grid[-1].set_xlabel("time (s)")
         if joined:
@@ -110,6 +111,7 @@ def footprints(
             figure.legend(handles=handles, loc="outside lower center", ncols=2, title=_filled(hops))
         elif hops:
             figure.legend(handles=[], loc="outside lower center", title=_filled(hops))
+        figure.set_figheight(height + 0.25 * (bool(joined) + bool(hops)))
     return figure
 
 
