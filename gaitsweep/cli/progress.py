@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextC
 
 _WHOLE = 1_000_000  # steps of the bar
 INTERVAL = 30.0  # s between two lines
+_ENOUGH = 0.01  # share done before a time left is told: of the first few steps it would be a guess
 
 # Told what is done, the total, the rate (0 while it is not known), the share done (what is under way counts
 # in part) and a remark.
@@ -44,7 +45,7 @@ def progress_lines(unit: str = "rows", file: TextIO | None = None, interval: flo
         parts = [f"{done}/{total} {unit}", f"{100 * fraction:.0f} %"]
         if rate > 0:
             parts.append(f"{rate:.3g} {unit}/s")
-        if share < fraction < 1:
+        if share + _ENOUGH <= fraction < 1:
             parts.append(f"{(now - since) * (1 - fraction) / (fraction - share):.0f} s left")
         print(", ".join([*parts, note] if note else parts), file=file or sys.stderr, flush=True)
 
