@@ -17,6 +17,10 @@ def drift(chain: Chain) -> jax.Array:
     If it is positive (a heavier tail, with a softer spring or smaller amplitude), the chain drifts along its
     line of solutions to the retrograde wave, else to the direct wave. It is zero for equal m/(kappa a).
 
+    It holds everywhere on the line and for every profile of the inner legs: only the ends' resets count. So
+    no profile holds the source of a wave at a leg; equal ends leave it where it is, unequal ones take it
+    along the whole chain.
+
     Source: eqs. (30) to (32), with different springs and amplitudes of the ends.
     """
     head, tail = end_resets(chain)
