@@ -59,11 +59,11 @@ def source_place(
             style.message(panels[0], "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
-        legs = int(shares["leg"].max())
+        legs, most = int(shares["leg"].max()), max(float(shares["source"].max()), 0.01)
         for axes, name in zip(panels, x, strict=True):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
-            drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs)
+            drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)
             axes.set_xlabel(axis_label(table, name))
         panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
         panels[0].set_ylim(legs + 2.5, 0.5)
@@ -72,13 +72,21 @@ def source_place(
     return figure
 
 
-def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int) -> dict[str, tuple[Any, str]]:
-    """The cells of one profile, and the mesh and the label of each colour bar."""
+def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -> dict[str, tuple[Any, str]]:
+    """The cells of one profile, and the mesh and the label of each colour bar.
+
+    Starts spread over many legs, so the colours of sources end at the largest share of all panels, `most`.
+    """
     across, drawn = np.unique(shares[name]), {}
     edges = cell_edges(across), np.arange(legs + 1) + 0.5
     for column_name, (cmap, label) in _SHOWN.items():
         cells = shares.pivot(index="leg", columns=name, values=column_name).to_numpy(float)
-        look = {"cmap": cmap, "vmin": 0.0, "vmax": 1.0, "rasterized": True}
+        look = {
+            "cmap": cmap,
+            "vmin": 0.0,
+            "rasterized": True,
+            "vmax": most if column_name == "source" else 1.0,
+        }
         mesh = axes.pcolormesh(*edges, np.ma.masked_equal(cells, 0.0), **look)
         drawn[column_name] = mesh, label
     neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]
