@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitsweep import plot
 from gaitsweep.analysis.chain.travelling_wave import waves
 from gaitsweep.claims.measures import ambe2021_simulation, ambe2021_theory
 from gaitsweep.claims.paper import read_paper
@@ -106,6 +107,28 @@ def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
     assert ambe2021_simulation.slice_shares(table, slice=0) == pytest.approx([4 / 36, 30 / 36, 2 / 36])
 
 
+def test_places_of_sources_and_of_meeting_waves() -> None:
+    """Leg k of a source by its label; waves meet where the lags turn from retrograde to direct."""
+    lags = {"source": [1.0, 2.8, -1.0], "none": [-1.0, 1.0, 1.0], "direct": [1.0, 1.0, 2.9]}
+    rows = [
+        {"m_slope": slope, "psi_1": start, "status": "settled", "gait": gait, "k": 3 * (gait == "source")}
+        | {f"psi_{i + 1}_end": lag % (2 * np.pi) for i, lag in enumerate(lags[gait])}
+        for slope, gaits in ((0.0, ["source", "source", "direct"]), (0.2, ["none", "none", "source"]))
+        for start, gait in enumerate(gaits)
+    ]
+    table = pd.DataFrame(rows)
+    table.insert(0, "row", range(6))
+    assert ambe2021_simulation.fewest_source_legs(table) == 1.0
+    assert ambe2021_simulation.fewest_source_legs(table.query("gait != 'source'")) == 0.0
+    assert ambe2021_simulation.meeting_share(table, leg=2, where="m_slope > 0") == pytest.approx(2 / 3)
+    figure = plot.draw("source_place", table, x=["m_slope"])
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["1", "2", "3", "4", "neither"]
+    shown = np.ma.filled(figure.axes[0].collections[0].get_array(), 0.0)  # legs by strengths
+    assert shown[2].tolist() == pytest.approx([2 / 3, 1 / 3])
+    with pytest.raises(plot.PlotError, match="x is empty"):
+        plot.draw("source_place", table, x=[])
+
+
 def test_drift_and_period_of_a_return_map() -> None:
     crossing = np.arange(30)
     parts = [
@@ -122,6 +145,7 @@ def test_drift_and_period_of_a_return_map() -> None:
     ]
     table = pd.concat(parts[::-1], ignore_index=True)
     assert ambe2021_simulation.drift_of_sum(table, row=1) == pytest.approx(0.02, abs=1e-12)
+    assert ambe2021_simulation.largest_drift(table) == pytest.approx(0.02, abs=1e-12)
     assert ambe2021_simulation.last_change(table) == pytest.approx(0.02, abs=1e-12)
     assert ambe2021_simulation.period_in_phase(table) == pytest.approx([6.0, 6.4])
     assert ambe2021_simulation.distinct_ends(table) == [2.0, 1.0]

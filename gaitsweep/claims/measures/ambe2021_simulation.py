@@ -271,9 +271,8 @@ def fewest_source_legs(table: pd.DataFrame, *, where: str | None = None) -> floa
     """
     places = source_place(records(table, where))
     names = [name for name in places.columns if name not in ("leg", "source", "meeting", "neither", "starts")]
-    legs = places[places["source"] > 0].groupby(names)["leg"].nunique()
-    sets = places.groupby(names).ngroups
-    return float(legs.min()) if len(legs) == sets else 0.0
+    sets = [part for _, part in places.groupby(names)] if names else [places]
+    return float(min(np.count_nonzero(part["source"] > 0) for part in sets))
 
 
 @measure
