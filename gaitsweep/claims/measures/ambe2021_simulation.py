@@ -279,7 +279,7 @@ def fewest_source_legs(table: pd.DataFrame, *, where: str | None = None) -> floa
 def meeting_share(table: pd.DataFrame, *, leg: int, where: str | None = None) -> float:
     """Share of the starts whose waves meet at a leg, the smallest over the sets of a query (1)."""
     places = source_place(records(table, where))
-    return float(places[places["leg"] == leg]["meeting"].min())
+    return float(numbers(masked(places, places["leg"] == leg), "meeting").min())
 
 
 @measure

@@ -59,7 +59,8 @@ def source_place(
             style.message(panels[0], "no rows yet")
             return figure
         shares, drawn = places_of(table), {}
-        legs, most = int(shares["leg"].max()), max(float(shares["source"].max()), 0.01)
+        legs = int(shares["leg"].to_numpy().max())
+        most = max(float(shares["source"].to_numpy().max()), 0.01)
         for axes, name in zip(panels, x, strict=True):
             others = [other for other in x if other != name]
             alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
