@@ -350,8 +350,9 @@ class Multilegged(HybridModel):
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
-        inner = (p.kappa[1:-1], p.masses[1:-1], p.a[1:-1]) if self.profile else (p.kappa[1], p.m, p.a[1])
-        chain = Chain(p.beta, inner[0], inner[1], p.masses[0], p.masses[-1], inner[2], p.g)
+        inner = slice(1, -1) if self.profile else 1
+        m = p.masses[inner] if self.profile else p.m
+        chain = Chain(p.beta, p.kappa[inner], m, p.masses[0], p.masses[-1], p.a[inner], p.g)
         chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
         gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
