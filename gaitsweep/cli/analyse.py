@@ -200,6 +200,23 @@ def waves(directory: Directory) -> None:
 
 
 @app.command()
+def source_place(directory: Directory) -> None:
+    """Print at which leg the source of the multi-legged chain's waves settles: shares of the starts."""
+    from gaitsweep.analysis.chain.source_place import source_place as places
+
+    found = places(_table(directory))
+    _print(found[(found["source"] > 0) | (found["meeting"] > 0) | (found["leg"] == 1)])
+
+
+@app.command()
+def source_drift(directory: Directory) -> None:
+    """Print how fast E, and with it the source of the multi-legged chain's waves, drifts, beside the law."""
+    from gaitsweep.analysis.chain.source_place import source_drift as drifts
+
+    _print(drifts(_table(directory)), 8)
+
+
+@app.command()
 def multilegged_theory(
     springs: Annotated[int, typer.Option("--N", help="Springs; the chain has N + 1 legs.")] = 3,
     omega: Annotated[float, typer.Option("--omega", help="Basic frequency, rad/s.")] = 0.4,

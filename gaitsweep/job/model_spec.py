@@ -45,7 +45,24 @@ class ModelSpec:
     def sizes(self) -> dict[str, float]:
         """The structure's numbers, which expressions may use: {"N": 3.0}."""
         return {
-            name: float(value) for name, value in self.structure.items() if isinstance(value, (int, float))
+            name: float(value)
+            for name, value in self.resolved_structure.items()
+            if isinstance(value, (int, float))
+        }
+
+    @property
+    def resolved_structure(self) -> dict[str, Any]:
+        """The structure as a resolved job has it: fields marked `later` are left out at their default.
+
+        A field that a model got later then changes neither the hash nor the manifest of older jobs.
+        """
+        later = {
+            field.name: field.default
+            for field in dataclasses.fields(self.model)  # type: ignore[arg-type]
+            if field.metadata.get("later")
+        }
+        return {
+            name: value for name, value in self.structure.items() if name not in later or value != later[name]
         }
 
     def unknown(self, name: str, field: str) -> str | None:

@@ -51,7 +51,7 @@ def read_job(
         diagnostics.extend(wrong)
     settings: dict[str, float | str] = {}
     if spec is not None:
-        ready["structure"] = spec.structure
+        ready["structure"] = spec.resolved_structure
         for field in ("params", "start"):
             ready[field], wrong = read_settings(raw.get(field), field, spec)
             settings |= ready[field]

@@ -25,6 +25,7 @@ from gaitsweep.plot.branches.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.plot.chain.drift_law import drift_law as drift_law
 from gaitsweep.plot.chain.gait_shares import gait_shares as gait_shares
 from gaitsweep.plot.chain.solution_set import solution_set as solution_set
+from gaitsweep.plot.chain.source_place import source_place as source_place
 from gaitsweep.plot.chain.theory import chain_theory as chain_theory
 from gaitsweep.plot.chain.wave_speed import wave_speed as wave_speed
 from gaitsweep.plot.columns import PlotError as PlotError

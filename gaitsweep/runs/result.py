@@ -63,6 +63,7 @@ class FiguresOfTable:
     gait_map = _method(plot.gait_map)
     gait_transitions = _method(plot.gait_transitions)
     drift_law = _method(plot.drift_law)
+    source_place = _method(plot.source_place)
     chain_theory = _method(plot.chain_theory)
     wave_speed = _method(plot.wave_speed)
     gait_shares = _method(plot.gait_shares)

@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitsweep import plot
 from gaitsweep.analysis.chain.travelling_wave import waves
-from gaitsweep.claims.measures import ambe2021 as measures
+from gaitsweep.claims.measures import ambe2021_simulation, ambe2021_theory
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
@@ -50,15 +51,15 @@ def test_waves_of_the_theory_have_its_wavelength_and_exact_speed(table: pd.DataF
 
 
 def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
-    assert measures.directions(table, row=0) == ["forwards"] * 8 + ["free"]
-    assert measures.directions(table, row=1) == ["free"] + ["backwards"] * 8
-    assert measures.directions(table, row=2) == ["forwards"] * 4 + ["free"] + ["backwards"] * 4
+    assert ambe2021_simulation.directions(table, row=0) == ["forwards"] * 8 + ["free"]
+    assert ambe2021_simulation.directions(table, row=1) == ["free"] + ["backwards"] * 8
+    assert ambe2021_simulation.directions(table, row=2) == ["forwards"] * 4 + ["free"] + ["backwards"] * 4
     part = [2, 3, 4, 5, 6, 7, 8, 9]
-    assert measures.simulated_order(table, row=1, legs=part) == "2 9 3 4 5 6 7 8"
-    assert measures.order_of_touchdowns(kind="B", k=2, N=9, legs=part, at=0.3) == "2 9 3 4 5 6 7 8"
-    assert measures.leads(table, row=0, links=[1, 2]) == pytest.approx([0.994942393] * 2, abs=1e-8)
-    assert measures.one_swing_share(table, row=0, of=list(range(1, 10))) == 1.0
-    assert measures.touchdown_phases_apart(table) < 1e-9
+    assert ambe2021_simulation.simulated_order(table, row=1, legs=part) == "2 9 3 4 5 6 7 8"
+    assert ambe2021_theory.order_of_touchdowns(kind="B", k=2, N=9, legs=part, at=0.3) == "2 9 3 4 5 6 7 8"
+    assert ambe2021_simulation.leads(table, row=0, links=[1, 2]) == pytest.approx([0.994942393] * 2, abs=1e-8)
+    assert ambe2021_simulation.one_swing_share(table, row=0, of=list(range(1, 10))) == 1.0
+    assert ambe2021_simulation.touchdown_phases_apart(table) < 1e-9
 
 
 def test_a_trace_of_less_than_two_cycles_is_refused(table: pd.DataFrame) -> None:
@@ -82,13 +83,15 @@ def test_three_lines_at_right_angles() -> None:
         ],
         ignore_index=True,
     )
-    assert measures.angles_of_lines(table) == pytest.approx([90.0, 90.0], abs=1e-9)
-    assert measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
-    assert measures.gap_between_lines(table)[1] == pytest.approx(0.2, abs=1e-9)
-    assert measures.free_range(table, gait="source", phase="psi_2") == pytest.approx([1.1, 5.1])
-    assert measures.gait_ends(table, gait="direct", phases=["psi_1", "psi_3"]) == pytest.approx([1.1, 3.1])
+    assert ambe2021_simulation.angles_of_lines(table) == pytest.approx([90.0, 90.0], abs=1e-9)
+    assert ambe2021_simulation.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
+    assert ambe2021_simulation.gap_between_lines(table)[1] == pytest.approx(0.2, abs=1e-9)
+    assert ambe2021_simulation.free_range(table, gait="source", phase="psi_2") == pytest.approx([1.1, 5.1])
+    assert ambe2021_simulation.gait_ends(table, gait="direct", phases=["psi_1", "psi_3"]) == pytest.approx(
+        [1.1, 3.1]
+    )
     table.loc[3, "psi_2_end"] += 0.5  # off both planes only where psi_1 and psi_3 are, too
-    assert measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
+    assert ambe2021_simulation.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
@@ -98,10 +101,32 @@ def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
     table = pd.DataFrame(
         [{"psi_3": 1.0, "psi_2": i, "psi_1": j, "gait": gait} for (i, j), gait in grid.items()]
     )
-    assert measures.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
+    assert ambe2021_simulation.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
     table.loc[(table["psi_2"] == 4) & (table["psi_1"] == 1), "gait"] = "direct"
-    assert measures.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
-    assert measures.slice_shares(table, slice=0) == pytest.approx([4 / 36, 30 / 36, 2 / 36])
+    assert ambe2021_simulation.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
+    assert ambe2021_simulation.slice_shares(table, slice=0) == pytest.approx([4 / 36, 30 / 36, 2 / 36])
+
+
+def test_places_of_sources_and_of_meeting_waves() -> None:
+    """Leg k of a source by its label; waves meet where the lags turn from retrograde to direct."""
+    lags = {"source": [1.0, 2.8, -1.0], "none": [-1.0, 1.0, 1.0], "direct": [1.0, 1.0, 2.9]}
+    rows = [
+        {"m_slope": slope, "psi_1": start, "status": "settled", "gait": gait, "k": 3 * (gait == "source")}
+        | {f"psi_{i + 1}_end": lag % (2 * np.pi) for i, lag in enumerate(lags[gait])}
+        for slope, gaits in ((0.0, ["source", "source", "direct"]), (0.2, ["none", "none", "source"]))
+        for start, gait in enumerate(gaits)
+    ]
+    table = pd.DataFrame(rows)
+    table.insert(0, "row", range(6))
+    assert ambe2021_simulation.fewest_source_legs(table) == 1.0
+    assert ambe2021_simulation.fewest_source_legs(table.query("gait != 'source'")) == 0.0
+    assert ambe2021_simulation.meeting_share(table, leg=2, where="m_slope > 0") == pytest.approx(2 / 3)
+    figure = plot.draw("source_place", table, x=["m_slope"])
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["1", "2", "3", "4", "neither"]
+    shown = np.ma.filled(figure.axes[0].collections[0].get_array(), 0.0)  # legs by strengths
+    assert shown[2].tolist() == pytest.approx([2 / 3, 1 / 3])
+    with pytest.raises(plot.PlotError, match="x is empty"):
+        plot.draw("source_place", table, x=[])
 
 
 def test_drift_and_period_of_a_return_map() -> None:
@@ -119,18 +144,19 @@ def test_drift_and_period_of_a_return_map() -> None:
         for row, rate in enumerate((0.0, 0.02))
     ]
     table = pd.concat(parts[::-1], ignore_index=True)
-    assert measures.drift_of_sum(table, row=1) == pytest.approx(0.02, abs=1e-12)
-    assert measures.last_change(table) == pytest.approx(0.02, abs=1e-12)
-    assert measures.period_in_phase(table) == pytest.approx([6.0, 6.4])
-    assert measures.distinct_ends(table) == [2.0, 1.0]
+    assert ambe2021_simulation.drift_of_sum(table, row=1) == pytest.approx(0.02, abs=1e-12)
+    assert ambe2021_simulation.largest_drift(table) == pytest.approx(0.02, abs=1e-12)
+    assert ambe2021_simulation.last_change(table) == pytest.approx(0.02, abs=1e-12)
+    assert ambe2021_simulation.period_in_phase(table) == pytest.approx([6.0, 6.4])
+    assert ambe2021_simulation.distinct_ends(table) == [2.0, 1.0]
 
 
 def test_the_theory_of_ten_legs_satisfies_the_printed_equations() -> None:
-    assert measures.touchdown_relation_error(N=3) < 1e-14
-    assert measures.order_sets_agree(N=3) == 1.0
-    assert measures.phases_of_neighbours(N=3) == 1.0
-    assert measures.reset_set_numbers(kind="B", k=2) == [2, 3, 6, 6, 6, 6, 6, 4, 3, 8]
-    assert measures.slopes_of_fig10(k=3) == pytest.approx([1.0, 0.0], abs=1e-9)
+    assert ambe2021_theory.touchdown_relation_error(N=3) < 1e-14
+    assert ambe2021_theory.order_sets_agree(N=3) == 1.0
+    assert ambe2021_theory.phases_of_neighbours(N=3) == 1.0
+    assert ambe2021_theory.reset_set_numbers(kind="B", k=2) == [2, 3, 6, 6, 6, 6, 6, 4, 3, 8]
+    assert ambe2021_theory.slopes_of_fig10(k=3) == pytest.approx([1.0, 0.0], abs=1e-9)
 
 
 def test_every_claim_has_a_number_that_a_wrong_one_would_miss() -> None:

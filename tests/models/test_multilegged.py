@@ -120,12 +120,22 @@ def test_traces_agree_with_solve_ivp() -> None:
         np.testing.assert_array_equal(got[f"contact_{i}"], table[f"contact_{i}"].to_numpy().astype(float))
 
 
-def test_reversing_the_legs_reverses_the_motion() -> None:
+# parameters of a chain, and of the same chain with its legs in reversed order
+REVERSED = {
+    "ends": ({"m_1": 0.82, "m_end": 0.95}, {"m_1": 0.95, "m_end": 0.82}),
+    "profile": (
+        {"m_2": 1.1, "m_3": 0.95, "kappa_1": 96.0, "kappa_2": 108.0, "a_2": 0.38, "a_3": 0.42},
+        {"m_2": 0.95, "m_3": 1.1, "kappa_end": 96.0, "kappa_2": 108.0, "a_2": 0.42, "a_3": 0.38},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REVERSED)
+def test_reversing_the_legs_reverses_the_motion(case: str) -> None:
     """Leg i of one chain does what leg N + 2 - i of the reversed one does: direct is retrograde reversed."""
-    model = Multilegged()
+    model = Multilegged(profile=case == "profile")
     random = np.random.default_rng(2)
     phi = random.uniform(0, 2 * np.pi, (6, 4))
-    masses = {"m_1": 0.82, "m_end": 0.95}
 
     def times_of_events(phases, params):
         """State after 40 s, from phases that touch nothing by definition: no leg is kicked at the start."""
@@ -153,8 +163,9 @@ def test_reversing_the_legs_reverses_the_motion() -> None:
         )
         return carry.t, carry.state, carry.chain
 
-    forth = times_of_events(phi, masses)
-    back = times_of_events(phi[:, ::-1], {"m_1": 0.95, "m_end": 0.82})
+    one, other = REVERSED[case]
+    forth = times_of_events(phi, one)
+    back = times_of_events(phi[:, ::-1], other)
     np.testing.assert_allclose(forth[:, 0], back[:, 0], rtol=0, atol=1e-8)
     np.testing.assert_allclose(forth[:, 1:5], back[:, 4:0:-1], rtol=0, atol=1e-8)
     np.testing.assert_allclose(forth[:, 5:9], back[:, 8:4:-1], rtol=0, atol=1e-7)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import graphlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.expression import ExpressionError, evaluate
+from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.multilegged.theory.chain import Chain
 
 # defaults that follow from other parameters
@@ -22,12 +24,22 @@ def chain_of(table: pd.DataFrame) -> Chain:
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    chain = chains_of(table, table.head(1))
-    return Chain(*(float(np.asarray(value, float).flat[0]) for value in chain))
+    return one_chain(chains_of(table, table.head(1)), 0)
+
+
+def one_chain(chains: Chain, at: int) -> Chain:
+    """The chain number `at` of several, its fields floats, and arrays where it has a profile."""
+    return Chain(*(_plain(np.asarray(value, float)[at]) for value in chains))
+
+
+def _plain(value: np.ndarray) -> float | np.ndarray:
+    return value if value.ndim else float(value)
 
 
 def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
     """The chains of n sets of parameters, fields (n,) each.
+
+    With a profile m and a are (n, N-1), and kappa is (n, N-2).
 
     Args:
         table: its job, in `attrs`, gives the parameters that do not vary.
@@ -38,26 +50,67 @@ def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
     """
     values = parameters_of(table, sets)
     shape = (max(len(sets), 1),)
-    return Chain(**{name: np.broadcast_to(values[name], shape) for name in Chain._fields})
+    fields = {name: np.broadcast_to(values[name], shape) for name in Chain._fields}
+    if (legs := _profiled(table)) is not None:
+        for name, last in (("m", legs), ("kappa", legs - 1), ("a", legs)):
+            inner = [np.broadcast_to(values[f"{name}_{i}"], shape) for i in range(2, last)]
+            fields[name] = np.stack(inner, axis=1)
+    return Chain(**fields)
 
 
 def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
-    """The theory's parameters with L and m_B, numbers or (n,); arguments and errors as for `chains_of`."""
+    """The theory's parameters with L and m_B, numbers or (n,), those of a profile too, if there is one.
+
+    Arguments and errors are as for `chains_of`.
+    """
     job = table.attrs.get("job")
     given: dict[str, Any] = dict(job.get("params") or {}) if isinstance(job, Mapping) else {}
-    varied = [str(name) for name in sets.columns if len(sets) and _known(str(name))]
-    given |= {name: sets[name].to_numpy(float) for name in varied}
+    profile = _profile_defaults(table)
+    known = {*Chain._fields, "m_B", "L", *profile}
+    given |= {str(name): sets[name].to_numpy(float) for name in sets.columns if len(sets) and name in known}
+    if (legs := _profiled(table)) is not None:
+        given["N"] = legs - 1
     plain = {name: value for name, value in Chain()._asdict().items() if name not in _FORMULAS}
     values: dict[str, Any] = {"m_B": 0.9, "L": 1.0, **plain}
+    settings = _FORMULAS | profile | {name: value for name, value in given.items() if name in known}
+    formulas = {name: text for name, text in settings.items() if isinstance(text, str)}
+    values |= {name: value for name, value in settings.items() if name not in formulas}
+    # formulas may use each other in any order, and the other parameters of the job
     values |= {name: value for name, value in given.items() if not isinstance(value, str)}
-    for name, formula in (_FORMULAS | given).items():
-        if isinstance(formula, str) and _known(name):
-            try:
-                values[name] = evaluate(formula, values)
-            except ExpressionError as error:
-                raise AnalysisError(f"The job's {name} cannot be read: {error}") from error
+    uses = {name: names_in(text) & set(formulas) for name, text in formulas.items()}
+    try:
+        order = list(graphlib.TopologicalSorter(uses).static_order())
+    except graphlib.CycleError as error:
+        raise AnalysisError("The job's formulas use each other in a circle.") from error
+    for name in order:
+        try:
+            values[name] = evaluate(formulas[name], values)
+        except ExpressionError as error:
+            raise AnalysisError(f"The job's {name} cannot be read: {error}") from error
     return values
 
 
-def _known(name: str) -> bool:
-    return name in Chain._fields or name in ("m_B", "L")
+def has_profile(table: pd.DataFrame) -> bool:
+    """Whether the inner legs of a table's chain have values of their own."""
+    return _profiled(table) is not None
+
+
+def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
+    """The names of the parameters of the table's profile; none without one."""
+    return tuple(_profile_defaults(table))
+
+
+def _profiled(table: pd.DataFrame) -> int | None:
+    """The number of legs of a chain with a profile; None without one."""
+    job = table.attrs.get("job")
+    structure = (job.get("structure") or {}) if isinstance(job, Mapping) else {}
+    return int(structure.get("N", Multilegged.N)) + 1 if structure.get("profile") else None
+
+
+def _profile_defaults(table: pd.DataFrame) -> dict[str, Any]:
+    legs = _profiled(table)
+    if legs is None:
+        return {}
+    plain = {quantity.name for quantity in Multilegged(legs - 1).parameters}
+    whole = Multilegged(legs - 1, profile=True).parameters
+    return {quantity.name: quantity.default for quantity in whole if quantity.name not in plain}

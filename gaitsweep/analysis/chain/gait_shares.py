@@ -32,8 +32,8 @@ def gait_shares(
     Returns:
         A row for each set: the parameters; for each gait its share, NAME_low and NAME_high; `elsewhere`, the
         share of starts in none of them; `conditions`: whether the paper's m/2 < m_B < m (of the end that
-        touches by more) and m g/kappa < a < L hold; `direct_hold`, `source_hold`, `retrograde_hold`: whether
-        the wave is a motion of the chain (`existence`).
+        touches by more) and m g/kappa < a < L hold, with a profile for all inner legs; `direct_hold`,
+        `source_hold`, `retrograde_hold`: whether the wave is a motion of the chain (`existence`).
 
     Raises:
         AnalysisError: the table does not have a column, or the job's parameters cannot be read.
@@ -90,7 +90,10 @@ def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray
     values, chains = parameters_of(table, sets), chains_of(table, sets)
     L = np.broadcast_to(values["L"], (len(sets),))
     m_B = np.maximum(chains.m_1, chains.m_end)
-    sag = np.asarray(chains.m) * chains.g / chains.kappa
-    printed = (0.5 * np.asarray(chains.m) < m_B) & (m_B < chains.m) & (sag < chains.a) & (chains.a < L)
+    # with a profile the printed conditions are those of every inner leg, so of the extreme ones
+    m, kappa, a = (np.asarray(each).reshape(len(sets), -1) for each in (chains.m, chains.kappa, chains.a))
+    sag = m.max(axis=1) * chains.g / kappa.min(axis=1)
+    printed = (0.5 * m.max(axis=1) < m_B) & (m_B < m.min(axis=1))
+    printed &= (sag < a.min(axis=1)) & (a.max(axis=1) < L)
     found = existence(springs_of(table), chains, L)
     return {"conditions": np.asarray(printed), **{f"{gait}_hold": each for gait, each in found.items()}}

@@ -10,12 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from gaitsweep.analysis.chain.chain_of_table import chains_of, parameters_of
+from gaitsweep.analysis.chain.chain_of_table import chains_of, one_chain, parameters_of
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.models.multilegged.theory.chain import Chain, wave_speed, wavelength
+from gaitsweep.models.multilegged.theory.chain import Chain, Speeds, wave_speed, wavelength
 from gaitsweep.models.multilegged.theory.gaits import GAITS, distances, gait_of
 from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches
 
@@ -44,7 +45,7 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
         of the nearest analytic solution on section 1, however far; `free_link`, the link i between legs i and
         i + 1 whose lag is free; `period` (s); `lag` (s), the mean over the links of the wave, and `spread`,
         the largest minus the smallest of these; `wavelength` (legs) and `speed` (legs/s); the theory's
-        `wavelength_27`, `speed_28` (as printed) and `speed_exact`.
+        `wavelength_27`, `speed_28` (as printed) and `speed_exact`, NaN for a chain with a profile.
 
     Raises:
         AnalysisError: the table has no phases, or a row has fewer than two cycles.
@@ -58,7 +59,7 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values("t")
         first = pd.DataFrame(part.head(1))
-        chain = Chain(*(float(np.asarray(value).flat[0]) for value in chains_of(table, first)))
+        chain = one_chain(chains_of(table, first), 0)
         records.append(_wave(int(str(row)), part, N, chain, _omega(table, first)))
     varied = [
         name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
@@ -79,7 +80,10 @@ def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> d
     branch, distance = nearest_set(N, chain, psi)
     inside = links_of_wave(N, branch)
     lags = np.minimum(found.leads, found.period - found.leads)[inside - 1]
-    speeds = wave_speed(omega, chain)
+    # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
+    nothing = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
+    speeds = nothing if chain.has_profile else wave_speed(omega, chain)
+    printed = np.nan if chain.has_profile else float(wavelength(chain))
     return {
         "row": row,
         "gait": GAITS[gait_of(branch)],
@@ -91,7 +95,7 @@ def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> d
         "spread": np.ptp(lags),
         "wavelength": found.period / lags.mean(),
         "speed": 1.0 / lags.mean(),
-        "wavelength_27": float(wavelength(chain)),
+        "wavelength_27": printed,
         "speed_28": float(speeds.printed),
         "speed_exact": float(speeds.exact),
     }

@@ -1,4 +1,4 @@
-"""The measures: general ones, and those of each paper in a module of its name."""
+"""The measures: general ones, and those of each paper in modules of its name."""
 
 from __future__ import annotations
 

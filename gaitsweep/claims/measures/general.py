@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from gaitsweep import models
@@ -122,3 +123,25 @@ def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) 
     if found.empty and not may_be_empty:
         raise MeasureError(f"No record of the table fulfils {where}." if where else "The table is empty.")
     return found
+
+
+def masked(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
+    """The records (n,) where `mask` (n,) is true."""
+    return pd.DataFrame(table.loc[np.asarray(mask, bool)])
+
+
+def numbers(table: pd.DataFrame, column: str) -> np.ndarray:
+    """A column as floats, (n,), in its unit."""
+    return np.asarray(table[column], float)
+
+
+def one_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
+    """The records of one row, those of a trace in order of time.
+
+    Raises:
+        MeasureError: the table has no such row.
+    """
+    part = masked(table, table["row"] == row)
+    if part.empty:
+        raise MeasureError(f"The table has no row {row}.")
+    return part.sort_values(by="t") if "t" in part.columns else part

@@ -20,6 +20,7 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.models.multilegged.chart import MultileggedChart
 from gaitsweep.models.multilegged.drawing import skeleton
+from gaitsweep.models.multilegged.profile import profile_parameters
 from gaitsweep.models.multilegged.theory.chain import Chain
 from gaitsweep.models.multilegged.theory.gaits import GAITS, classify
 from gaitsweep.models.multilegged.theory.obstacle import obstacle_problem
@@ -77,7 +78,8 @@ PARAMETERS = (
 class Params:
     """Parameters as in the equations; units as in `PARAMETERS`, arrays from head to tail.
 
-    `kappa` (N,) is that of each spring; `masses` and `a` (N+1,) are those of each leg; `m` is the inner mass.
+    `kappa` (N,) is that of each spring; `masses` and `a` (N+1,) are those of each leg; `m` is the mass of an
+    inner leg, with a profile the mass to which those of the inner legs refer.
     """
 
     beta: jax.Array
@@ -154,10 +156,17 @@ def first_touchdown(p: Params) -> jax.Array:
 
 @dataclasses.dataclass(frozen=True)
 class Multilegged(HybridModel):
-    """The chain of N + 1 legs."""
+    """The chain of N + 1 legs, with equal inner legs or with a profile of them."""
 
     N: int = dataclasses.field(
         default=3, metadata={"meaning": "springs; the chain has N + 1 legs", "low": 3, "high": 64}
+    )
+    profile: bool = dataclasses.field(
+        default=False,
+        metadata={
+            "meaning": "whether inner legs have a mass, spring and amplitude each: m_2, kappa_2, a_2, ...",
+            "later": True,
+        },
     )
 
     name: ClassVar[str] = "multilegged"
@@ -167,7 +176,7 @@ class Multilegged(HybridModel):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return PARAMETERS
+        return (*PARAMETERS, *profile_parameters(self.N)) if self.profile else PARAMETERS
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -218,7 +227,8 @@ class Multilegged(HybridModel):
 
     def params(self, values: Mapping[str, jax.Array]) -> Params:
         def along(name: str, first: str, last: str, n: int) -> jax.Array:
-            inner = [values[name]] * (n - 2)
+            own = [values[f"{name}_{i}"] for i in range(2, n)] if self.profile else None
+            inner = [values[name]] * (n - 2) if own is None else own
             return jnp.stack([jnp.asarray(each) for each in (values[first], *inner, values[last])])
 
         arrays = {
@@ -340,7 +350,9 @@ class Multilegged(HybridModel):
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
-        chain = Chain(p.beta, p.kappa[1], p.m, p.masses[0], p.masses[-1], p.a[1], p.g)
+        inner = slice(1, -1) if self.profile else 1
+        m = p.masses[inner] if self.profile else p.m
+        chain = Chain(p.beta, p.kappa[inner], m, p.masses[0], p.masses[-1], p.a[inner], p.g)
         chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
         gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}

@@ -11,7 +11,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
-from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.chain.chain_of_table import chain_of, profile_parameters_of
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.kinds.numbers import word
 from gaitsweep.models.multilegged.theory.conserved import drift, worst_case_cycles
@@ -60,7 +60,7 @@ def drift_law(
         table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.
 
     Raises:
-        PlotError: the table does not have a column, or `of` is not one of those.
+        PlotError: the table does not have a column, `of` is not one of those, or a profile varies.
     """
     if of not in APART:
         raise PlotError(f"of is {of}, but what can differ between the ends is one of {', '.join(APART)}.")
@@ -117,6 +117,10 @@ def _ticks(axis: Axis) -> None:
 
 def _pairs(table: pd.DataFrame, kept: pd.DataFrame, ends: list[str], hue: str, by_mass: bool) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
+    profile = [name for name in profile_parameters_of(table) if name in table]
+    moving = [name for name in profile if len(table[name].unique()) > 1]
+    if moving:
+        raise PlotError(f"{moving[0]} varies: the law is drawn for one profile of the inner legs.")
     springs = sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
     chain = chain_of(table)
     groups = kept.groupby([*ends, kept[hue].astype(str)])["cycles"].agg(["median", "max"])

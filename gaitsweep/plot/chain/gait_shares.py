@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 from scipy.spatial import KDTree
 
 from gaitsweep import near_miss
-from gaitsweep.analysis.chain.chain_of_table import chains_of, parameters_of
+from gaitsweep.analysis.chain.chain_of_table import chains_of, has_profile, parameters_of
 from gaitsweep.analysis.chain.gait_shares import GAITS, existence, springs_of
 from gaitsweep.analysis.chain.gait_shares import gait_shares as shares_of
 from gaitsweep.plot import style
@@ -66,8 +66,8 @@ def gait_shares(
 
     Curves have their 95 % intervals. Dashed lines are the limits of m/2 < m_B < m and of m g/kappa < a < L,
     solid ones those of the exact conditions (`existence`); parameters that are not on the axes are those of
-    the job, or of Table 1 if they vary. If the sets form no grid, each point of a map shows the nearest set,
-    and the sets are white dots.
+    the job, or of Table 1 if they vary. With a profile there are no dashed lines. If the sets form no grid,
+    each point of a map shows the nearest set, and the sets are white dots.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
@@ -149,7 +149,12 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
 
 
 def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
-    """The limits of the conditions that depend on the axes, with all other parameters as in the job."""
+    """The limits of the conditions that depend on the axes, with all other parameters as in the job.
+
+    There are none for a profile: the inner legs do not have one m, kappa and a.
+    """
+    if has_profile(table):
+        return
     low, high = axes.get_xlim(), axes.get_ylim()
     along = np.linspace(*low, 401)
     sets = pd.DataFrame({x: along})

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
-from gaitsweep.analysis.chain.chain_of_table import chain_of
+from gaitsweep.analysis.chain.chain_of_table import chain_of, profile_parameters_of
 from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.kinds.numbers import Flag, Real, Text
@@ -170,9 +170,8 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | Non
         return none, "they are known for psi_1, psi_2 and psi_3 only."
     if "psi_4_end" in table.columns:
         return none, "they are drawn for N = 3 only."
-    varied = [
-        name for name in (*Chain._fields, "m_B") if name in table.columns and len(table[name].unique()) > 1
-    ]
+    names = (*Chain._fields, "m_B", *profile_parameters_of(table))
+    varied = [name for name in names if name in table.columns and len(table[name].unique()) > 1]
     if varied:
         return none, f"{', '.join(varied)} varies."
     lines = segments(3, chain_of(table))

@@ -62,7 +62,8 @@ def chain_theory(
         table: a table of the chain; of parameters that vary those of the first row count.
 
     Raises:
-        PlotError: the table is not of the chain, or show, k or at are out of range.
+        PlotError: the table is not of the chain, or show, k or at are out of range; or touchdowns are asked
+            of a chain with a profile.
     """
     names = [str(name) for name in table.columns]
     legs = [name for name in names if re.fullmatch(r"phase_\d+|psi_\d+_end|psi_\d+_n", name)]
@@ -91,6 +92,8 @@ def theory_figure(
         raise PlotError(f"k is {k}: a chain of {N + 1} legs has source waves of k = 2 to {N}.")
     if not 0.0 < at < 1.0:
         raise PlotError(f"at is {at}: it is a share of the range of the free phase, between 0 and 1.")
+    if show == "touchdowns" and chain.has_profile:
+        raise PlotError("show: touchdowns draws one curve of leg length, but the legs of a profile differ.")
     draw = {"touchdowns": _touchdowns, "order": _order, "free_phase": _free_phase, "sets": _sets}[show]
     return draw(N, chain, k, at, title)
 

@@ -8,6 +8,9 @@ neighbour j relative to the beginning of its takeoff segment (0 in stance),
 
 where w_j = kappa_j a_j / (a_i sum of kappa_j), with sums over the neighbours j and kappa_j the spring to j.
 In a uniform chain w_j is 1/2, or 1 at an end.
+
+Along a solution D is that of the ends for all legs, whatever the inner legs are. A profile of these changes
+the phases t_j, so the lags of neighbours, and no touchdown phase.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from gaitsweep.errors import ArgumentError
 
 TWO_PI = 2.0 * jnp.pi
 Scalar = jax.Array | np.ndarray | float
@@ -29,6 +34,9 @@ class Chain(NamedTuple):
     inside, at the head and at the tail, kg (the paper's m_B is m_1 = m_end); `a` the amplitude of a leg, m;
     `g` gravity, m/s2; `kappa_1`, `kappa_end` the first and the last spring and `a_1`, `a_end` the amplitudes
     of the first and the last leg, if they differ from the others.
+
+    With a profile, `m` (N-1,), `kappa` (N-2,) and `a` (N-1,) are those of legs 2 .. N and of springs
+    2 .. N-1, and the values of the ends are given. What is known for equal inner legs only refuses it.
     """
 
     beta: Scalar = 0.8
@@ -42,6 +50,16 @@ class Chain(NamedTuple):
     kappa_end: Scalar | None = None
     a_1: Scalar | None = None
     a_end: Scalar | None = None
+
+    @property
+    def has_profile(self) -> bool:
+        """Whether inner legs have values of their own."""
+        return any(jnp.ndim(each) > 0 for each in (self.m, self.kappa, self.a))
+
+    def equal_inner_legs(self, what: str) -> None:
+        """Raises an ArgumentError if the chain has a profile, `what` being unknown for it."""
+        if self.has_profile:
+            raise ArgumentError(f"{what} is that of a chain with equal inner legs; this one has a profile.")
 
 
 TABLE_1 = Chain()
@@ -57,8 +75,19 @@ def amplitudes(N: int, chain: Chain) -> jax.Array:
     return _along(N + 1, chain.a, chain.a_1, chain.a_end)
 
 
+def masses(N: int, chain: Chain) -> jax.Array:
+    """Mass of each leg's segment, kg, shape (N+1,)."""
+    return _along(N + 1, chain.m, chain.m_1, chain.m_end)
+
+
 def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> jax.Array:
-    """The values (n,): `inner`, with different ends if given."""
+    """The values (n,): `inner`, a number or (n-2,), with different ends if given."""
+    if jnp.ndim(inner) > 0:
+        if first is None or last is None or jnp.shape(inner) != (n - 2,):
+            raise ArgumentError(
+                f"A profile has {n - 2} inner values and both ends, not values of shape {jnp.shape(inner)}."
+            )
+        return jnp.concatenate([jnp.asarray(each, float).reshape(-1) for each in (first, inner, last)])
     values = jnp.full(n, jnp.asarray(inner, float))
     values = values if first is None else values.at[0].set(first)
     return values if last is None else values.at[-1].set(last)
@@ -66,6 +95,7 @@ def _along(n: int, inner: Scalar, first: Scalar | None, last: Scalar | None) -> 
 
 def shift(chain: Chain) -> jax.Array:
     """b, rad/kg: the advance of an inner leg's touchdown phase by mass; below eq. (17)."""
+    chain.equal_inner_legs("b")
     return _shift(chain, chain.kappa, chain.a)
 
 
@@ -76,7 +106,7 @@ def _shift(chain: Chain, kappa: Scalar, a: Scalar) -> jax.Array:
 def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
     """D of the first and of the last leg with neighbours in stance, rad, eqs. (31), (32).
 
-    It is m b with the spring and the amplitude of each end.
+    It is m b with the spring and the amplitude of each end; a profile of the inner legs has no part in it.
     """
     head = _shift(chain, _or(chain.kappa_1, chain.kappa), _or(chain.a_1, chain.a))
     tail = _shift(chain, _or(chain.kappa_end, chain.kappa), _or(chain.a_end, chain.a))
@@ -84,7 +114,22 @@ def end_resets(chain: Chain) -> tuple[jax.Array, jax.Array]:
 
 
 def _or(value: Scalar | None, otherwise: Scalar) -> Scalar:
+    if value is None and jnp.ndim(otherwise) > 0:
+        raise ArgumentError("A chain with a profile needs kappa_1, kappa_end, a_1 and a_end.")
     return otherwise if value is None else value
+
+
+def own_resets(N: int, chain: Chain) -> jax.Array:
+    """D of each leg with all its neighbours in stance, rad, shape (N+1,).
+
+    It is (1 - beta) pi m_i g / (a_i sum of kappa_j), which is eq. (31) for the first leg and eq. (32) for the
+    last one. The leg with the largest one sets the pace of the chain, as the heavier end does. The gaits of
+    the theory are those in which an end does.
+    """
+    k, nothing = springs(N, chain), jnp.zeros(1)
+    both = jnp.concatenate([nothing, k]) + jnp.concatenate([k, nothing])
+    own = (1.0 - chain.beta) * jnp.pi * chain.g * masses(N, chain) / (amplitudes(N, chain) * both)
+    return jnp.asarray(own)
 
 
 def reset(chain: Chain) -> jax.Array:
@@ -101,7 +146,12 @@ def touchdown_phase(chain: Chain) -> jax.Array:
 
 
 def lag(chain: Chain) -> jax.Array:
-    """delta, rad: the lag between inner neighbours of a wave, without the reset; eq. (17), second row."""
+    """delta, rad: the lag between inner neighbours of a wave, without the reset; eq. (17), second row.
+
+    Raises:
+        ArgumentError: the chain has a profile, with a lag for each pair (`lag_rules`).
+    """
+    chain.equal_inner_legs("the lag of eq. (17)")
     return jnp.asarray(2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain))
 
 
@@ -143,7 +193,7 @@ def takeoffs(N: int, chain: Chain) -> Takeoffs:
     """The phases of neighbours in takeoff that follow from eq. (12) for each leg."""
     k, a, D = springs(N, chain), amplitudes(N, chain), reset(chain)
     head, tail = end_resets(chain)
-    weight = (1.0 - chain.beta) * jnp.pi * chain.m * chain.g
+    weight = (1.0 - chain.beta) * jnp.pi * chain.m * chain.g  # a number, or (N-1,) with a profile
     needed = (k[:-1] + k[1:]) * a[1:-1] * D - weight
     return Takeoffs(
         front=needed / (k[:-1] * a[:-2]),

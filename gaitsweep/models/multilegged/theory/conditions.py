@@ -18,14 +18,22 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.models.multilegged.theory.chain import Chain, Scalar, amplitudes, reset, springs, takeoffs
+from gaitsweep.models.multilegged.theory.chain import (
+    Chain,
+    Scalar,
+    amplitudes,
+    masses,
+    reset,
+    springs,
+    takeoffs,
+)
 
 
 class Conditions(NamedTuple):
     """Margins of the conditions of one wave, scalars; a condition is satisfied if its margin is above 0.
 
     `takeoff` is the smallest t of all legs as a share of the takeoff segment; `load` the smallest load on a
-    leg in takeoff at the touchdown of its neighbour, divided by an inner leg's weight; `landing` the
+    leg in takeoff at the touchdown of its neighbour, divided by an inner leg's mean weight; `landing` the
     remaining share of the landing segment at touchdown, above 0 if m g/kappa < a for the mass that determines
     it; `length` the shortest leg length divided by L, above 0 if a < L. No equation depends on `length`, so
     `hold` ignores it.
@@ -101,13 +109,13 @@ def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
     """The margins with the neighbour towards the head in takeoff, and with that towards the tail."""
     k, a, D, segment = springs(N, chain), amplitudes(N, chain), reset(chain), _segment(chain)
     into = takeoffs(N, chain)
-    weights = jnp.full(N + 1, segment * chain.m * chain.g)
-    weights = weights.at[0].set(segment * chain.m_1 * chain.g).at[-1].set(segment * chain.m_end * chain.g)
+    weights = segment * masses(N, chain) * chain.g
+    inner = jnp.mean(jnp.asarray(chain.m))
     ways = []
     for t, way in ((into.front, 1), (into.rear, -1)):
         takeoff = jnp.minimum(t, segment - t) / segment
         load = _loads(t[::way], k[::way], a[::way], weights[::way], D, 2.0 * segment - D)
-        ways.append(_Touchdowns(takeoff, load[::way] / (segment * chain.m * chain.g)))
+        ways.append(_Touchdowns(takeoff, load[::way] / (segment * inner * chain.g)))
     return ways[0], ways[1]
 
 

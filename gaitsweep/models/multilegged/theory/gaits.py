@@ -95,9 +95,11 @@ def locked_state(chain: Chain) -> jax.Array:
     Legs 2 and 3 land together between legs 1 and 4, which are in phase too. Legs 2 and 3 carry only their own
     weights, so they touch down at 2 pi - m b. Legs 1 and 4 touch down at the same phase, which requires that
     legs 2 and 3 are in takeoff, at 2 beta pi + (m - m_B) b. Unequal ends are replaced by their means, since
-    legs 2 and 3 then do not stay in phase.
+    legs 2 and 3 then do not stay in phase; legs 2 and 3 of a profile likewise.
     """
     k, a = springs(3, chain), amplitudes(3, chain)
+    if chain.has_profile:
+        chain = chain._replace(m=jnp.mean(jnp.asarray(chain.m)), a=jnp.mean(jnp.asarray(chain.a)))
     ends = chain._replace(kappa=0.5 * (k[0] + k[-1]))
     D, end_mass = chain.m * shift(ends), 0.5 * (jnp.asarray(chain.m_1) + chain.m_end)
     taking_off = 0.5 * (a[0] + a[-1]) / chain.a * D - end_mass * shift(ends)

@@ -73,8 +73,12 @@ def order_sets(
         N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
 
+    Raises:
+        ArgumentError: the chain has a profile.
+
     Source: eq. (18).
     """
+    chain.equal_inner_legs("the threshold of eq. (18)")
     circle = touchdown_phase(chain)
     psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
     threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)

@@ -63,8 +63,12 @@ def touchdown_residuals(N: int, branch: Branch, s: float, chain: Chain = TABLE_1
     Args:
         N, branch, s, chain: as in `reset_sets`; springs and amplitudes of the chain have to be uniform.
 
+    Raises:
+        ArgumentError: the chain has a profile.
+
     Source: eqs. (3), (13), (14).
     """
+    chain.equal_inner_legs("the balance of eq. (14)")
     circle = float(touchdown_phase(chain))
     theta = places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k
