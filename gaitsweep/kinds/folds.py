@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
@@ -15,9 +15,9 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
-from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
+from gaitsweep.analysis.continuation.newton import NewtonOutcome
 from gaitsweep.contract import Model, Status
-from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.expression import ExpressionError
@@ -134,60 +134,54 @@ class Folds(FollowsFixedPoints):
         self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The curves of rows first..last-1; `between` is called before each of their steps."""
-        n = last - first
         mapping, values, starts = self.return_map(rows, work, np.arange(first, last))
-        values = {name: np.broadcast_to(each, (n,)) for name, each in values.items()}
         points, _ = mapping.settled(starts, values, self.settle)
-        found = newton(mapping, points, values, fix=self.fix)
-        gait = np.full(n, -1)
-        if found.converged.any():
-            gait[:] = gait_numbers(mapping, values, found.images.observed, n)
         curves = []
-        for row in range(n):
-            mine = {name: each[row : row + 1] for name, each in values.items()}
-            if found.converged[row]:
-                count = itertools.count(1)
+        for row in range(last - first):
+            mine = {name: np.broadcast_to(each, (last - first,))[[row]] for name, each in values.items()}
+            counted = itertools.count(1)
 
-                def told(row: int = row, count: Iterator[int] = count) -> None:
-                    between(f"folds: step {next(count)} of row {first + row}")
+            def told(row: int = row, counted: Iterator[int] = counted) -> None:
+                between(f"folds: step {next(counted)} of row {first + row}")
 
-                curve = self._curve(mapping, found.points[np.array([row])], mine, told)
-            else:
-                begin = {name: float(mine[name][0]) for name in self.parameters}
-                curve = pd.DataFrame([{**begin, "end": NewtonOutcome(int(found.outcome[row])).name}])
-            curves.append(curve.assign(row=row, found=bool(found.converged[row])))
-        return self._table(rows, pd.concat(curves, ignore_index=True), gait, first, last)
-
-    def _curve(self, mapping: BatchedReturnMap, point: Points, values: Values, between: Any) -> pd.DataFrame:
-        steps = ArclengthSteps(self.step, self.longest, self.shortest, self.most, between)
-        return fold_curves(
-            mapping,
-            point,
-            {name: each for name, each in values.items() if name not in self.parameters},
-            parameters=self.parameters,
-            within=self.within,
-            begin={name: values[name] for name in self.parameters},
-            fix=self.fix,
-            steps=steps,
-        )
-
-    def _table(
-        self, rows: Rows, curves: pd.DataFrame, gait: np.ndarray, first: int, last: int
-    ) -> pd.DataFrame:
-        row = curves["row"].to_numpy(np.int64)
+            curve = fold_curves(
+                mapping,
+                points[np.array([row])],
+                {name: each for name, each in mine.items() if name not in self.parameters},
+                parameters=self.parameters,
+                within=self.within,
+                begin={name: mine[name] for name in self.parameters},
+                fix=self.fix,
+                steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, told),
+            )
+            curves.append(curve.assign(row=row))
+        table = pd.concat(curves, ignore_index=True)
+        row = table["row"].to_numpy(np.int64)
+        table["gait"] = gaits(rows.model, self._gaits(mapping, values, table, last - first))
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {name: f"{name}_fold" for name in self.parameters}
         renamed |= {q.name: f"{q.name}_n" for q in rows.model.observables}
-        status = np.where(curves["found"], Status.complete.name, Status.no_fixed_point.name)
-        table = curves.rename(columns=renamed).assign(row=row + first, **axes)
-        table["gait"] = gaits(rows.model, np.where(curves["found"], gait[row], -1))
+        failed = table["end"].isin([outcome.name for outcome in NewtonOutcome])
+        status = np.where(failed, Status.no_fixed_point.name, Status.complete.name)
+        table = table.rename(columns=renamed).assign(row=row + first, **axes)
         table["status"] = pd.Categorical(status, categories=STATUSES)
-        for name in ("special", "end"):
-            texts = table[name] if name in table else pd.Series("", index=table.index)
-            table[name] = pd.Categorical(texts.fillna(""))
         table = table.reindex(columns=table_columns(rows, self))
-        whole = ("point", "unstable", "side", "corrections")
+        for name in ("special", "end"):
+            table[name] = pd.Categorical(table[name].fillna(""))
+        whole = ("unstable", "side", "corrections")
         return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
+
+    def _gaits(self, mapping: BatchedReturnMap, values: Values, table: pd.DataFrame, n: int) -> np.ndarray:
+        """The number of the gait of each record, -1 where there is no fold."""
+        codes = np.full(len(table), -1)
+        found = table["special"].notna().to_numpy() if "special" in table else codes >= 0
+        if found.any():
+            row = table["row"].to_numpy(np.int64)[found]
+            there = {name: np.broadcast_to(each, (n,))[row] for name, each in values.items()}
+            there |= {name: table.loc[found, name].to_numpy(float) for name in self.parameters}
+            seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in mapping.model.observables}
+            codes[found] = gait_numbers(mapping, there, seen, int(found.sum()))
+        return codes
 
 
 def _fold_column(model: Model, name: str) -> Column:

@@ -11,6 +11,7 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 from gaitsweep.job import Job, JobError
+from gaitsweep.runs.estimate import estimate
 
 RUN: dict[str, Any] = {
     "kind": "folds",
@@ -35,24 +36,25 @@ def job(**changes: Any) -> Job:
 
 def test_both_folds_and_their_cusp(tmp_path: Path) -> None:
     """27 r^2 = 4 a^3, x^2 = a/3, and a cusp at 0; to what Newton leaves, as the equilibria are exact."""
-    path = gs.run(job(), out=tmp_path).path
+    asked = job()
+    path = gs.run(asked, out=tmp_path).path
     table = gs.load(path)
     assert set(table["row"]) == {0, 1}
-    for row, gait in ((0, "right"), (1, "left")):
-        curve = table[table["row"] == row]
+    for _, curve in table.groupby("row"):
         r, a, x = (curve[name].to_numpy(float) for name in ("r_fold", "a_fold", "x_n"))
         np.testing.assert_allclose(27.0 * r**2, 4.0 * a**3, atol=1e-6)
         np.testing.assert_allclose(3.0 * x**2, a, atol=1e-5)
         np.testing.assert_allclose(curve["multiplier"], 1.0, atol=1e-6)
-        assert set(curve["gait"]) == {gait}
         assert set(curve["unstable"]) == {0}
         assert np.all(np.diff(curve["point"]) == 1)
         assert (curve["end"].iloc[0], curve["end"].iloc[-1]) == ("range", "range")
         tip = curve[curve["special"] == "cusp"]
         np.testing.assert_allclose(tip[["r_fold", "a_fold"]].to_numpy(float), [[0.0, 0.0]], atol=1e-6)
         away = curve[curve["special"] != "cusp"]
-        # where r is below 0 the right pair of equilibria meets, which lies above the curve
+        # where r is below 0 the right equilibrium meets the middle one, and both lie above the curve
         np.testing.assert_array_equal(away["side"], -np.sign(away["r_fold"]))
+        np.testing.assert_array_equal(away["gait"] == "right", away["r_fold"] < 0.0)
+    assert 1 / 3 < estimate(asked).records / len(table) < 3
     assert (tmp_path / "figures" / "folds.png").exists()
     for part in (tmp_path / "table").glob("part-00001*"):  # as if it was killed in its second row
         part.unlink()

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import PlotError, column, described
+from gaitsweep.plot.columns import PlotError, column, described, rows_where
 from gaitsweep.plot.figure_kind import GaitColumn, Title, figure_kind
 
 _TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
@@ -49,12 +49,12 @@ def folds(
         column(table, each)
     if x == y:
         raise PlotError(f"y is {y}, as x is: name another column.")
-    table = table[table["special"].notna() & (table["side"] != 0)].sort_values(by=["row", "point"])
+    table = rows_where(table, table[x].notna()).sort_values(["row", "point"], kind="stable")
     table = table.assign(gait=table[hue].astype(str))
     with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
         axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
+        axes.set_xlabel(described(table, x.removesuffix("_fold")))
+        axes.set_ylabel(described(table, y.removesuffix("_fold"), 36))
         if not len(table):
             style.message(axes, "no fold was found")
             return figure
@@ -62,7 +62,7 @@ def folds(
         pieces = [piece for row, curve in table.groupby("row") for piece in _pieces(row, curve, x, y)]
         together = _fill(axes, pieces)
         for _, curve in table.groupby("row"):
-            _draw(axes, curve, x, y, colour[curve["gait"].iloc[0]])
+            _draw(axes, curve, x, y, colour)
         figure.legend(handles=_key(table, colour, together), loc="outside lower center", ncols=2)
     return figure
 
@@ -79,20 +79,28 @@ def _segments(curve: pd.DataFrame) -> Iterator[tuple[int, str]]:
             yield k, "unstable" if unstable[k] and unstable[k + 1] else "stable"
 
 
-def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: str) -> None:
+def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str]) -> None:
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
     looks: dict[str, dict[str, Any]] = {
         "kink": {"ls": ":", "lw": 0.8},
         "stable": {"ls": "-", "lw": 1.4},
         "unstable": {"ls": (0, (4, 2)), "lw": 1.4},
     }
-    for look, group in itertools.groupby(_segments(curve), key=lambda segment: segment[1]):
+    gait = _gaits(curve)
+    lines = [(k, (look, gait[k])) for k, look in _segments(curve)]
+    for (look, name), group in itertools.groupby(lines, key=lambda line: line[1]):
         places = [k for k, _ in group]
         part = slice(places[0], places[-1] + 2)
-        axes.plot(at[part], up[part], color=colour, zorder=2, **looks[look])
+        axes.plot(at[part], up[part], color=colour[name], zorder=2, **looks[look])
     for mark, here in _marked(curve).items():
         symbol, size = _MARKS[mark]
         axes.plot(at[here], up[here], symbol, ms=size, color="black", zorder=3)
+
+
+def _gaits(curve: pd.DataFrame) -> list[str]:
+    """The gait of each segment of a curve: of its first point, or of its second where the first is a cusp."""
+    gait, cusp = curve["gait"].tolist(), _marked(curve)["cusp"]
+    return [gait[k + 1] if cusp[k] else gait[k] for k in range(len(curve) - 1)]
 
 
 def _marked(curve: pd.DataFrame) -> dict[str, np.ndarray]:
@@ -106,17 +114,17 @@ def _marked(curve: pd.DataFrame) -> dict[str, np.ndarray]:
 def _pieces(row: Any, curve: pd.DataFrame, x: str, y: str) -> Iterator[dict[str, Any]]:
     """The parts of a curve where a stable gait is lost on one side, and the second parameter is monotone."""
     at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
-    side, cusp = curve["side"].to_numpy(int), _marked(curve)["cusp"]
+    side, cusp, gait = curve["side"].to_numpy(int), _marked(curve)["cusp"], _gaits(curve)
     segments = [
-        (k, (int(side[k + 1] if cusp[k] else side[k]), bool(up[k + 1] > up[k]), look != "unstable"))
+        (k, (int(side[k + 1] if cusp[k] else side[k]), gait[k], bool(up[k + 1] > up[k]), look != "unstable"))
         for k, look in _segments(curve)
     ]
-    for (sign, _, stable), group in itertools.groupby(segments, key=lambda segment: segment[1]):
+    for (sign, name, _, stable), group in itertools.groupby(segments, key=lambda segment: segment[1]):
         places = [k for k, _ in group]
         part = slice(places[0], places[-1] + 2)
         order = np.argsort(up[part])
         if stable:
-            yield {"row": row, "gait": curve["gait"].iloc[0], "side": sign,
+            yield {"row": row, "gait": name, "side": sign,
                    "at": at[part][order], "up": up[part][order]}  # fmt: skip
 
 
