@@ -158,6 +158,8 @@ class Folds(FollowsFixedPoints):
         table = pd.concat(curves, ignore_index=True)
         row = table["row"].to_numpy(np.int64)
         table["gait"] = gaits(rows.model, self._gaits(mapping, values, table, last - first))
+        without = table["special"].isna() if "special" in table else np.ones(len(table), bool)
+        table.loc[without, self.parameters] = np.nan  # there they are where the row begins
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {name: f"{name}_fold" for name in self.parameters}
         renamed |= {q.name: f"{q.name}_n" for q in rows.model.observables}
@@ -167,7 +169,7 @@ class Folds(FollowsFixedPoints):
         table["status"] = pd.Categorical(status, categories=STATUSES)
         table = table.reindex(columns=table_columns(rows, self))
         for name in ("special", "end"):
-            table[name] = pd.Categorical(table[name].fillna(""))
+            table[name] = pd.Categorical(table[name].astype(object).fillna(""))
         whole = ("unstable", "side", "corrections")
         return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
 
