@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.job import load_job as load_job
     from gaitsweep.kinds import Continuation as Continuation
     from gaitsweep.kinds import FixedTime as FixedTime
+    from gaitsweep.kinds import Folds as Folds
     from gaitsweep.kinds import Ramp as Ramp
     from gaitsweep.kinds import ReturnMap as ReturnMap
     from gaitsweep.kinds import Settle as Settle
@@ -71,7 +72,7 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
         "errors": ("ArgumentError", "UserError"),
         "job": ("Job", "JobError", "load_job"),
-        "kinds": ("Continuation", "FixedTime", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
+        "kinds": ("Continuation", "FixedTime", "Folds", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
         "runs.movie": ("write_movie", "write_still"),
         "runs.prepare": ("RunError",),
         "runs.result": ("Result", "run"),

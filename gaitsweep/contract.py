@@ -12,6 +12,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import jax
@@ -192,6 +193,9 @@ class Model(Jumps):
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
     gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
+    # parameters that a job may set only beside another: that other's name, and why, as a sentence's end; for
+    # a name that meant something else once: a job of that time lacks the other, and is refused
+    given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType({})
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

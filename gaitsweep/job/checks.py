@@ -17,7 +17,7 @@ from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
 from gaitsweep.kinds import RUN_KINDS, RunKind
 from gaitsweep.kinds.diagnostics import Diagnostic, Path
 from gaitsweep.kinds.part import kind_of
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import Movement, table_columns
 from gaitsweep.plot.figure_kind import FigureKind, PlannedTable
 
 _CHUNK = 50_000
@@ -61,8 +61,8 @@ def check_ranges(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
         if diagnostic is not None:
             diagnostics.append(diagnostic)
             wrong.add(name)
-    if moving is not None:
-        diagnostics.extend(_check_path(plan, spec, run))
+    for movement in run.movements:
+        diagnostics.extend(_check_path(plan, spec, run, movement))
     return diagnostics
 
 
@@ -109,13 +109,13 @@ def _between_its_ends(plan: Plan, name: str, quantity: Quantity) -> bool:
     return False
 
 
-def _check_path(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
-    moving, path = str(run.moved), run.turns
+def _check_path(plan: Plan, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:
+    moving, path = movement.parameter, movement.values
     quantity = spec.parameters[moving]
     diagnostics = []
     for index, value in enumerate(path):
         if not inside(np.array(value), quantity):
-            diagnostics.append(Diagnostic(("run", "path", index), f"is {value:g}, but {must(quantity)}."))
+            diagnostics.append(Diagnostic((*movement.valued, index), f"is {value:g}, but {must(quantity)}."))
     if diagnostics:
         return diagnostics
     for name in plan.following(moving):

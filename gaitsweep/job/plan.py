@@ -121,11 +121,11 @@ class Plan:
                 waiting.extend(self.uses(name))
         return reached
 
-    def following(self, parameter: str) -> dict[str, str]:
-        """The formulas of the parameters that move with another, each after those that it uses."""
+    def following(self, *parameters: str) -> dict[str, str]:
+        """The formulas of the parameters that move with others, each after those that it uses."""
         derived = self.derived
-        others = (name for name in self.order if name in derived and name != parameter)
-        return {name: derived[name] for name in others if parameter in self.closure([name])}
+        others = (name for name in self.order if name in derived and name not in parameters)
+        return {name: derived[name] for name in others if not self.closure([name]).isdisjoint(parameters)}
 
     def uses(self, name: str) -> set[str]:
         """The quantities that the formulas of `name` use directly."""

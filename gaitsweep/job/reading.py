@@ -86,11 +86,12 @@ def read_job(
     assert job is not None
     assert plan is not None
     assert spec is not None
+    for movement in job.run.movements:
+        if movement.parameter not in spec.parameters:
+            why = spec.unknown(movement.parameter, "params") or ""
+            config.refuse([Diagnostic(movement.named, f"is {movement.parameter}, which {why}")])
     moving = job.run.moved
     if moving is not None:
-        if moving not in spec.parameters:
-            why = spec.unknown(moving, "params") or ""
-            config.refuse([Diagnostic(("run", "parameter"), f"is {moving}, which {why}")])
         first = {moving: job.run.turns[0]} if job.run.turns else {}  # a trace may lack it: its check says so
         plan = dataclasses.replace(plan, settings={**plan.settings, **first})
     config.refuse(_check_whole(plan, spec, job))
@@ -138,6 +139,11 @@ def _laid_out(
             )
             diagnostics.append(Diagnostic((field, name), text))
             settings[name] = 1.0
+    for name, (other, why) in spec.model.given_with.items():
+        if name in {*varied, *given, moved} and other not in {*varied, *given, moved}:
+            paths = [group.paths[name] for group in groups if name in group.paths]
+            text = f"is given without {other}: {why}"
+            diagnostics.append(Diagnostic((*paths, ("params", name))[0], text))
     plan = Plan(spec.model, tuple(groups), settings, spec.sizes)
     wrong = check_names(plan, spec)
     diagnostics.extend(wrong)
@@ -170,12 +176,14 @@ def _check_whole(plan: Plan, spec: ModelSpec, job: Any) -> list[Diagnostic]:
     """Diagnostics about a job whose parts are all well formed, but do not fit together."""
     run, moving = job.run, job.run.moved
     diagnostics: list[Diagnostic] = []
-    for name in (moving, *plan.following(moving)) if moving is not None else ():
-        if name in spec.model.host_parameters:
-            moves = "" if name == moving else f", with which {name} moves"
-            text = f"is {moving}{moves}: {name} is compiled into a row's body"
-            text += " and cannot move while it runs."
-            diagnostics.append(Diagnostic(("run", "parameter"), text))
+    for movement in run.movements:
+        parameter = movement.parameter
+        for name in (parameter, *plan.following(parameter)):
+            if name in spec.model.host_parameters:
+                moves = "" if name == parameter else f", with which {name} moves"
+                text = f"is {parameter}{moves}: {name} is compiled into a row's body"
+                text += " and cannot move while it runs."
+                diagnostics.append(Diagnostic(movement.named, text))
     diagnostics.extend(run.check(plan, job.numerics.engine(spec.model).method))
     diagnostics.extend(check_numerics(spec.model, job.numerics))
     columns = table_columns(plan, run)

@@ -163,15 +163,13 @@ def _steps(plan: Plan, run: RunKind, numerics: Numerics, rows: np.ndarray) -> tu
     """The steps that rows (n,) take, and the longest that are right for them."""
     # the first computation of most runs, which must not leave JAX with one core
     see_all_cores()
-    model, moving = plan.model, run.moved
+    model = plan.model
     values = plan.at(rows, [quantity.name for quantity in model.parameters])
     function = _function(model, numerics)
     found = []
-    for at in run.values_between() if moving is not None else (None,):
-        there = dict(values)
-        if moving is not None:
-            there[moving] = np.full(rows.size, at)
-            there = resolve(plan.following(moving), there, functions_of(np))
+    for place in run.places():
+        there = {**values, **{name: np.full(rows.size, at) for name, at in place.items()}}
+        there = resolve(plan.following(*place), there, functions_of(np))
         n = rows.size
         # few sizes are compiled: small sets one by one, many in chunks that are filled up
         room = n if n <= FEW_SETS else _CHUNK

@@ -13,6 +13,7 @@ from typing import Any
 
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.fixed_time import FixedTime
+from gaitsweep.kinds.folds import Folds
 from gaitsweep.kinds.part import Registry
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.return_map import ReturnMap
@@ -24,7 +25,7 @@ from gaitsweep.kinds.trace import Trace
 __all__ = ["RUN_KINDS", "RunKind", "parameter_written", "register", "unregister"]
 
 RUN_KINDS: Registry[RunKind] = Registry(
-    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation]
+    "run", [Settle, FixedTime, Trace, Ramp, ReturnMap, Staircase, Continuation, Folds]
 )
 register = RUN_KINDS.register
 unregister = RUN_KINDS.unregister

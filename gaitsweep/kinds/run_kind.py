@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
 
 import jax
@@ -20,7 +20,7 @@ from gaitsweep.engine.sweep.refine import Grid
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records
-from gaitsweep.kinds.diagnostics import Diagnostic, Owner, from_pydantic
+from gaitsweep.kinds.diagnostics import Diagnostic, Owner, Path, from_pydantic
 from gaitsweep.kinds.part import Part, kind_of, plain
 
 
@@ -45,7 +45,7 @@ class Rows(Protocol):
     def axes(self) -> Sequence[PlanAxis]: ...
     @property
     def grids(self) -> Mapping[str, GridAxis]: ...
-    def following(self, parameter: str) -> Mapping[str, str]: ...
+    def following(self, *parameters: str) -> Mapping[str, str]: ...
     def columns(self, start: int, stop: int) -> dict[str, np.ndarray]: ...
     def values_in(self, rows: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]: ...
     def in_cells(self, name: str) -> bool: ...
@@ -57,6 +57,22 @@ class GridAxis:
 
     place: int
     closed: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Movement:
+    """A parameter that a run moves along `values`; a job names it at `named`, and its values at `valued`."""
+
+    parameter: str
+    values: tuple[float, ...]
+    named: Path
+    valued: Path
+
+
+class Between(Protocol):
+    """Called between the steps of a run kind that makes its own table, with a note on how far it is."""
+
+    def __call__(self, note: str = "") -> None: ...
 
 
 class Schedule(Protocol):
@@ -136,6 +152,20 @@ class RunKind(Part):
         """The values between which it moves its parameter, in order; none where it moves nothing."""
         return tuple(getattr(self, "path", None) or ())
 
+    @property
+    def movements(self) -> tuple[Movement, ...]:
+        """The parameters that it moves, one where it has a field `parameter`."""
+        if self.moved is None:
+            return ()
+        return (Movement(self.moved, self.turns, ("run", "parameter"), ("run", "path")),)
+
+    def places(self) -> Iterator[Mapping[str, float]]:
+        """Values of the parameters that it moves at which the length of steps is chosen."""
+        if self.moved is None:
+            yield {}
+        else:
+            yield from ({self.moved: value} for value in self.values_between())
+
     def values_between(self) -> Iterator[float]:
         """Values of the parameter that it moves: those of its path, and three in each pass."""
         return path_values(self.turns)
@@ -170,7 +200,7 @@ class RunKind(Part):
         return pd.DataFrame(found)
 
     def block_table(
-        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Callable[[], None]
+        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
         raise NotImplementedError

@@ -18,6 +18,7 @@ from gaitsweep.plot.basins.shock import shock as shock
 from gaitsweep.plot.branches.branches import branches as branches
 from gaitsweep.plot.branches.continuation import continuation as continuation
 from gaitsweep.plot.branches.cycles import cycles as cycles
+from gaitsweep.plot.branches.folds import folds as folds
 from gaitsweep.plot.branches.gait_transitions import gait_transitions as gait_transitions
 from gaitsweep.plot.branches.hysteresis import hysteresis as hysteresis
 from gaitsweep.plot.branches.return_map import return_map as return_map

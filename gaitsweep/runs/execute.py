@@ -157,14 +157,15 @@ def _run_own_blocks(
     """
     work, before, done = ready.work, directory.rows_done, 0
 
-    def told(rate: float) -> None:
-        progress(before + done, work.n_rows, rate, (before + done) / work.n_rows, ready.job.run.kind_name)
+    def told(rate: float, note: str = "") -> None:
+        note = note or ready.job.run.kind_name
+        progress(before + done, work.n_rows, rate, (before + done) / work.n_rows, note)
 
     for number in missing:
         began = time.perf_counter()
         first, last = directory.rows_of(number)
         # told of each step too, so that Ctrl-C need not wait for the block's end
-        frame = ready.job.run.block_table(ready.plan, work, first, last, lambda: told(0.0))
+        frame = ready.job.run.block_table(ready.plan, work, first, last, lambda note="": told(0.0, note))
         directory.write_part(number, frame)
         timings.run_s += time.perf_counter() - began
         done += last - first

@@ -60,6 +60,7 @@ class FiguresOfTable:
     branches = _method(plot.branches)
     continuation = _method(plot.continuation)
     stable_ranges = _method(plot.stable_ranges)
+    folds = _method(plot.folds)
     gait_map = _method(plot.gait_map)
     gait_transitions = _method(plot.gait_transitions)
     drift_law = _method(plot.drift_law)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 
 from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
+from gaitsweep.kinds.columns import Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared
@@ -24,7 +26,7 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         precision=ready.work.numerics.precision,
         method=ready.work.numerics.method,
         dt=[float(np.min(ready.steps.dt)), float(np.max(ready.steps.dt))],
-        quantities=quantities_of(ready.work.model),
+        quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         versions=provenance.versions(),
         git_commit=provenance.git_commit(),
     )
@@ -93,9 +95,10 @@ def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:
     return found
 
 
-def quantities_of(model: Model) -> dict[str, dict[str, Any]]:
+def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:
     """Unit, meaning and symbol of what the table's columns hold, for whoever reads it and for its figures."""
     named = {
+        **{column.name: column.quantity for column in columns if column.quantity is not None},
         # a start stands in the table by its own name, an observable with _end or _n
         **{f"{q.name}_{end}": q for q in model.observables for end in ("end", "n")},
         **{q.name: q for q in (*model.parameters, *model.observables, *model.signals, *model.label_fields)},

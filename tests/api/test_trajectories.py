@@ -24,6 +24,7 @@ KINDS = {
     "ramp": gs.Ramp(parameter="stiffness", path=[4, 5], rate=0.5),
     "return_map": gs.ReturnMap(crossings=3),
     "continuation": gs.Continuation(parameter="kick", path=[0.2, 0.5]),
+    "folds": gs.Folds(parameters=["kick", "preload"], within={"kick": [0.4, 0.6], "preload": [0.4, 0.6]}),
     "staircase": gs.Staircase(parameter="stiffness", path=[4, 5, 4], step=0.5, dwell=3.0),
 }
 

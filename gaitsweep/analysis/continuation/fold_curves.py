@@ -22,6 +22,7 @@ import pandas as pd
 from gaitsweep.analysis.continuation.arclength import ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_tests import fold_test, located
 from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
+from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import (
     ConservedConstraints,
     NewtonOutcome,
@@ -50,7 +51,8 @@ class FoldPoint:
 
     `point`, one of `Points`; `unknowns` (m + 2,): scaled coordinates, drifts, both parameters as shares of
     their ranges; `matrix` (m + 1, m + 2), the derivatives of F and g by them; unit `tangent` (m + 2,); null
-    vectors `v` and `w` (m,), oriented as those of the point before; `curvature`, w' A_v v; `observed`.
+    vectors `v` and `w` (m,), oriented as those of the point before; `curvature`, w' A_v v; `multipliers` of
+    the map; `observed`.
     """
 
     point: Points
@@ -60,6 +62,7 @@ class FoldPoint:
     v: np.ndarray
     w: np.ndarray
     curvature: float
+    multipliers: np.ndarray
     observed: dict[str, float]
     corrections: int = 0
 
@@ -105,9 +108,9 @@ def fold_curves(
     *,
     parameters: Sequence[str],
     within: Mapping[str, Sequence[float]],
-    begin: Mapping[str, float],
-    to_fold: int = 1,
-    towards: int = 1,
+    begin: Mapping[str, Any],
+    to_fold: int = 0,
+    towards: int = 0,
     fix: Sequence[str] = (),
     steps: ArclengthSteps | None = None,
 ) -> pd.DataFrame:
@@ -119,17 +122,21 @@ def fold_curves(
         values: other parameters, numbers or one for each start (n,).
         parameters: the names of both; branches are followed along the first to their fold.
         within: their ranges, two numbers each.
-        begin: their values at the starts.
-        to_fold: 1 or -1, the direction of the first parameter in which the fold is looked for.
-        towards: 1 or -1, the direction of the second parameter in which the curve is followed.
+        begin: their values at the starts, numbers or one for each start (n,).
+        to_fold: 1 or -1, the direction of the first parameter in which the fold is looked for; 0: in both by
+            turns, until there is one.
+        towards: 1 or -1, the direction of the second parameter in which the curve is first followed; 0: both.
         fix: conserved quantities to constrain, as for `newton`.
         steps: lengths and number of the steps; parameters are shares of their ranges.
 
     Returns:
-        One record a point: row, point, both parameters, the map's observables, curvature (zero at a cusp),
-        special (`cusp`; `kink`, a step over a corner or jump of the map; or empty), corrections, end (range,
-        most, lost, no_fold: none on the branch, or a `NewtonOutcome` where no fixed point was found at the
-        start).
+        One record a point: row, point (0: the first fold; below 0 behind it where both directions are
+        followed), both parameters, the map's observables, multiplier (the one next to 1), unstable (how many
+        others are outside the unit circle), side (1 or -1: whether the two fixed points that meet exist above
+        or below the curve in the first parameter), curvature (zero at a cusp), special (`cusp`; `kink`, a
+        step over a corner or jump of the map; or empty), corrections, end (range, most, lost, no_fold: none
+        on the branch, or a `NewtonOutcome` where no fixed point was found at the start; of both ends where
+        both directions are followed).
 
     Raises:
         ArgumentError: there are not two parameters, or a range has no width.
@@ -148,10 +155,17 @@ def fold_curves(
             mapping, starts[np.array([row])], mine, parameters, within, to_fold, fix, steps
         )
         if found is None:
-            records.append({"row": row, "point": 0, **begin, "end": why})
+            at = {name: float(complete[name][row]) for name in parameters}
+            records.append({"row": row, "point": 0, **at, "end": why})
             continue
         equations, here = found
-        records += _followed(equations, here, float(np.sign(towards)), row, steps)
+        if towards:
+            records += _followed(equations, here, float(np.sign(towards)), row, steps)
+            continue
+        behind, ahead = (_followed(equations, here, sign, row, steps) for sign in (-1.0, 1.0))
+        records += [{**each, "point": -each["point"]} for each in behind[:0:-1]] + ahead
+        if len(behind) == 1 < len(ahead):
+            ahead[0]["end"] = behind[0]["end"]
     return pd.DataFrame(records)
 
 
@@ -173,29 +187,29 @@ def _first_fold(
     held = ConservedConstraints.of(mapping, fix, found.images.conserved_values)
     others = {name: each for name, each in values.items() if name != first}
     problem = ContinuationProblem.of(mapping, first, within[first], others, held, found.points.at)
-    here = problem.first(found.points, found.drift, values[first], float(to_fold))
-    length = np.array([steps.longest])
+    here = problem.first(found.points, found.drift, values[first], float(np.sign(to_fold) or 1))
+    ahead = [here] if to_fold else [here, dataclasses.replace(here, tangent=-here.tangent)]
+    lengths, ends = [np.array([steps.longest]) for _ in ahead], [""] * len(ahead)
     for _ in range(MOST_TO_A_FOLD):
-        if steps.between is not None:
-            steps.between()
-        there, ok = problem.step(here, length)
-        if not ok[0]:
-            length = 0.5 * length
-            if length[0] < steps.shortest:
-                return None, "lost"
-            continue
-        if not problem.low <= there.parameter[0] <= problem.high:
-            return None, "no_fold"
-        if fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
-            ends = fold_test(problem, here), fold_test(problem, there)
-            fold, where = located(problem, here, length, fold_test, ends)
-            return (
-                _on_curve(problem, fold, parameters, within, values)
-                if np.isfinite(where[0])
-                else (None, "lost")
-            )
-        here = there
-    return None, "no_fold"
+        for k in (k for k, end in enumerate(ends) if not end):
+            if steps.between is not None:
+                steps.between()
+            here = ahead[k]
+            there, ok = problem.step(here, lengths[k])
+            if not ok[0]:
+                lengths[k] = 0.5 * lengths[k]
+                ends[k] = "lost" if lengths[k][0] < steps.shortest else ""
+            elif not problem.low <= there.parameter[0] <= problem.high:
+                ends[k] = "no_fold"
+            elif fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
+                values_there = fold_test(problem, here), fold_test(problem, there)
+                fold, where = located(problem, here, lengths[k], fold_test, values_there)
+                if np.isfinite(where[0]):
+                    return _on_curve(problem, fold, parameters, within, values)
+                ends[k] = "lost"
+            else:
+                ahead[k] = there
+    return None, "lost" if "lost" in ends else "no_fold"
 
 
 def _on_curve(
@@ -247,6 +261,7 @@ def _differentiated(
     for k in (0, 1):
         shifts[2 + 2 * k, m + k], shifts[3 + 2 * k, m + k] = SHARE, -SHARE
     miss, several, images = equations.at(like, np.concatenate([unknowns[None], unknowns + shifts]))
+    gradients = images.conserved_jacobian[:1, equations.held.which]
     matrix = np.zeros((m + 1, m + 2))
     matrix[:m, :m] = several[0]
     for k in (0, 1):
@@ -261,7 +276,10 @@ def _differentiated(
             tangent = -tangent
     observed = {name: float(each[0]) for name, each in images.observed.items()}
     point = Points(unknowns[None, : like.at.shape[1]] * equations.scale[: like.at.shape[1]], like.modes)
-    return FoldPoint(point, unknowns, matrix, tangent, v, w, float(-matrix[m, :m] @ v), observed, corrections)
+    curvature, found = float(-matrix[m, :m] @ v), np.full(1, np.nan, complex)
+    if np.isfinite(images.jacobian[0]).all():
+        found = multipliers(images.jacobian[:1], gradients)[0]
+    return FoldPoint(point, unknowns, matrix, tangent, v, w, curvature, found, observed, corrections)
 
 
 def _null_vectors(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -381,12 +399,18 @@ def _cusp(equations: _Equations, here: FoldPoint, there: FoldPoint, length: floa
 
 
 def _record(equations: _Equations, here: FoldPoint, row: int, point: int, special: str) -> dict[str, Any]:
-    at = equations.parameters(here.unknowns)
+    at, m = equations.parameters(here.unknowns), len(here.v)
+    critical = int(np.argmin(np.abs(here.multipliers - 1.0)))
+    others = np.delete(here.multipliers, critical)
     return {
         "row": row,
         "point": point,
         **dict(zip(equations.names, map(float, at), strict=True)),
         **here.observed,
+        "multiplier": float(here.multipliers[critical].real),
+        "unstable": int(np.sum(np.abs(others) > 1.0)),
+        # near a fold w' F_p dp + curvature x^2 / 2 = 0
+        "side": float(-np.sign(here.curvature * (here.w @ here.matrix[:m, m]))),
         "curvature": here.curvature,
         "special": special,
         "corrections": here.corrections,

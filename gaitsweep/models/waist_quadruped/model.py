@@ -16,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
 import jax
@@ -67,6 +68,16 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
+    # K_13 was the pull of the start when there was no K_31
+    given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType(
+        {
+            "K_13": (
+                "K_31",
+                "eq. (6) has both, so write K_31 too (0 for a pull one way); the pull of the start, which "
+                "older jobs call K_13, is K_hold.",
+            )
+        }
+    )
 
     def __post_init__(self) -> None:
         if self.body not in BODIES:

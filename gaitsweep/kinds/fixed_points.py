@@ -1,0 +1,132 @@
+"""What run kinds that follow fixed points of each row's return map have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import numpy as np
+from pydantic import Field
+
+from gaitsweep import near_miss
+from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.contract import Model
+from gaitsweep.engine.poincare.maps import Values
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.propose import own_steps
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.kinds.diagnostics import Diagnostic
+from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Text
+from gaitsweep.kinds.run_kind import Rows, RunKind, StartingPoints
+
+
+class FollowsFixedPoints(RunKind):
+    """A run kind that begins at a fixed point of each row's return map and follows it by its arclength."""
+
+    compared: ClassVar = "starting_points"
+    own_blocks: ClassVar[bool] = True
+
+    settle: CountOrZero = Field(
+        default=100, description="cycles before the search for the first fixed point begins"
+    )
+    fix: list[Text] = Field(
+        default=[], description="conserved quantities to hold as they are after `settle` cycles"
+    )
+    step: Positive = Field(
+        default=0.02, description="length of the first step, as a share of the range where only that moves"
+    )
+    longest: Positive = Field(default=0.08, description="length of the longest step")
+    shortest: Positive = Field(
+        default=1e-4, description="length below which a step is given up, and a leap tried"
+    )
+    most: Count = Field(default=300, description="points of a branch")
+
+    def first_values(self) -> Mapping[str, float]:
+        """The values that the run itself gives to parameters where a row begins."""
+        return {}
+
+    def recorder(self, model: Model) -> CrossingRecorder:
+        # the rows are followed to where their branches begin; `block_table` does the rest
+        return CrossingRecorder(model, 1, self.settle)
+
+    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+        return [*self.check_steps(), *self._check_map(rows.model, method)]
+
+    def check_steps(self) -> list[Diagnostic]:
+        """Diagnostics about the lengths of the steps."""
+        if not self.shortest <= self.step <= self.longest:
+            text = (
+                f"is {self.step:g}, but must lie between run.shortest, {self.shortest:g}, and run.longest, "
+            )
+            return [Diagnostic(("run", "step"), f"{text}{self.longest:g}.")]
+        return []
+
+    def _check_map(self, model: Model, method: str) -> list[Diagnostic]:
+        """Diagnostics about a map that has no derivative, and about what it does not conserve."""
+        wrong = []
+        chart = model.chart()
+        names = [] if chart is None else [quantity.name for quantity in chart.conserved]
+        for index, name in enumerate(self.fix):
+            if name not in names:
+                near = near_miss.suggestion(name, names) if names else "."
+                text = f"is {name}, which {model.name} does not conserve{near}"
+                wrong.append(Diagnostic(("run", "fix", index), text))
+        try:
+            steps = own_steps(method, model)
+        except ValueError:  # the check of the method says so
+            return wrong
+        if steps is not None:
+            text = (
+                f"is {method}, steps of fixed length, through which a return map has no derivative: use rk4."
+            )
+            wrong.append(Diagnostic(("numerics", "method"), text))
+        return wrong
+
+    def starting_points(
+        self, rows: Rows, work: SweepSpec, sample: np.ndarray
+    ) -> tuple[StartingPoints, StartingPoints]:
+        """The fixed points at which branches begin, found again at half the step."""
+        mapping, values, starts = self.return_map(rows, work, sample)
+
+        def found(one: BatchedReturnMap) -> StartingPoints:
+            points, _ = one.settled(starts, values, self.settle)
+            fixed = newton(one, points, values, fix=self.fix)
+            seen = [fixed.images.observed[q.name] for q in rows.model.observables]
+            return StartingPoints(fixed.converged, np.stack(seen, axis=1))
+
+        return found(mapping), found(mapping.refined())
+
+    def return_map(
+        self, rows: Rows, work: SweepSpec, numbers: np.ndarray
+    ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
+        """The return map of rows (n,), their parameters where they begin, and their starts."""
+        parameters, starts = rows.values_in(numbers)
+        following = rows.following(*(each.parameter for each in self.movements))
+        mapping = BatchedReturnMap(rows.model, tuple(following.items()), work.numerics, work.engine)
+        values = {name: each for name, each in parameters.items() if name not in following}
+        return mapping, {**values, **self.first_values()}, starts
+
+
+def gait_numbers(
+    mapping: BatchedReturnMap, values: Values, observed: Mapping[str, Any], n: int
+) -> np.ndarray:
+    """The number of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""
+    model = mapping.model
+    label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
+    seen = {q.name: np.asarray(observed[q.name], float) for q in model.observables}
+    return np.asarray(label(mapping.complete(values, n), seen))
+
+
+def unknowns(rows: Rows) -> int:
+    """The number of coordinates of the rows' return map."""
+    chart = rows.model.chart()
+    if chart is not None:
+        return len(chart.coordinates)
+
+    def begin(values: Any, start: Any) -> Any:
+        return rows.model.init(rows.model.params(values), start)
+
+    first = [{name: each[0] for name, each in part.items()} for part in rows.values_in(np.zeros(1, np.int64))]
+    return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(jax.eval_shape(begin, *first)))

@@ -1,0 +1,194 @@
+"""Run kind `folds`: the fold next to each row's gait is followed in the plane of two parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from gaitsweep import near_miss
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.fold_curves import fold_curves
+from gaitsweep.analysis.continuation.newton import NewtonOutcome
+from gaitsweep.contract import Model, Status
+from gaitsweep.engine.poincare.maps import Values
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.expression import ExpressionError
+from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
+from gaitsweep.kinds.fixed_points import FollowsFixedPoints, gait_numbers, unknowns
+from gaitsweep.kinds.numbers import Count, Positive, Real, Text
+from gaitsweep.kinds.run_kind import Between, Cost, Movement, Rows, path_values, table_columns
+
+# Points of a curve are this many times as many as the longest steps over a range: both parameters move, and
+# the curve is followed in both directions.
+POINTS_SHARE = 2.0
+# Derivatives taken for a point, each of as many cycles as the map has coordinates: of its corrections, and of
+# the equations' second derivatives.
+DERIVATIVES_A_POINT = 12
+
+
+class Folds(FollowsFixedPoints):
+    """Find the fold next to each row's gait, and follow it in the plane of two parameters."""
+
+    kind: Literal["folds"] = Field(
+        init=False, description="folds: where a gait is lost in the plane of two parameters, with cusps"
+    )
+    parameters: list[Text] = Field(
+        min_length=2,
+        max_length=2,
+        description="two of the model's parameters; a row begins at its own values of both, and a gait is "
+        "followed along the first, in both directions, to the nearest fold",
+    )
+    within: dict[Text, Annotated[list[Real], Field(min_length=2, max_length=2)]] = Field(
+        description="the range of each of both parameters, two numbers"
+    )
+    longest: Positive = Field(default=0.1, description="length of the longest step")
+    shortest: Positive = Field(
+        default=1e-3, description="length below which a step is given up, and a leap tried"
+    )
+    most: Count = Field(default=100, description="points of a curve in each of its two directions")
+
+    @property
+    def movements(self) -> tuple[Movement, ...]:
+        return tuple(
+            Movement(
+                name, tuple(self.within.get(name, ())), ("run", "parameters", k), ("run", "within", name)
+            )
+            for k, name in enumerate(self.parameters)
+        )
+
+    def places(self) -> Iterator[Mapping[str, float]]:
+        along = [list(path_values(self.within[name])) for name in self.parameters]
+        yield from (dict(zip(self.parameters, at, strict=True)) for at in itertools.product(*along))
+
+    def columns(self, model: Model) -> list[Column]:
+        return [
+            Column("point"),
+            *(_fold_column(model, name) for name in self.parameters),
+            *observed(model, "n"),
+            Column("gait"),
+            Column("time", repeats=False),
+            Column("multiplier", repeats=False),
+            *map(Column, ("unstable", "side")),
+            Column("curvature", repeats=False),
+            *map(Column, ("special", "corrections", "end", "status")),
+        ]
+
+    def check(self, rows: Rows, method: str) -> list[Diagnostic]:
+        wrong = [*self._check_ranges()]
+        return wrong or [*self._check_starts(rows), *super().check(rows, method)]
+
+    def _check_ranges(self) -> Iterator[Diagnostic]:
+        first, second = self.parameters
+        if first == second:
+            text = f"is {second}, as the first: a curve of folds lies in the plane of two parameters."
+            yield Diagnostic(("run", "parameters", 1), text)
+            return
+        for name in self.within:
+            if name not in self.parameters:
+                text = f"is no range of run.parameters{near_miss.suggestion(name, self.parameters)}"
+                yield Diagnostic(("run", "within", name), text)
+        for name in self.parameters:
+            if name not in self.within:
+                text = f"has no range of {name}: write {name}: [lowest, highest] there."
+                yield Diagnostic(("run", "within"), text)
+            elif not self.within[name][0] < self.within[name][1]:
+                low, high = self.within[name]
+                text = f"is from {low:g} to {high:g}: write the lower end first, and a higher one."
+                yield Diagnostic(("run", "within", name), text)
+
+    def _check_starts(self, rows: Rows) -> Iterator[Diagnostic]:
+        """Where a row begins outside the ranges."""
+        try:
+            parameters, _ = rows.values_in(np.arange(rows.n_rows))
+        except (ExpressionError, JobError):  # the checks of formulas say so
+            return
+        for name in self.parameters:
+            low, high = self.within[name]
+            outside = np.flatnonzero(~((parameters[name] >= low) & (parameters[name] <= high)))
+            if outside.size:
+                at = f"{parameters[name][outside[0]]:g} in row {outside[0]}"
+                text = f"is from {low:g} to {high:g}, but {name} begins at {at}: a row begins in the range."
+                yield Diagnostic(("run", "within", name), text)
+
+    def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
+        """A row's curve likely crosses its ranges once, with at most `most` points in each direction."""
+        points = min(
+            POINTS_SHARE * (1.0 / self.longest + math.log2(self.longest / self.step)), 2.0 * self.most
+        )
+        likely, most = (
+            (self.settle + count * DERIVATIVES_A_POINT * (unknowns(rows) + 1)) * cycle
+            for count in (points, 2.0 * self.most)
+        )
+        return Cost(likely, most, max(points, 1.0))
+
+    def block_table(
+        self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
+    ) -> pd.DataFrame:
+        """The curves of rows first..last-1; `between` is called before each of their steps."""
+        mapping, values, starts = self.return_map(rows, work, np.arange(first, last))
+        points, _ = mapping.settled(starts, values, self.settle)
+        curves = []
+        for row in range(last - first):
+            mine = {name: np.broadcast_to(each, (last - first,))[[row]] for name, each in values.items()}
+            counted = itertools.count(1)
+
+            def told(row: int = row, counted: Iterator[int] = counted) -> None:
+                between(f"folds: step {next(counted)} of row {first + row}")
+
+            curve = fold_curves(
+                mapping,
+                points[np.array([row])],
+                {name: each for name, each in mine.items() if name not in self.parameters},
+                parameters=self.parameters,
+                within=self.within,
+                begin={name: mine[name] for name in self.parameters},
+                fix=self.fix,
+                steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, told),
+            )
+            curves.append(curve.assign(row=row))
+        table = pd.concat(curves, ignore_index=True)
+        row = table["row"].to_numpy(np.int64)
+        table["gait"] = gaits(rows.model, self._gaits(mapping, values, table, last - first))
+        without = table["special"].isna() if "special" in table else np.ones(len(table), bool)
+        table.loc[without, self.parameters] = np.nan  # there they are where the row begins
+        axes = {name: each[row] for name, each in rows.columns(first, last).items()}
+        renamed = {name: f"{name}_fold" for name in self.parameters}
+        renamed |= {q.name: f"{q.name}_n" for q in rows.model.observables}
+        failed = table["end"].isin([outcome.name for outcome in NewtonOutcome])
+        status = np.where(failed, Status.no_fixed_point.name, Status.complete.name)
+        table = table.rename(columns=renamed).assign(row=row + first, **axes)
+        table["status"] = pd.Categorical(status, categories=STATUSES)
+        table = table.reindex(columns=table_columns(rows, self))
+        for name in ("special", "end"):
+            table[name] = pd.Categorical(table[name].astype(object).fillna(""))
+        whole = ("unstable", "side", "corrections")
+        return table.assign(**{name: table[name].astype(float).fillna(0).astype(np.int64) for name in whole})
+
+    def _gaits(self, mapping: BatchedReturnMap, values: Values, table: pd.DataFrame, n: int) -> np.ndarray:
+        """The number of the gait of each record, -1 where there is no fold."""
+        codes = np.full(len(table), -1)
+        found = table["special"].notna().to_numpy() if "special" in table else codes >= 0
+        if found.any():
+            row = table["row"].to_numpy(np.int64)[found]
+            there = {name: np.broadcast_to(each, (n,))[row] for name, each in values.items()}
+            there |= {name: table.loc[found, name].to_numpy(float) for name in self.parameters}
+            seen = {q.name: table.loc[found, q.name].to_numpy(float) for q in mapping.model.observables}
+            codes[found] = gait_numbers(mapping, there, seen, int(found.sum()))
+        return codes
+
+
+def _fold_column(model: Model, name: str) -> Column:
+    """Where a fold is, for the parameter of this name."""
+    found = next((each for each in model.parameters if each.name == name), None)
+    if found is not None:
+        found = dataclasses.replace(found, name=f"{name}_fold", meaning=f"{found.meaning}, at the fold")
+    return Column(f"{name}_fold", quantity=found, repeats=False)

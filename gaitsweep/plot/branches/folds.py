@@ -1,0 +1,169 @@
+"""Curves of folds in the plane of two parameters, with their cusps."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, column, described, rows_where
+from gaitsweep.plot.figure_kind import GaitColumn, Title, figure_kind
+
+_TOGETHER = "#BFE6DA"  # a light tint of the colour of two gaits in a gait map
+_MARKS = {"cusp": ("*", 9.0), "curve lost": ("x", 5.0)}
+
+
+@figure_kind("folds")
+def folds(
+    table: pd.DataFrame,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    hue: GaitColumn = "gait",
+    title: Title = None,
+) -> Figure:
+    """Where gaits are lost by folds in the plane of two parameters, and where two gaits are stable.
+
+    A curve is dashed where what is lost there is no stable gait, and thin and dotted over a corner or a jump
+    of the map. The area between a curve below which one gait exists and another above which another one does
+    is filled; so is that between both sides of a cusp.
+
+    Args:
+        table: the table of a run of folds.
+        x, y: the columns of both parameters at the folds; by default those of the table's job.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    names = table.attrs.get("job", {}).get("run", {}).get("parameters") or ["x", "y"]
+    x, y = x or f"{names[0]}_fold", y or f"{names[1]}_fold"
+    for each in (x, y, hue, "row", "point", "side", "unstable", "special", "end"):
+        column(table, each)
+    if x == y:
+        raise PlotError(f"y is {y}, as x is: name another column.")
+    table = rows_where(table, table[x].notna()).sort_values(["row", "point"], kind="stable")
+    table = table.assign(gait=table[hue].astype(str))
+    with style.canvas(style.COLUMN + 1.2, 3.5, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x.removesuffix("_fold")))
+        axes.set_ylabel(described(table, y.removesuffix("_fold"), 36))
+        if not len(table):
+            style.message(axes, "no fold was found")
+            return figure
+        colour = style.colours(list(dict.fromkeys(table["gait"])))
+        pieces = [piece for row, curve in table.groupby("row") for piece in _pieces(row, curve, x, y)]
+        together = _fill(axes, pieces)
+        for _, curve in table.groupby("row"):
+            _draw(axes, curve, x, y, colour)
+        figure.legend(handles=_key(table, colour, together), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _segments(curve: pd.DataFrame) -> Iterator[tuple[int, str]]:
+    """The look of each segment of a curve by its first point's place: "kink", "stable" or "unstable"."""
+    point, special = curve["point"].to_numpy(int), curve["special"].to_numpy(str)
+    unstable = curve["unstable"].to_numpy(int)
+    for k in range(len(curve) - 1):
+        far = k if point[k] < 0 else k + 1  # a kink is marked behind the leap, seen from point 0
+        if special[far] == "kink":
+            yield k, "kink"
+        else:
+            yield k, "unstable" if unstable[k] and unstable[k + 1] else "stable"
+
+
+def _draw(axes: Axes, curve: pd.DataFrame, x: str, y: str, colour: dict[str, str]) -> None:
+    at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
+    looks: dict[str, dict[str, Any]] = {
+        "kink": {"ls": ":", "lw": 0.8},
+        "stable": {"ls": "-", "lw": 1.4},
+        "unstable": {"ls": (0, (4, 2)), "lw": 1.4},
+    }
+    gait = _gaits(curve)
+    lines = [(k, (look, gait[k])) for k, look in _segments(curve)]
+    for (look, name), group in itertools.groupby(lines, key=lambda line: line[1]):
+        places = [k for k, _ in group]
+        part = slice(places[0], places[-1] + 2)
+        axes.plot(at[part], up[part], color=colour[name], zorder=2, **looks[look])
+    for mark, here in _marked(curve).items():
+        symbol, size = _MARKS[mark]
+        axes.plot(at[here], up[here], symbol, ms=size, color="black", zorder=3)
+
+
+def _gaits(curve: pd.DataFrame) -> list[str]:
+    """The gait of each segment of a curve: of its first point, or of its second where the first is a cusp."""
+    gait, cusp = curve["gait"].tolist(), _marked(curve)["cusp"]
+    return [gait[k + 1] if cusp[k] else gait[k] for k in range(len(curve) - 1)]
+
+
+def _marked(curve: pd.DataFrame) -> dict[str, np.ndarray]:
+    """Which points of a curve have a mark, (n,) each."""
+    return {
+        "cusp": (curve["special"] == "cusp").to_numpy(bool),
+        "curve lost": (curve["end"] == "lost").to_numpy(bool),
+    }
+
+
+def _pieces(row: Any, curve: pd.DataFrame, x: str, y: str) -> Iterator[dict[str, Any]]:
+    """The parts of a curve where a stable gait is lost on one side, and the second parameter is monotone."""
+    at, up = curve[x].to_numpy(float), curve[y].to_numpy(float)
+    side, cusp, gait = curve["side"].to_numpy(int), _marked(curve)["cusp"], _gaits(curve)
+    segments = [
+        (k, (int(side[k + 1] if cusp[k] else side[k]), gait[k], bool(up[k + 1] > up[k]), look != "unstable"))
+        for k, look in _segments(curve)
+    ]
+    for (sign, name, _, stable), group in itertools.groupby(segments, key=lambda segment: segment[1]):
+        places = [k for k, _ in group]
+        part = slice(places[0], places[-1] + 2)
+        order = np.argsort(up[part])
+        if stable:
+            yield {"row": row, "gait": name, "side": sign,
+                   "at": at[part][order], "up": up[part][order]}  # fmt: skip
+
+
+def _fill(axes: Axes, pieces: list[dict[str, Any]]) -> set[str]:
+    """Fill the areas in which two gaits exist; returns the names of these pairs."""
+    found = set()
+    for above, below in itertools.product(pieces, pieces):
+        other = above["gait"] != below["gait"]
+        if (above["side"], below["side"]) != (1, -1) or not (other or above["row"] == below["row"]):
+            continue
+        low = max(above["up"][0], below["up"][0])
+        high = min(above["up"][-1], below["up"][-1])
+        if low >= high:
+            continue
+        every = np.concatenate([above["up"], below["up"], [low, high]])
+        up = np.unique(every[(every >= low) & (every <= high)])
+        left, right = (np.interp(up, each["up"], each["at"]) for each in (above, below))
+        if np.any(left < right):
+            axes.fill_betweenx(up, left, right, where=left < right, color=_TOGETHER, lw=0, zorder=0)
+            found.add(" and ".join(sorted({above["gait"], below["gait"]})) if other else "")
+    return found
+
+
+def _key(table: pd.DataFrame, colour: dict[str, str], together: set[str]) -> list[Line2D | Patch]:
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=each, lw=1.4, label=f"{gait} lost by a fold") for gait, each in colour.items()
+    ]
+    if together:
+        named = ", ".join(sorted(together - {""}))
+        label = f"two gaits: {named}" if named else "two gaits"
+        handles.append(Patch(facecolor=_TOGETHER, label=label))
+    looks = {look for _, curve in table.groupby("row") for _, look in _segments(curve)}
+    if "unstable" in looks:
+        handles.append(Line2D([], [], color="black", ls=(0, (4, 2)), lw=1.4, label="of an unstable gait"))
+    if "kink" in looks:
+        handles.append(Line2D([], [], color="black", ls=":", lw=0.8, label="the map bends or jumps"))
+    handles += [
+        Line2D([], [], ls="", marker=symbol, color="black", ms=0.7 * size, label=mark)
+        for mark, (symbol, size) in _MARKS.items()
+        if _marked(table)[mark].any()
+    ]
+    return handles
