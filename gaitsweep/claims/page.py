@@ -20,6 +20,7 @@ _COLOURS = {
     ClaimVerdict.reproduced: "#0072B2",
     ClaimVerdict.not_reproduced: "#D55E00",
     ClaimVerdict.open_constants: "#B8860B",
+    ClaimVerdict.answered: "#009E73",
     ClaimVerdict.not_run: "#666666",
 }
 _STYLE = """

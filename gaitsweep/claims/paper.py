@@ -61,6 +61,9 @@ class Claim(Part):
     )
     because: str = Field(description="why this tolerance")
     chosen: str = Field(default="", description="what was chosen where the paper is silent")
+    asked: bool = Field(
+        default=False, description="whether the paper leaves it open: the answer is ours, not a claim of it"
+    )
     open: str = Field(default="", description="constants that the paper does not give, where these decide")
     tried: str = Field(default="", description="what was tried where the paper's value is not reached")
     figure: str = Field(default="", description="figure of the first job that shows it")

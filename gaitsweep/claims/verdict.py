@@ -17,6 +17,7 @@ class ClaimVerdict(enum.StrEnum):
     reproduced = "reproduced"
     not_reproduced = "not"
     open_constants = "open: constants"  # out of tolerance, and the paper leaves out constants that decide it
+    answered = "answered"  # the paper asks, and leaves the answer open
     not_run = "not run"
 
     @property
@@ -29,6 +30,7 @@ _SENTENCES = {
     ClaimVerdict.reproduced: "our value agrees with the paper's within the tolerance",
     ClaimVerdict.not_reproduced: "our value does not agree with the paper's",
     ClaimVerdict.open_constants: "it does not agree, and the paper leaves out constants that decide it",
+    ClaimVerdict.answered: "the paper leaves the question open; what is found here holds in this run too",
     ClaimVerdict.not_run: "not judged: left out by --quick, or its job did not run",
 }
 
@@ -41,7 +43,7 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
         ours: what its measure returned.
     """
     if agrees(claim, ours):
-        return ClaimVerdict.reproduced
+        return ClaimVerdict.answered if claim.asked else ClaimVerdict.reproduced
     return ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
 
 

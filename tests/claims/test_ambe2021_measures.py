@@ -95,16 +95,16 @@ def test_three_lines_at_right_angles() -> None:
 
 
 def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
-    cell = np.arange(6)
-    rows = [(2, 1, "direct"), (2, 0, "direct"), (2, 5, "direct"), (0, 3, "retrograde"), (5, 3, "retrograde")]
+    cell = np.arange(9)
+    rows = [(2, 1, "direct"), (2, 0, "direct"), (2, 8, "direct"), (0, 3, "retrograde"), (7, 3, "retrograde")]
     grid = {(i, j): "source" for i in cell for j in cell} | {(i, j): gait for i, j, gait in rows}
     table = pd.DataFrame(
         [{"psi_3": 1.0, "psi_2": i, "psi_1": j, "gait": gait} for (i, j), gait in grid.items()]
     )
     assert ambe2021_simulation.largest_part(table, slice=0) == [1.0, 1.0, 1.0]
-    table.loc[(table["psi_2"] == 4) & (table["psi_1"] == 1), "gait"] = "direct"
+    table.loc[(table["psi_2"] == 5) & (table["psi_1"] == 1), "gait"] = "direct"  # two cells off
     assert ambe2021_simulation.largest_part(table, slice=0) == [0.75, 1.0, 1.0]
-    assert ambe2021_simulation.slice_shares(table, slice=0) == pytest.approx([4 / 36, 30 / 36, 2 / 36])
+    assert ambe2021_simulation.slice_shares(table, slice=0) == pytest.approx([4 / 81, 75 / 81, 2 / 81])
 
 
 def test_places_of_sources_and_of_meeting_waves() -> None:

@@ -42,6 +42,8 @@ def claim(**fields: Any) -> Claim:
         ({"paper": "trot"}, ["trot"], NOT),
         ({"paper": 3.1, "tolerance": 0.05, "open": "the gains"}, 2.87, OPEN),
         ({"paper": 3.1, "tolerance": 0.05, "open": "the gains"}, 3.08, REPRODUCED),
+        ({"paper": "left open", "above": 3, "asked": True}, 6, ClaimVerdict.answered),
+        ({"paper": "left open", "above": 3, "asked": True}, 1, NOT),
     ],
 )
 def test_verdict(fields: dict[str, Any], ours: Any, expected: ClaimVerdict) -> None:

@@ -124,7 +124,10 @@ def slice_shares(table: pd.DataFrame, *, slice: int) -> list[float]:
 
 @measure
 def largest_part(table: pd.DataFrame, *, slice: int) -> list[float]:
-    """Shares of the starts of direct, source, retrograde that lie in one connected part, on the torus (1)."""
+    """Shares of the starts of direct, source, retrograde in one connected part, on the torus (1).
+
+    Parts with at most one cell between them are one: the grid does not tell what lies there.
+    """
     cells = _slice(table, slice).pivot(index="psi_2", columns="psi_1", values="gait").to_numpy()
     return [float(max(_parts(cells == gait)) / np.count_nonzero(cells == gait)) for gait in GAITS]
 
@@ -137,13 +140,17 @@ def _slice(table: pd.DataFrame, number: int) -> pd.DataFrame:
 
 
 def _parts(mask: np.ndarray) -> np.ndarray:
-    """The numbers of cells of the connected parts of a mask on the torus."""
+    """The numbers of cells of the connected parts of a mask on the torus; gaps of one cell do not part."""
     if not mask.any():
         raise MeasureError("A gait does not occur on the slice.")
     cell = np.arange(mask.size).reshape(mask.shape)
-    pairs = [(cell[both], np.roll(cell, -1, axis)[both])
-             for axis in (0, 1) if (both := mask & np.roll(mask, -1, axis)).any()]  # fmt: skip
-    i, j = (np.concatenate(each) for each in zip(*pairs, strict=True)) if pairs else ([], [])
+    shifts = [(down, right) for down in range(3) for right in range(-2, 3) if (down, right) > (0, 0)]
+    pairs = []
+    for shift in shifts:
+        there = tuple(-each for each in shift)
+        both = mask & np.roll(mask, there, (0, 1))
+        pairs.append((cell[both], np.roll(cell, there, (0, 1))[both]))
+    i, j = (np.concatenate(each) for each in zip(*pairs, strict=True))
     graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(mask.size, mask.size))
     _, labels = connected_components(graph, directed=False)
     return np.unique(labels[mask.ravel()], return_counts=True)[1]
