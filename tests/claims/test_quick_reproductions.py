@@ -1,0 +1,29 @@
+"""The three papers by `gaitsweep reproduce PAPER --quick`: every job runs, and what is missed was tried."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gaitsweep.claims.paper import read_paper
+from gaitsweep.claims.reproduce import reproduce
+from gaitsweep.claims.verdict import ClaimVerdict
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("name", ["ambe2021", "aoi2011", "fukuoka2015"])
+def test_quick_reproduction(name: str, tmp_path: Path) -> None:
+    paper = read_paper(name)
+    found = reproduce(paper, tmp_path, quick=True)
+    assert not found.failed
+    assert len(found.table) == len(paper.claims)
+    assert sum(found.counts.values()) == len(paper.claims)
+    missed = found.table[found.table["verdict"] == ClaimVerdict.not_reproduced.value]
+    untried = missed.loc[missed["tried"].str.strip() == "", ["id", "ours", "allowed"]]
+    assert untried.empty, untried.to_string()
+    not_judged = found.table[found.table["verdict"] == ClaimVerdict.not_run.value]
+    assert not_judged["why"].str.contains("--quick").all()
+    text = found.page.read_text()
+    assert all(claim.id in text for claim in paper.claims)
