@@ -26,7 +26,11 @@ class Language(Protocol):
 
 
 def statements(
-    language: Language, program: Program, wanted: Sequence[int], given: Mapping[int, str]
+    language: Language,
+    program: Program,
+    wanted: Sequence[int],
+    given: Mapping[int, str],
+    order: Sequence[int] | None = None,
 ) -> tuple[list[str], list[str]]:
     """The lines that compute the nodes `wanted`, and an expression for each of these nodes.
 
@@ -35,20 +39,26 @@ def statements(
         program: the program.
         wanted: the nodes to compute.
         given: expressions of nodes that are available already, such as inputs.
+        order: the nodes to compute, with all that they need, in the order of their lines; by default that
+            of the program.
     """
     lines: list[str] = []
-    names: dict[int, str] = {}
-    for at in program.needed(wanted, given):
-        if at in given:
-            continue
+    names = dict(given)
+    for at in program.needed(wanted, given) if order is None else order:
         node = program.nodes[at]
-        if node.op == "constant":
-            assert node.value is not None
-            names[at] = language.literal(node.value, node.kind)
+        if at in given or node.op == "constant":
             continue
-        args = [given[a] if a in given else names[a] for a in node.args]
+        for a in node.args:
+            if a not in names:
+                names[a] = _literal(language, program, a)
         bits = 32 if program.nodes[node.args[-1]].kind == "f32" else 64
         names[at] = f"v{at}"
-        expression = language.expression(OPERATIONS[node.op], args, bits)
+        expression = language.expression(OPERATIONS[node.op], [names[a] for a in node.args], bits)
         lines.append(language.definition(node.kind, names[at], expression))
-    return lines, [given[at] if at in given else names[at] for at in wanted]
+    return lines, [names[at] if at in names else _literal(language, program, at) for at in wanted]
+
+
+def _literal(language: Language, program: Program, at: int) -> str:
+    node = program.nodes[at]
+    assert node.value is not None
+    return language.literal(node.value, node.kind)
