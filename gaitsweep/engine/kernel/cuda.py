@@ -14,50 +14,50 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
 class CudaLanes(KernelLanes):
-    """Lanes on one GPU, one thread for each."""
+    """Lanes on one GPU, one thread for each; `run` is the kernel that advances them, once they are filled."""
 
     batch = 4096
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
-        self._card = Card(getattr(device, "local_hardware_id", None) or 0)
+        self.card = Card(getattr(device, "local_hardware_id", None) or 0)
         self._contraction = spec.numerics.contraction
         self._seen = [leaf.first + i for leaf in self.seen.values() for i in range(leaf.size)]
         source = gpu_program.placing(self.chunk, self._seen, self.kernel.title)
-        module = self._card.module(source, contraction=self._contraction)
+        module = self.card.module(source, contraction=self._contraction)
         self._put, self._collect, self._trajectory = (
             module.get_kernel(name) for name in ("put", "collect", "trajectory")
         )
         self._steady = Steady(self.chunk)
         n_slots, size, width = self.chunk.n_slots, self.size, self.chunk.width
-        self._slots = Numbers(self._card, (n_slots, size))
-        self._kept = Numbers(self._card, (BUFFER, size, width))
-        self._output = Numbers(self._card, (max(len(self._seen) * size, n_slots),))
-        self._filling = Numbers(self._card, (size, gpu_program.filling_width(self.chunk)))
-        self._card.launch(module.get_kernel("clear"), size, self._slots, size)
-        self._card.wait()
+        self._slots = Numbers(self.card, (n_slots, size))
+        self._kept = Numbers(self.card, (BUFFER, size, width))
+        self._output = Numbers(self.card, (max(len(self._seen) * size, n_slots),))
+        self._filling = Numbers(self.card, (size, gpu_program.filling_width(self.chunk)))
+        self.card.launch(module.get_kernel("clear"), size, self._slots, size)
+        self.card.wait()
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
         """Start new trajectories; all of them are copied to the card together."""
-        self._card.use()
+        self.card.use()
         count, width = int(np.count_nonzero(fresh)), self._filling.shape[1]
         self._staged = self._filling.host(count * width).reshape(count, width)
         self._placed = 0
         super().fill(params, starts, fresh)
         self._filling.to_card(self._staged.size)
-        self._card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
+        self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
         first = gpu_program.FILLING
         if self._steady.differs(self._staged[:, first : first + self.chunk.first_of_carry]):
             lane, n_slots = int(self._staged[0, 0]), self.chunk.n_slots
-            self._card.launch(self._trajectory, n_slots, self._slots, self.size, lane, self._output)
+            self.card.launch(self._trajectory, n_slots, self._slots, self.size, lane, self._output)
             slots = self._output.from_card(n_slots)
             source = gpu_program.running(self.chunk, self._steady.varying, self.kernel.title)
-            module = self._card.module(source, contraction=self._contraction)
+            module = self.card.module(source, contraction=self._contraction)
             same = gpu_program.packed(self.chunk, self._steady.varying, slots)
             if same:
-                self._card.set_constant(module, "same", same)
-            self._run = module.get_kernel("run")
-        self._card.wait()
+                self.card.set_constant(module, "same", same)
+            self.run = module.get_kernel("run")
+        self.card.wait()
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         first, n_opened = gpu_program.FILLING, opened.shape[1]
@@ -67,12 +67,16 @@ class CudaLanes(KernelLanes):
         part[:, first + n_opened :] = rows
         self._placed += lanes.size
 
+    def advance(self, polls: int) -> None:
+        """Start to advance all running lanes; `card.wait` waits for the end."""
+        self.card.launch(self.run, self.size, self._slots, self._kept, self.size, polls)
+
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
-        self._card.use()
+        self.card.use()
         size, width = self.size, self.chunk.width
-        self._card.launch(self._run, size, self._slots, self._kept, size, polls)
-        self._card.launch(self._collect, size, self._slots, size, self._output)
+        self.advance(polls)
+        self.card.launch(self._collect, size, self._slots, size, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
         output = self.output(lambda slot: seen[self._seen.index(slot)])
         # the levels of the buffers that have new rows in some lane
