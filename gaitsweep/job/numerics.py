@@ -77,5 +77,5 @@ class EngineChoice(Part):
     contraction: Flag = Field(
         default=True,
         description="kernels may compute a product and a sum in one instruction, which is faster and rounds "
-        "once; false: they round twice, so that results on a CPU and a GPU differ less",
+        "once; false: they round twice, and a CPU and a GPU round alike",
     )

@@ -154,8 +154,11 @@ def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch
     monkeypatch.undo()
     cpu = run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=4, engine="kernel")
     np.testing.assert_array_equal(card.status, cpu.status)
-    # rounding alone grows to some 1e-12 on the way
-    assert wrapped(card.samples[:, 2:5] - cpu.samples[:, 2:5]).max() < 1e-10
+    if contraction:
+        # two compilers contract different sums, and rounding grows to some 1e-13 on the way
+        assert wrapped(card.samples[:, 2:5] - cpu.samples[:, 2:5]).max() < 1e-10
+    else:
+        np.testing.assert_array_equal(card.samples, cpu.samples)
 
 
 def test_constants_that_differ_between_rows(on_card: Any) -> None:
