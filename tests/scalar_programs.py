@@ -14,7 +14,8 @@ import numpy as np
 from scipy import special
 
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.python_source import statements
+from gaitsweep.engine.kernel.python_source import Python, stored
+from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, kind_of
 
 _TYPES = {"f64": np.float64, "f32": np.float32, "int": np.float64, "bool": np.bool_}
@@ -90,9 +91,21 @@ class _OfArrays(ast.NodeTransformer):
 def source_of(traced: Traced) -> str:
     """A Python function of the inputs `x0`, `x1`, ... that gives all outputs."""
     given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
-    lines, results = statements(traced.program, traced.outputs, given)
+    lines, results = statements(Python(), traced.program, traced.outputs, given)
     body = "\n".join(f"    {line}" for line in [*lines, f"return ({''.join(f'{r}, ' for r in results)})"])
     return f"def run({', '.join(given.values())}):\n{body}\n"
+
+
+def storing_source_of(traced: Traced) -> str:
+    """A Python function of the inputs that stores all outputs as float64 in `out`, an array."""
+    given = {at: f"x{i}" for i, at in enumerate(traced.inputs)}
+    lines, results = statements(Python(), traced.program, traced.outputs, given)
+    kinds = [traced.program.nodes[at].kind for at in traced.outputs]
+    lines += [
+        f"out[{k}] = {stored(kind, result)}"
+        for k, (kind, result) in enumerate(zip(kinds, results, strict=True))
+    ]
+    return "\n".join([f"def run({', '.join([*given.values(), 'out'])}):", *(f"    {line}" for line in lines)])
 
 
 def executable(traced: Traced) -> Callable[..., tuple[Any, ...]]:

@@ -8,7 +8,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.kinds.numbers import Count, LaneCount, Positive, checked, read_real, word
+from gaitsweep.kinds.numbers import Count, Flag, LaneCount, Positive, checked, read_real, word
 from gaitsweep.kinds.part import Part
 from gaitsweep.table import former_names
 
@@ -74,3 +74,8 @@ class EngineChoice(Part):
     )
     block: Count = Field(default=1024, description="rows of one part of the table")
     devices: Count | None = Field(default=None, description="devices to use; all if not given")
+    contraction: Flag = Field(
+        default=True,
+        description="kernels may compute a product and a sum in one instruction, which is faster and rounds "
+        "once; false: they round twice, and a CPU and a GPU round alike",
+    )

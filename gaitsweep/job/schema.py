@@ -109,7 +109,8 @@ class Job(Part):
     @property
     def integration(self) -> Numerics:
         """The engine's numerics, what the job leaves open taken from its model."""
-        return self.numerics.engine(self._plan.model)
+        numerics = self.numerics.engine(self._plan.model)
+        return dataclasses.replace(numerics, contraction=self.engine.contraction)
 
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """The job as plain values with everything filled in, the model's defaults and the config too.
@@ -162,6 +163,8 @@ class Job(Part):
             "block": self.engine.block,
             "device": device,
         }
+        if not self.engine.contraction:  # left out by default, as it was before it could be chosen
+            runs_on["contraction"] = False
         return job_hash(self.resolved(), self.run, runs_on, steps)
 
 

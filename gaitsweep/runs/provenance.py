@@ -9,7 +9,7 @@ from pathlib import Path
 
 PACKAGES = (
     *("gaitsweep", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow"),
-    *("numba", "llvmlite", "numba-cuda", "mujoco", "mujoco-mjx"),
+    *("numba", "llvmlite", "cuda-core", "nvidia-cuda-nvrtc", "mujoco", "mujoco-mjx"),
 )
 
 

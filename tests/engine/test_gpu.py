@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from multilegged_crossings import reference, simulated, wrapped
-from sweeping import run_rows
+from sweeping import run_rows, same
 
 from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.kernel.card import Card, Numbers, missing
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 
 pytestmark = pytest.mark.gpu
+
+
+def test_what_kernels_need_is_there() -> None:
+    """Otherwise `auto` would run everything here on XLA."""
+    assert missing() is None
 
 
 def test_crossings_on_a_card_agree_with_solve_ivp() -> None:
@@ -28,7 +36,6 @@ def test_crossings_on_a_card_agree_with_solve_ivp() -> None:
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("propagator6", 32e-3)])
 def test_kernels_on_a_card_agree_with_solve_ivp(method: str, dt: float) -> None:
     """One thread a trajectory, rows refilled and kept on the way: the bound of the XLA engine."""
-    pytest.importorskip("numba_cuda")
     _, table = reference("base")
     exact = table[["psi_1", "psi_2", "psi_3"]].to_numpy().reshape(table["start"].nunique(), -1, 3)
     starts = {f"psi_{i + 1}": exact[:, 0, i] for i in range(3)}
@@ -41,7 +48,6 @@ def test_kernels_on_a_card_agree_with_solve_ivp(method: str, dt: float) -> None:
 
 def test_settling_on_a_card() -> None:
     """Gaits and cycles of settling of kernels and XLA, over rows that outnumber the lanes."""
-    pytest.importorskip("numba_cuda")
     random = np.random.default_rng(8)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 48) for i in (1, 2, 3)}
     numerics = Numerics(dt=32e-3, method="propagator6")
@@ -56,7 +62,6 @@ def test_settling_on_a_card() -> None:
 
 def test_a_rows_bits_do_not_depend_on_what_other_rows_share() -> None:
     """What all rows share reaches the threads in another way than what differs; the numbers are the same."""
-    pytest.importorskip("numba_cuda")
     starts = {f"psi_{i}": np.full(40, 0.7 * i) for i in (1, 2, 3)}
     recorder = CrossingRecorder(Multilegged(), crossings=12)
     alike, mixed = (
@@ -82,7 +87,6 @@ def test_the_quadruped_on_a_card_as_on_a_cpu() -> None:
 
     The kernels of the CPU are Numba's, so JAX need not see one.
     """
-    pytest.importorskip("numba_cuda")
     model = WaistQuadruped()
     starts, params = {"delta_13": np.array([2.2, 3.0])}, {"T_grow": 0.4, "T_hold": 0.7}
     numerics = Numerics(dt=2e-4, method="semi_implicit")
@@ -94,3 +98,34 @@ def test_the_quadruped_on_a_card_as_on_a_cpu() -> None:
         for platform in ("gpu", "cpu")
     }
     np.testing.assert_allclose(on["gpu"].samples, on["cpu"].samples, atol=1e-9)
+
+
+@pytest.mark.parametrize("contraction", [True, False])
+def test_rows_do_not_depend_on_lanes(contraction: bool) -> None:
+    """Lanes that are refilled, blocks, and buffers that are emptied at other times: equal to the bit."""
+    random = np.random.default_rng(5)
+    starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 90) for i in (1, 2, 3)}
+    recorder = CrossingRecorder(Multilegged(), crossings=8)
+    numerics = Numerics(dt=32e-3, method="propagator6", contraction=contraction)
+    one, two = (
+        run_rows(
+            Multilegged(), recorder, starts, numerics=numerics, lanes=lanes, block=block, engine="kernel"
+        )
+        for lanes, block in ((17, 20), (90, 90))
+    )
+    same(one, two)
+
+
+def test_the_second_time_a_kernel_comes_from_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
+    source = 'extern "C" __global__ void one(double* x) { x[0] = 1.0; }'
+    card = Card(0)
+    card.module(source)
+    (file,) = (tmp_path / "kernels").glob("*.cubin")
+    written = file.stat().st_mtime_ns
+    x = Numbers(card, (1,))
+    card.launch(card.module(source).get_kernel("one"), 1, x)
+    assert x.from_card(1)[0] == 1.0
+    assert file.stat().st_mtime_ns == written

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import os
 import re
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import jax
@@ -212,6 +214,15 @@ class Sampling(Toy):
         return {**rates, "speed": rates["speed"] * size}
 
 
+def test_a_card_without_its_packages_runs_on_xla() -> None:
+    """The reason is one sentence, as for a model that kernels cannot express."""
+    if importlib.util.find_spec("cuda") is not None:
+        pytest.skip("NVIDIA's packages are installed")
+    card = types.SimpleNamespace(platform="gpu")
+    engine, note = choose("auto", card, Toy(), SettleRecorder(Toy()), NUMERICS, None)
+    assert (engine, note) == ("xla", "engine: xla, because the package cuda-core is not installed.")
+
+
 def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
     device = jax.local_devices()[0]
     model = Sampling()
@@ -225,8 +236,24 @@ def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
     assert choose("auto", device, Toy(), SettleRecorder(Toy()), NUMERICS, None) == ("kernel", None)
 
 
+@pytest.mark.skipif(not llvm.get_host_cpu_features().get("fma"), reason="no multiply-add here")
+def test_contraction_can_be_turned_off() -> None:
+    """The square of 1 + 2^-30 has a last bit that only a contracted difference sees."""
+    a = 1.0 + 2.0**-30
+    results = []
+    for contraction in (True, False):
+        one = llvm_code.straight_line("def one(a, c, out):\n    out[0] = a * a - c", contraction=contraction)
+        out = np.zeros(1)
+        numba.njit(lambda a, c, out, one=one: one(a, c, out))(a, a * a, out)
+        results.append(out[0])
+    assert results == [2.0**-60, 0.0]
+    model = Toy()
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=3), NUMERICS, None).chunk
+    assert "CONTRACTION = False" in cpu_program.source(chunk, 16, "toy", contraction=False)
+
+
 @pytest.mark.parametrize(("line", "found"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])
 def test_what_is_not_lowered_is_named(line: str, found: str) -> None:
-    one = llvm_code.straight_line(llvm_code.CpuCalls, f"def one(x) -> 'd':\n    {line}\n    return (x,)\n")
+    one = llvm_code.straight_line(f"def one(x):\n    {line}\n")
     with pytest.raises(ValueError, match=rf"The {found}.*` of a kernel is not lowered\. Allowed: "):
         numba.njit(lambda x: one(x))(1.0)

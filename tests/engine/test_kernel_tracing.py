@@ -20,7 +20,7 @@ from jax import lax
 from gaitsweep.engine.kernel import arrays, control, llvm_code, primitives
 from gaitsweep.engine.kernel import indexing as places
 from gaitsweep.engine.kernel.trace import UnsupportedError
-from tests.scalar_programs import executable, outputs_of, source_of, traced_with
+from tests.scalar_programs import executable, outputs_of, source_of, storing_source_of, traced_with
 from tests.traced_cases import CASES
 
 
@@ -316,7 +316,12 @@ KINDS = (np.float64(0), np.float32(0), np.int64(0), np.bool_(True))
 def compiled() -> Callable[..., Any]:
     """The emitted source as it is lowered to LLVM and compiled for a CPU."""
     traced = traced_with(_of_all_kinds, *KINDS)
-    kinds = "".join(llvm_code.KINDS[traced.program.nodes[at].kind] for at in traced.outputs)
-    source = source_of(traced).replace("):", f') -> "{kinds}":', 1)
-    run = llvm_code.straight_line(llvm_code.CpuCalls, source)
-    return numba.njit(lambda x, y, n, flag: run(x, y, n, flag))
+    run = llvm_code.straight_line(storing_source_of(traced))
+    stored = numba.njit(lambda x, y, n, flag, out: run(x, y, n, flag, out))
+
+    def returned(*inputs: Any) -> np.ndarray:
+        out = np.zeros(len(traced.outputs))
+        stored(*inputs, out)
+        return out
+
+    return returned

@@ -259,6 +259,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (7, "numerics: {dt: 32}", ["line 7", "numerics.dt is 32 s, too long for", "the longest step of tsit5"]),
     (7, "numerics: {method: rk4, rtol: 1e-3}", ["line 7", "numerics.rtol is given, but the steps of rk4"]),
     (7, "numerics: 3", ["line 7", "numerics is 3", "Allowed: method, dt"]),
+    (8, "engine: {contraction: 1}", ["line 8", "engine.contraction is 1", "takes true or false"]),
     (8, "engine: {name: cuda}", ["line 8", 'engine.name is "cuda"', "Allowed: auto, xla, kernel"]),
     (8, "engine: {block: 0}", ["line 8", "engine.block is 0", "whole number"]),
     (8, "engine: {lanes: 2.5}", ["line 8", "engine.lanes is 2.5", "whole number"]),

@@ -411,6 +411,7 @@ def test_hash_does_not_see_the_order_of_keys(data: st.DataObject) -> None:
         ("numerics.event_tolerance", 1e-10),
         ("engine.block", 65),
         ("engine.lanes", 9),
+        ("engine.contraction", False),
     ],
 )
 def test_hash_sees_what_decides_the_numbers(path: str, value: Any) -> None:
@@ -431,6 +432,13 @@ def test_hash_sees_neither_name_nor_figures() -> None:
     assert other.hash() == plain.hash(engine="xla")
     assert plain.hash(device="gpu") != plain.hash()
     assert plain.hash(lanes=256) != plain.hash(lanes=512)
+    # as before there was a choice: directories of older runs can be resumed
+    assert toy(vary={"mass": [1, 2]}, engine={"contraction": True}).hash() == plain.hash()
+
+
+def test_contraction_reaches_the_engine() -> None:
+    assert toy(vary={"mass": [1, 2]}).integration.contraction
+    assert not toy(vary={"mass": [1, 2]}, engine={"contraction": False}).integration.contraction
 
 
 def test_hash_sees_the_order_of_the_axes() -> None:

@@ -1,7 +1,8 @@
 """The on-disk cache of kernels, so that a kernel is compiled once for a machine and not once for a run.
 
-A module is named by the digest of its source and of the versions that compile it. Numba stores the compiled
-code beside it. GAITSWEEP_CACHE names the folder; the default is ~/.cache/gaitsweep (XDG_CACHE_HOME).
+A file is named by the digest of the kernel's source and of the versions that compile it. For a CPU it is a
+Python module, beside which Numba stores the compiled code; for an NVIDIA GPU it is the machine code itself.
+GAITSWEEP_CACHE names the folder; the default is ~/.cache/gaitsweep (XDG_CACHE_HOME).
 """
 
 from __future__ import annotations
@@ -11,27 +12,24 @@ import importlib.util
 import os
 import sys
 import tempfile
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
-from gaitsweep.engine.kernel import llvm_code
-
 
 def module_of(source: str) -> ModuleType:
-    """The module with this source, imported from the cache of kernels."""
-    versions = [f"{name} {_version(name)}" for name in ("numba", "llvmlite", "numba-cuda")]
+    """The Python module with this source, imported from the cache of kernels; Numba compiles it."""
+    from gaitsweep.engine.kernel import llvm_code
+
     # `llvm_code` determines the instructions as well as the source does
     own = Path(llvm_code.__file__).read_text()
-    digest = hashlib.sha256("\n".join([source, own, *versions, sys.version]).encode()).hexdigest()
-    name = f"gaitsweep_kernel_{digest[:24]}"
+    name = _name(source, own, f"numba {version('numba')}", f"llvmlite {version('llvmlite')}", sys.version)
     if name in sys.modules:
         return sys.modules[name]
     file = _folder() / f"{name}.py"
     if not file.exists():
-        with tempfile.NamedTemporaryFile("w", dir=file.parent, suffix=".tmp", delete=False) as draft:
-            draft.write(source)
-        os.replace(draft.name, file)
+        _write(file, source.encode())
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
     assert spec.loader is not None
@@ -43,6 +41,36 @@ def module_of(source: str) -> ModuleType:
         del sys.modules[name]  # half a module is none
         raise
     return module
+
+
+def binary_of(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]) -> bytes:
+    """The machine code that `compile_` makes, or that it has made before with the same key.
+
+    Args:
+        suffix: the ending of the file's name, without the dot.
+        key: all that determines the code: the source, the options, the compiler's version.
+        compile_: compiles the source.
+    """
+    file = _folder() / f"{_name(*key)}.{suffix}"
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        pass
+    code = compile_()
+    _write(file, code)
+    return code
+
+
+def _name(*key: str) -> str:
+    digest = hashlib.sha256("\n".join(key).encode()).hexdigest()
+    return f"gaitsweep_kernel_{digest[:24]}"
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file at once, since other processes may read it."""
+    with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as draft:
+        draft.write(content)
+    os.replace(draft.name, file)
 
 
 def _folder() -> Path:
@@ -57,10 +85,3 @@ def _folder() -> Path:
     except OSError:
         # without a writable folder the kernel is compiled again, but the run goes on
         return Path(tempfile.mkdtemp(prefix="gaitsweep-kernels-"))
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "none"

@@ -7,13 +7,13 @@ Later slots belong to the kernel: values that are computed once, and a row that 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
 from gaitsweep.engine.kernel.program import Program
-from gaitsweep.engine.kernel.python_source import steady_results
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
 from gaitsweep.engine.sweep.lane import OneLane
 
@@ -111,7 +111,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
     poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = steady_results(program, [*attempt.values(), *poll.values(), *row, keep])
+    steady = _steady_results(program, [*attempt.values(), *poll.values(), *row, keep])
     return Chunk(
         program=program,
         held=held_leaves,
@@ -123,4 +123,17 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         row=row,
         steady={count + i: at for i, at in enumerate(steady)},
         n_slots=count + len(steady),
+    )
+
+
+def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
+    """The nodes that are constant along a trajectory and are arguments of nodes that are not.
+
+    Inputs and constants are left out, since they need no computation.
+    """
+    needed = program.needed(wanted)
+    readers = {a for at in needed if not program.steady[at] for a in program.nodes[at].args}
+    readers |= {at for at in wanted if program.steady[at]}
+    return sorted(
+        at for at in readers if program.steady[at] and program.nodes[at].op not in ("input", "constant")
     )

@@ -14,7 +14,8 @@ from typing import Any
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.python_source import loaded, statements, stored
+from gaitsweep.engine.kernel.python_source import Python, loaded, stored
+from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
@@ -23,16 +24,17 @@ TILE = 16
 _PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
 
-from gaitsweep.engine.kernel.llvm_code import CpuCalls, straight_line
+from gaitsweep.engine.kernel.llvm_code import straight_line
 
+CONTRACTION = {contraction}
 compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 """
 
 
-def compiled(chunk: Chunk, title: str) -> Callable[[Any, Any, int], None]:
+def compiled(chunk: Chunk, title: str, *, contraction: bool = True) -> Callable[[Any, Any, int], None]:
     """The function `run` of `source`, compiled now or loaded from the cache of kernels."""
     _prefer_wide_vectors()
-    return module_of(source(chunk, TILE, title)).run
+    return module_of(source(chunk, TILE, title, contraction=contraction)).run
 
 
 def _prefer_wide_vectors() -> None:
@@ -48,17 +50,18 @@ def _prefer_wide_vectors() -> None:
     os.environ.setdefault("NUMBA_CPU_FEATURES", features)
 
 
-def source(chunk: Chunk, lanes: int, title: str) -> str:
+def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) -> str:
     """The source of the module for a CPU; its `run(S, kept, polls)` advances all tiles by a chunk.
 
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
+    `contraction`: whether a product and a sum may become one instruction.
     """
     steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
     row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
     poll = {**chunk.poll, **row, chunk.n_slots: chunk.keep}
     status = chunk.record.status.first
     parts = [
-        _PREAMBLE.format(title=title),
+        _PREAMBLE.format(title=title, contraction=contraction),
         _stage("prepare", chunk, chunk.steady, {}, lanes),
         _stage("attempt", chunk, chunk.attempt, steady, lanes),
         _stage("poll", chunk, poll, steady, lanes),
@@ -98,7 +101,7 @@ def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, st
             place = given[at] if at in given else f"s[{chunk.slot_of(at) * lanes} + lane]"
             names[at] = f"x{at}"
             loads.append(f"{names[at]} = {loaded(node.kind, place)}")
-    lines, results = statements(program, wanted, names)
+    lines, results = statements(Python(), program, wanted, names)
     stores = [
         f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, result)}"
         for slot, at, result in zip(outputs, wanted, results, strict=True)
@@ -107,9 +110,9 @@ def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, st
     return _STAGE.format(name=name, lanes=lanes, body=body)
 
 
-_STAGE = """{name}_of_lane = straight_line(CpuCalls, '''def {name}_of_lane(s, lane):
+_STAGE = """{name}_of_lane = straight_line('''def {name}_of_lane(s, lane):
 {body}
-''')
+''', contraction=CONTRACTION)
 
 
 @compiled

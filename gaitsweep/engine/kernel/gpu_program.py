@@ -1,115 +1,163 @@
-"""The program of a chunk for an NVIDIA GPU: one thread for each trajectory, compiled by numba-cuda.
+"""The program of a chunk for an NVIDIA GPU, in CUDA C: one thread for each trajectory.
 
 Memory is ordered slot by slot and, inside a slot, lane by lane, so that neighbouring threads read
 neighbouring numbers. The carry is kept in registers, the record in memory. Values that are constant along a
-trajectory are computed once, when it is placed in its lane; those that are equal in all rows are kernel
-arguments, which need no registers.
+trajectory are computed once, when it is placed in its lane; those that are equal in all rows are in constant
+memory, which needs no registers. (As arguments of the kernel they did: the compiler spilled 490 bytes of the
+chain's rk4 instead of 70.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any
 
+import numpy as np
+
+from gaitsweep.contract import Status
+from gaitsweep.engine.kernel.c_source import C, function, loaded, stored, structure
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.llvm_code import KINDS
-from gaitsweep.engine.kernel.python_source import loaded, statements, stored
+from gaitsweep.engine.kernel.program import Kind
+from gaitsweep.engine.kernel.schedule import scheduled
+from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-# Registers of a thread: the maximum. With fewer, more threads run at once, but spilled registers cost more.
-REGISTERS = 255
+# Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
+# threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps.
+THREADS = 128
+# Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
+FILLING = 2
+_FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
 
-_HEAD = """# Written by gaitsweep: {title}
-from numba import cuda
-
-from gaitsweep.engine.kernel.llvm_code import CudaCalls, straight_line
-
-
-def lowered(source):
-    return straight_line(CudaCalls, source)
+# What differs between the compilers of a card and of a host, on which tests run the rest.
+HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
+#define NOT_A_NUMBER __longlong_as_double(0x7ff8000000000000LL)
+#define CONSTANT __constant__
+#define PART static __device__ __forceinline__
+#define KERNEL extern "C" __global__ __launch_bounds__({THREADS})
+#define THREAD (blockIdx.x * (index)blockDim.x + threadIdx.x)
+typedef long long index;
 """
 
-_STAGE = """
-{name} = lowered('''def {name}({parameters}){kinds}:
-{body}
-''')
+_CLEAR = """
+KERNEL void clear(double* S, index n) {{
+    const index i = THREAD;
+    if (i >= n) return;
+    for (int slot = 0; slot < {slots}; ++slot) S[slot * n + i] = 0.0;
+    S[{status} * n + i] = {complete};
+}}
 """
 
 _PUT = """
+KERNEL void put(double* S, double* kept, index n, const double* filling, index count) {{
+    if (THREAD >= count) return;
+    const double* mine = filling + THREAD * {width_of_filling};
+    const index i = (index)mine[0];
+    for (int slot = 0; slot < {opened}; ++slot) S[slot * n + i] = mine[{FILLING} + slot];
+    if (mine[1] != 0.0)
+        for (int k = 0; k < {width}; ++k) kept[i * {width} + k] = mine[{FILLING} + {opened} + k];
+    prepare(S, n, i);
+}}
+"""
 
-@cuda.jit(cache=True)
-def put(S, n, lanes, opened):
-    k = cuda.grid(1)
-    if k < lanes.size:
-        i = lanes[k]
-        for slot in range(opened.shape[0]):
-            S[slot * n + i] = opened[slot, k]
-        prepare(S, n, i)
+_COLLECT = """
+KERNEL void collect(double* S, index n, double* seen) {{
+    const index i = THREAD;
+    if (i >= n) return;
+{lines}
+    S[{filled} * n + i] = 0.0;
+}}
+"""
 
-
-@cuda.jit(cache=True)
-def put_rows(kept, lanes, rows):
-    k = cuda.grid(1)
-    if k < lanes.size:
-        for number in range(rows.shape[1]):
-            kept[0, number, lanes[k]] = rows[k, number]
+_TRAJECTORY = """
+KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
+    if (THREAD < {slots}) slots[THREAD] = S[THREAD * n + i];
+}}
 """
 
 _RUN = """
-
-@cuda.jit(cache=True, max_registers={registers})
-def run(S, kept, n, polls, same):
-    i = cuda.grid(1)
-    if i >= n:
-        return
-    if S[{status} * n + i] != 0.0:
-        return
-    own = read_own(S, n, i)
-    c = read_carry(S, n, i)
-    for _ in range(polls):
-        for _ in range({interval}):
-            if c[{halt}] != 0.0:
-                break
-            c = attempt(own, same, c)
-        c = poll(S, kept, n, i, own, same, c)
-        if S[{status} * n + i] != 0.0:
-            break
-    write_carry(S, n, i, c)
+KERNEL void run(double* S, double* kept, index n, index polls) {{
+    const index i = THREAD;
+    if (i >= n || S[{status} * n + i] != 0.0) return;
+    const struct Own own = read_own(S, n, i);
+    struct Carry carry = read_carry(S, n, i);
+    for (index k = 0; k < polls; ++k) {{
+        for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(own, carry);
+        carry = poll(S, kept, n, i, own, carry);
+        if (S[{status} * n + i] != 0.0) break;
+    }}
+    write_carry(S, n, i, carry);
+}}
 """
 
 
-def placing(chunk: Chunk, title: str) -> str:
-    """The source of the module that fills lanes: `put(S, n, lanes, opened)`, `put_rows(kept, lanes, rows)`.
+def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
+    """The source of the kernels that fill lanes and that collect what the host reads.
 
-    `S` (slots * n,) float64 has n lanes; `opened` (slots, len(lanes)) are the new values of the slots.
+    `clear(S, n)` makes all lanes idle. `put(S, kept, n, filling, count)` starts trajectories: `filling`
+    (count, `filling_width`) has for each its lane, whether its row is kept, its slots and its row.
+    `collect(S, n, seen)` copies the slots `seen` to `seen` (len, n) and empties the buffers.
+    `trajectory(S, n, i, slots)` copies all slots of lane i. `S` (slots, n) and `kept` (BUFFER, n, width) are
+    the memory of n lanes; all numbers are float64.
     """
     program, nodes = chunk.program, list(chunk.steady.values())
     lines, names = _loads(chunk, program.needed(nodes))
-    more, results = statements(program, nodes, names)
+    more, results = statements(C(), program, nodes, names)
     stores = [
         _write(chunk, at, slot, result) for slot, at, result in zip(chunk.steady, nodes, results, strict=True)
     ]
-    stage = _stage("prepare", "S, n, i", [*lines, *more, *stores])
-    return _HEAD.format(title=title) + stage + _PUT
+    copies = [f"    seen[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(seen)]
+    return "\n".join(
+        [
+            f"// Written by gaitsweep: {title}",
+            HEAD,
+            function("PART void prepare(double* S, const index n, const index i)", [*lines, *more, *stores]),
+            _CLEAR.format(
+                slots=chunk.n_slots, status=chunk.record.status.first, complete=float(Status.complete)
+            ),
+            _PUT.format(
+                FILLING=FILLING,
+                width_of_filling=filling_width(chunk),
+                opened=_opened(chunk),
+                width=chunk.width,
+            ),
+            _COLLECT.format(lines="\n".join(copies), filled=chunk.record.filled.first),
+            _TRAJECTORY.format(slots=chunk.n_slots),
+        ]
+    )
+
+
+def filling_width(chunk: Chunk) -> int:
+    """Numbers for each lane that is filled."""
+    return FILLING + _opened(chunk) + chunk.width
+
+
+def _opened(chunk: Chunk) -> int:
+    """The slots of a trajectory when it is opened: all but those that are computed once from these."""
+    return chunk.n_slots - len(chunk.steady)
 
 
 def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """The source of the kernel `run(S, kept, n, polls, same)`, which advances n lanes by up to `polls` polls.
+    """The source of the kernel `run(S, kept, n, polls)`, which advances n lanes by up to `polls` polls.
 
-    `S` (slots * n,) float64; `kept` (BUFFER * width * n,) receives the rows to keep; `same` are the values of
-    the nodes `same(chunk, varying)`; `varying` are the slots of constants that differ between rows.
+    `S` (slots, n) float64; `kept` (BUFFER, n, width) float64 receives the rows to keep; the variable `same`
+    has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
+    constants that differ between rows.
     """
-    thread = _Thread(chunk, varying)
-    run = _RUN.format(
-        registers=REGISTERS,
-        interval=POLL_INTERVAL,
-        status=chunk.record.status.first,
-        halt=thread.carry.index(chunk.carry.halt.first),
-    )
-    return _HEAD.format(title=title) + "".join(thread.stages()) + run
+    run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
+    return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
+
+
+def packed(chunk: Chunk, varying: Collection[int], slots: np.ndarray) -> bytes:
+    """The variable `same` of a kernel, from all slots (n_slots,) of a trajectory."""
+    kinds: dict[int, Kind] = {slot: chunk.program.nodes[at].kind for at, slot in same(chunk, varying).items()}
+    formats = [_FORMATS[kind] for kind in kinds.values()]
+    layout = np.dtype({"names": [f"s{slot}" for slot in kinds], "formats": formats}, align=True)
+    return np.array(tuple(slots[slot] for slot in kinds), layout).tobytes()
 
 
 def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
-    """The nodes with equal values in all rows and their slots, in the order of the kernel's argument."""
+    """The nodes with equal values in all rows and their slots, in the order of `same`."""
     return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
 
 
@@ -134,35 +182,32 @@ def _read(chunk: Chunk, at: int, slot: int) -> str:
 
 
 def _write(chunk: Chunk, at: int, slot: int, value: str) -> str:
-    return f"S[{slot} * n + i] = {stored(chunk.program.nodes[at].kind, value)}"
+    return f"S[{slot} * n + i] = {stored(chunk.program.nodes[at].kind, value)};"
 
 
 def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str]]:
     """Lines that load the inputs among `nodes` from memory, and the names of these."""
     slots = {at: chunk.slot_of(at) for at in nodes if chunk.program.nodes[at].op == "input"}
-    lines = [f"r{slot} = {_read(chunk, at, slot)}" for at, slot in slots.items()]
+    kinds: dict[int, Kind] = {at: chunk.program.nodes[at].kind for at in slots}
+    lines = [C().definition(kinds[at], f"r{slot}", _read(chunk, at, slot)) for at, slot in slots.items()]
     return lines, {at: f"r{slot}" for at, slot in slots.items()}
 
 
-def _stage(name: str, parameters: str, lines: list[str], kinds: str = "") -> str:
-    body = "\n".join(f"    {line}" for line in lines or ["pass"])
-    return _STAGE.format(name=name, parameters=parameters, kinds=f' -> "{kinds}"' if kinds else "", body=body)
-
-
 class _Thread:
-    """The stages of one thread; `c` is the carry, `own` and `same` are constant along a trajectory."""
+    """The parts of one thread's program.
+
+    `own` and `same` are constant along a trajectory; a member s12 of a structure is the value of slot 12.
+    """
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
         self.chunk = chunk
         self.polled = [*chunk.poll.values(), *chunk.row, chunk.keep]
-        steady = _steady(chunk)
-        self.own = {at: slot for at, slot in steady.items() if _varies(chunk, at, varying)}
-        self._carried = self._carried_inputs()
-        self.carry = list(self._carried.values())
-        self._kinds = self._letters(self._carried)
-        self._names = {at: f"c[{k}]" for k, at in enumerate(self._carried)}
-        self._names |= {at: f"own[{k}]" for k, at in enumerate(self.own)}
-        self._names |= {at: f"same[{k}]" for k, at in enumerate(same(chunk, varying))}
+        self.same = same(chunk, varying)
+        self.own = {at: slot for at, slot in _steady(chunk).items() if at not in self.same}
+        self.carried = self._carried_inputs()
+        self._names = {at: f"carry.s{slot}" for at, slot in self.carried.items()}
+        self._names |= {at: f"own.s{slot}" for at, slot in self.own.items()}
+        self._names |= {at: f"same.s{slot}" for at, slot in self.same.items()}
 
     def _carried_inputs(self) -> dict[int, int]:
         """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
@@ -176,52 +221,73 @@ class _Thread:
             if chunk.first_of_carry <= slot < chunk.first_of_record and (at in read or slot in changed)
         }
 
-    def _letters(self, nodes: Iterable[int]) -> str:
-        return "".join(KINDS[self.chunk.program.nodes[at].kind] for at in nodes)
+    def _members(self, nodes: dict[int, int]) -> dict[str, Kind]:
+        return {f"s{slot}": self.chunk.program.nodes[at].kind for at, slot in nodes.items()}
 
-    def stages(self) -> list[str]:
-        own = [_read(self.chunk, at, slot) for at, slot in self.own.items()] or ["0.0"]
-        carry = [_read(self.chunk, at, slot) for at, slot in self._carried.items()]
-        back = [_write(self.chunk, at, slot, f"c[{k}]") for k, (at, slot) in enumerate(self._carried.items())]
+    def parts(self) -> list[str]:
+        """The structures, and the functions that `run` calls."""
+        back = [_write(self.chunk, at, slot, f"carry.s{slot}") for at, slot in self.carried.items()]
         return [
-            _stage("read_own", "S, n, i", [_given(own)], self._letters(self.own) or "d"),
-            _stage("read_carry", "S, n, i", [_given(carry)], self._kinds),
+            structure("Same", self._members(self.same)) + "CONSTANT struct Same same;\n",
+            structure("Own", self._members(self.own)),
+            structure("Carry", self._members(self.carried)),
+            self._reading("Own", "read_own", self.own),
+            self._reading("Carry", "read_carry", self.carried),
             self._attempt(),
             self._poll(),
-            _stage("write_carry", "S, n, i, c", back),
+            function(
+                "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)",
+                back,
+            ),
         ]
+
+    def _reading(self, structure: str, name: str, nodes: dict[int, int]) -> str:
+        lines = [f"read.s{slot} = {_read(self.chunk, at, slot)};" for at, slot in nodes.items()]
+        head = f"PART struct {structure} {name}(const double* S, const index n, const index i)"
+        return function(head, [f"struct {structure} read;", *lines, "return read;"])
 
     def _attempt(self) -> str:
         # a waiting trajectory makes no attempt
         halt = self.chunk.carry.halt.first
-        going = {at: "0.0" for at, slot in self._carried.items() if slot == halt}
+        going = {at: "0.0" for at, slot in self.carried.items() if slot == halt}
         wanted = list(self.chunk.attempt.values())
-        lines, results = statements(self.chunk.program, wanted, self._names | going)
+        names = self._names | going
+        order = scheduled(self.chunk.program, wanted, names)
+        lines, results = statements(C(), self.chunk.program, wanted, names, order)
         changed = dict(zip(self.chunk.attempt, results, strict=True))
-        return _stage("attempt", "own, same, c", [*lines, self._moved(changed)], self._kinds)
+        parameters = "const struct Own own, const struct Carry carry"
+        return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
 
     def _poll(self) -> str:
         chunk, program = self.chunk, self.chunk.program
         reached = program.needed(self.polled, self._names)
         lines, names = _loads(chunk, (at for at in reached if at not in self._names))
-        more, results = statements(program, self.polled, self._names | names)
+        more, results = statements(C(), program, self.polled, self._names | names)
         changed = dict(zip(chunk.poll, results, strict=False))
         lines += more
         if chunk.width:
-            lines += [f"if {results[-1]}:", f"    place = int(S[{chunk.record.filled.first} * n + i])"]
             kept = zip(chunk.row, results[len(chunk.poll) : -1], strict=True)
+            filled = f"(index)S[{chunk.record.filled.first} * n + i]"
             lines += [
-                f"    kept[(place * {chunk.width} + {k}) * n + i] = {stored(program.nodes[at].kind, value)}"
-                for k, (at, value) in enumerate(kept)
+                f"if ({results[-1]}) {{",
+                f"    double* row = kept + ({filled} * n + i) * {chunk.width};",
+                *(
+                    f"    row[{k}] = {stored(program.nodes[at].kind, value)};"
+                    for k, (at, value) in enumerate(kept)
+                ),
+                "}",
             ]
         record = ((slot, at) for slot, at in chunk.poll.items() if slot >= chunk.first_of_record)
         lines += [_write(chunk, at, slot, changed[slot]) for slot, at in record]
-        return _stage("poll", "S, kept, n, i, own, same, c", [*lines, self._moved(changed)], self._kinds)
+        parameters = "double* S, double* kept, const index n, const index i, "
+        parameters += "const struct Own own, const struct Carry carry"
+        return function(f"PART struct Carry poll({parameters})", [*lines, *self._moved(changed)])
 
-    def _moved(self, changed: dict[int, str]) -> str:
-        """The carry after a stage, from changed and unchanged values."""
-        return _given([changed.get(slot, f"c[{k}]") for k, slot in enumerate(self.carry)])
-
-
-def _given(values: list[str]) -> str:
-    return f"return ({', '.join(values)},)"
+    def _moved(self, changed: dict[int, str]) -> list[str]:
+        """The lines that return the carry after a stage."""
+        slots = (slot for slot in self.carried.values() if slot in changed)
+        return [
+            "struct Carry moved = carry;",
+            *(f"moved.s{slot} = {changed[slot]};" for slot in slots),
+            "return moved;",
+        ]

@@ -73,6 +73,14 @@ class KernelLanes(abc.ABC):
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self.chunk = self.kernel.chunk
         self._dtype = np.dtype(spec.numerics.carried)
+        record, carry = self.chunk.record, self.chunk.carry
+        # what the host reads after each chunk
+        self.seen: dict[str, Leaf] = {
+            field.name: getattr(record, field.name)
+            for field in dataclasses.fields(Record)
+            if field.name not in UNSEEN
+        }
+        self.seen |= {"t": carry.t, "attempts": carry.attempts}
 
     @abc.abstractmethod
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
@@ -105,20 +113,15 @@ class KernelLanes(abc.ABC):
             columns = [read_slot(leaf.first + i) for i in range(leaf.size)] or [np.zeros((self.size, 0))]
             return np.stack(columns, axis=-1).reshape(self.size, *leaf.shape)
 
-        record = self.chunk.record
-        fields = {
-            field.name: read(getattr(record, field.name))
-            for field in dataclasses.fields(Record)
-            if field.name not in UNSEEN
-        }
+        fields = {name: read(leaf) for name, leaf in self.seen.items()}
+        t, attempts = fields.pop("t"), fields.pop("attempts").astype(np.int64)
         for name in ("status", "cycles", "filled", "samples", "period", "slowest"):
             fields[name] = fields[name].astype(np.int32)
         fields["fired"] = fields["fired"].astype(np.int64)
         fields |= dict.fromkeys(UNSEEN, np.zeros((self.size, 0)))
         seen = Record(**fields)  # type: ignore[arg-type]
-        carry = self.chunk.carry
         kept = np.zeros((self.size, 0, self.chunk.width))
-        return ChunkOutput(seen, kept, read(carry.t), read(carry.attempts).astype(np.int64))
+        return ChunkOutput(seen, kept, t, attempts)
 
 
 def _aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -141,7 +144,7 @@ class CpuLanes(KernelLanes):
         self._slots = _aligned((tiles, cpu_program.slots(self.chunk), self._tile))
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
-        self._run = cpu_program.compiled(self.chunk, self.kernel.title)
+        self._run = cpu_program.compiled(self.chunk, self.kernel.title, contraction=spec.numerics.contraction)
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         tile, lane = np.divmod(lanes, self._tile)

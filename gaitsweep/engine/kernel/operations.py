@@ -1,4 +1,4 @@
-"""The scalar operations of a program: result kind, NumPy evaluation, Python source."""
+"""The scalar operations of a program: result kind, NumPy evaluation, source in Python and in C."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ class Operation:
     """A scalar operation.
 
     `kind` is that of the result ("same": the kind of the last argument); `evaluate` computes it with NumPy;
-    in its `source`, {0}, {1}, ... are the arguments and {bits} is the width of the last one, 32 or 64.
+    `python` and `c` are its source: {0}, {1}, ... are the arguments, {bits} is the width of the last one, 32
+    or 64, and {f} is the ending of C's functions of float32, f or nothing.
     """
 
     kind: str
     evaluate: Callable[..., Any]
-    source: str
+    python: str
+    c: str
     commutes: bool = False
 
 
@@ -28,47 +30,49 @@ def _select(condition: Any, yes: Any, no: Any) -> Any:
     return yes if condition else no
 
 
-def _call(name: str) -> Operation:
-    """A library function of NumPy, which is not vectorised over lanes."""
-    return Operation("same", getattr(np, name), f"math.{_MATH.get(name, name)}({{0}})")
+def _sign(kind: str, evaluate: Callable[..., Any], source: str, *, commutes: bool = False) -> Operation:
+    """An operation that Python and C write alike."""
+    return Operation(kind, evaluate, source, source, commutes)
 
 
-_MATH = {"arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh"}
+def _call(name: str, evaluate: Callable[..., Any]) -> Operation:
+    """A library function, which is not vectorised over lanes."""
+    return Operation("same", evaluate, f"math.{name}({{0}})", f"{name}{{f}}({{0}})")
 
 
 def _of_math(name: str) -> Operation:
     """A library function that NumPy does not have."""
-    return Operation("same", lambda x: type(x)(getattr(math, name)(x)), f"math.{name}({{0}})")
+    return _call(name, lambda x: type(x)(getattr(math, name)(x)))
 
 
 OPERATIONS: dict[str, Operation] = {
-    "add": Operation("same", lambda a, b: a + b, "{0} + {1}", commutes=True),
-    "sub": Operation("same", lambda a, b: a - b, "{0} - {1}"),
-    "mul": Operation("same", lambda a, b: a * b, "{0} * {1}", commutes=True),
-    "div": Operation("same", lambda a, b: a / b, "{0} / {1}"),
-    "neg": Operation("same", lambda a: -a, "-{0}"),
-    "abs": Operation("same", np.abs, "abs({0})"),
-    "floor": Operation("same", np.floor, "floor{bits}({0})"),
-    "sqrt": Operation("same", np.sqrt, "sqrt{bits}({0})"),
-    "lt": Operation("bool", lambda a, b: a < b, "{0} < {1}"),
-    "le": Operation("bool", lambda a, b: a <= b, "{0} <= {1}"),
-    "eq": Operation("bool", lambda a, b: a == b, "{0} == {1}", commutes=True),
-    "ne": Operation("bool", lambda a, b: a != b, "{0} != {1}", commutes=True),
-    "and": Operation("bool", lambda a, b: a & b, "{0} & {1}", commutes=True),
-    "or": Operation("bool", lambda a, b: a | b, "{0} | {1}", commutes=True),
-    "not": Operation("bool", np.logical_not, "not {0}"),
-    "select": Operation("same", _select, "{1} if {0} else {2}"),
-    "to_f32": Operation("f32", np.float32, "float32({0})"),
-    "to_f64": Operation("f64", np.float64, "float64({0})"),
+    "add": _sign("same", lambda a, b: a + b, "{0} + {1}", commutes=True),
+    "sub": _sign("same", lambda a, b: a - b, "{0} - {1}"),
+    "mul": _sign("same", lambda a, b: a * b, "{0} * {1}", commutes=True),
+    "div": _sign("same", lambda a, b: a / b, "{0} / {1}"),
+    "neg": _sign("same", lambda a: -a, "-{0}"),
+    "abs": Operation("same", np.abs, "abs({0})", "fabs{f}({0})"),
+    "floor": Operation("same", np.floor, "floor{bits}({0})", "floor{f}({0})"),
+    "sqrt": Operation("same", np.sqrt, "sqrt{bits}({0})", "sqrt{f}({0})"),
+    "lt": _sign("bool", lambda a, b: a < b, "{0} < {1}"),
+    "le": _sign("bool", lambda a, b: a <= b, "{0} <= {1}"),
+    "eq": _sign("bool", lambda a, b: a == b, "{0} == {1}", commutes=True),
+    "ne": _sign("bool", lambda a, b: a != b, "{0} != {1}", commutes=True),
+    "and": _sign("bool", lambda a, b: a & b, "{0} & {1}", commutes=True),
+    "or": _sign("bool", lambda a, b: a | b, "{0} | {1}", commutes=True),
+    "not": Operation("bool", np.logical_not, "not {0}", "!{0}"),
+    "select": Operation("same", _select, "{1} if {0} else {2}", "{0} ? {1} : {2}"),
+    "to_f32": Operation("f32", np.float32, "float32({0})", "(float){0}"),
+    "to_f64": Operation("f64", np.float64, "float64({0})", "(double){0}"),
     # integers are represented by float64; only the kind changes
-    "to_int": Operation("int", np.float64, "float64({0})"),
-    "log": _call("log"),
-    "log1p": _call("log1p"),
-    "expm1": _call("expm1"),
-    "asinh": _call("arcsinh"),
-    "acosh": _call("arccosh"),
-    "atanh": _call("arctanh"),
-    "pow": Operation("same", np.power, "{0} ** {1}"),
+    "to_int": Operation("int", np.float64, "float64({0})", "(double){0}"),
+    "log": _call("log", np.log),
+    "log1p": _call("log1p", np.log1p),
+    "expm1": _call("expm1", np.expm1),
+    "asinh": _call("asinh", np.arcsinh),
+    "acosh": _call("acosh", np.arccosh),
+    "atanh": _call("atanh", np.arctanh),
+    "pow": Operation("same", np.power, "{0} ** {1}", "pow{f}({0}, {1})"),
     "erf": _of_math("erf"),
     "erfc": _of_math("erfc"),
 }

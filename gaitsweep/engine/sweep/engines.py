@@ -62,14 +62,14 @@ def _obstacle(
         return f"{model.name} computes on the host with {', '.join(model.host_parameters)}"
     if device.platform not in KERNEL_POLLS_PER_CHUNK:
         return f"there are no kernels for {device.platform}"
-    if importlib.util.find_spec("numba") is None:
-        return "the package numba is not installed"
     if device.platform == "gpu":
-        from gaitsweep.engine.kernel.cuda import missing
+        from gaitsweep.engine.kernel.card import missing
 
         absent = missing()
         if absent is not None:
             return absent
+    elif importlib.util.find_spec("numba") is None:
+        return "the package numba is not installed"
     from gaitsweep.engine.kernel.lanes import kernel_of
     from gaitsweep.engine.kernel.trace import UnsupportedError
 

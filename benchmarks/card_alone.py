@@ -1,0 +1,124 @@
+"""How fast kernels are on an NVIDIA GPU without the host: `python -m benchmarks.card_alone`.
+
+Prints attempts (of all lanes together) a second, registers and bytes in memory of a thread, and the seconds
+until all lanes were filled; with an empty GAITSWEEP_CACHE kernels are compiled in that time. The trajectories
+start at random and are neither collected nor replaced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from gaitsweep.contract import Model
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.kernel.cuda import CudaLanes
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.engine.sweep.xla import local_devices
+from gaitsweep.expression import evaluate
+from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.models.waist_quadruped import WaistQuadruped
+
+CROSSINGS = 30  # below a buffer's length, so that no lane waits for the host
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A model and how it is run; `ranges` of parameters and starts, and polls in one launch."""
+
+    name: str
+    model: Model
+    numerics: Numerics
+    ranges: Mapping[str, tuple[float, float]]
+    polls: int
+
+
+_PHASES = {f"psi_{i}": (0.0, 2.0 * np.pi) for i in (1, 2, 3)}
+_LOADS = {"f": (2.0, 3.2), "delta_13": (2.0, 3.2)}
+_SMALL_STEPS = Numerics(dt=2e-4, method="semi_implicit")
+CASES = [
+    Case("chain, rk4", Multilegged(), Numerics(dt=4e-3, method="rk4"), _PHASES, 32),
+    Case("chain, propagator6", Multilegged(), Numerics(dt=32e-3, method="propagator6"), _PHASES, 8),
+    Case("quadruped with a waist", WaistQuadruped(), _SMALL_STEPS, _LOADS, 16),
+    Case(
+        "the same, mixed", WaistQuadruped(), dataclasses.replace(_SMALL_STEPS, precision="mixed"), _LOADS, 16
+    ),
+]
+
+
+def rows_of(case: Case, lanes: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Parameters and starts of all lanes, (lanes,) each."""
+    random = np.random.default_rng(0)
+    params: dict[str, Any] = {}
+    starts: dict[str, Any] = {}
+    for quantity in case.model.parameters:
+        given = quantity.default
+        if quantity.name in case.ranges:
+            given = random.uniform(*case.ranges[quantity.name], lanes)
+        found = evaluate(given, params) if isinstance(given, str) else given
+        params[quantity.name] = np.broadcast_to(np.asarray(found, float), (lanes,))
+    for quantity in case.model.initial_conditions:
+        given = np.nan if quantity.default is None else quantity.default
+        if quantity.name in case.ranges:
+            given = random.uniform(*case.ranges[quantity.name], lanes)
+        starts[quantity.name] = np.broadcast_to(np.asarray(given, float), (lanes,))
+    return params, starts
+
+
+def measure(case: Case, lanes: int, contraction: bool) -> str:
+    """The line of a case."""
+    params, starts = rows_of(case, lanes)
+    spec = SweepSpec(
+        model=case.model,
+        recorder=CrossingRecorder(case.model, crossings=CROSSINGS),
+        numerics=dataclasses.replace(case.numerics, contraction=contraction),
+        n_rows=lanes,
+        block=lanes,
+        lanes=lanes,
+        devices=local_devices(1),
+        values=lambda first, last: (params, starts),
+        engine="kernel",
+    )
+    began = time.perf_counter()
+    on_card = CudaLanes(spec, spec.devices[0])
+    on_card.fill(params, starts, np.ones(lanes, bool))
+    ready = time.perf_counter() - began
+    attempts, rates = int(on_card.run_chunk(0).attempts.sum()), []
+    for _ in range(3):
+        began = time.perf_counter()
+        on_card.advance(case.polls)
+        on_card.card.wait()
+        seconds = time.perf_counter() - began
+        now = int(on_card.run_chunk(0).attempts.sum())
+        rates.append((now - attempts) / seconds)
+        attempts = now
+    thread = on_card.run.attributes
+    return (
+        f"{case.name:24} {max(rates):12.3g} {thread.num_regs:10} {thread.local_size_bytes:16} {ready:12.1f}"
+    )
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        prog="python -m benchmarks.card_alone",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--lanes", type=int, default=131072)
+    options.add_argument("--no-contraction", action="store_true")
+    chosen = options.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    print(f"{'':24} {'attempts/s':>12} {'registers':>10} {'bytes in memory':>16} {'ready in, s':>12}")
+    for case in CASES:
+        print(measure(case, chosen.lanes, not chosen.no_contraction), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""One NVIDIA GPU through cuda-core: its memory, copies, kernels."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.engine.kernel import nvrtc
+from gaitsweep.engine.kernel.gpu_program import THREADS
+
+# A number on a card is float64.
+_NUMBER = 8
+
+
+def missing() -> str | None:
+    """The reason why kernels on the GPU are not available, in words, or None."""
+    for module, package in (("cuda.core", "cuda-core"), ("cuda.bindings", "cuda-bindings")):
+        if not _found(module):
+            return f"the package {package} is not installed"
+    try:
+        from cuda.bindings import nvrtc as library  # pyright: ignore[reportMissingImports]
+        from cuda.core import Device  # pyright: ignore[reportMissingImports]
+
+        library.nvrtcVersion()
+    except Exception as error:  # what it is depends on the package and its version
+        return f"NVIDIA's compiler NVRTC cannot be loaded ({_first_line(error)})"
+    try:
+        return None if Device.get_all_devices() else "cuda-core finds no NVIDIA GPU"
+    except Exception as error:
+        return f"cuda-core finds no CUDA driver ({_first_line(error)})"
+
+
+def _found(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # of the package around it
+        return False
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+
+
+class Numbers:
+    """An array of float64 on a card, and pinned memory of the host for copies to and from its beginning.
+
+    Args:
+        card: the card.
+        shape: of the array, which is not initialised.
+    """
+
+    def __init__(self, card: Card, shape: tuple[int, ...]) -> None:
+        self.card, self.shape = card, shape
+        self.size = int(np.prod(shape))
+        self.buffer = card.allocate(self.size)
+        self._pinned: Any = None
+        self._host = np.zeros(0)
+
+    def host(self, size: int) -> np.ndarray:
+        """Pinned memory of the host (size,), the same at each call unless it has to grow."""
+        if self._host.size < size:
+            # the next size is often a little larger
+            room = min(self.size, max(size, 2 * self._host.size))
+            self._pinned = self.card.allocate_pinned(room)
+            memory = (ctypes.c_double * room).from_address(int(self._pinned.handle))
+            memory.owner = self._pinned  # a view that outlives this object stays valid
+            self._host = np.frombuffer(memory, np.float64)
+        return self._host[:size]
+
+    def to_card(self, size: int) -> None:
+        """Copy the first `size` numbers of `host` to the card."""
+        self.card.copy(self._pinned, self.buffer, size)
+
+    def from_card(self, size: int) -> np.ndarray:
+        """The first `size` numbers of the array, a view of `host`."""
+        host = self.host(size)
+        if size:
+            self.card.copy(self.buffer, self._pinned, size)
+            self.card.wait()
+        return host
+
+
+class Card:
+    """One GPU, in the context that JAX uses too.
+
+    Args:
+        number: of the device.
+    """
+
+    def __init__(self, number: int) -> None:
+        import cuda.core as core  # pyright: ignore[reportMissingImports]
+
+        self._core, self._number = core, number
+        device = self.use()
+        self._architecture = f"sm_{device.arch}"
+        self._stream = device.create_stream()
+        self._pinned = core.LegacyPinnedMemoryResource()
+
+    def use(self) -> Any:
+        """Make this card the calling thread's; every thread that uses it calls this first."""
+        device = self._core.Device(self._number)
+        device.set_current()
+        return device
+
+    def allocate(self, size: int) -> Any:
+        """Memory of the card for so many numbers."""
+        return self.use().allocate(max(size, 1) * _NUMBER, stream=self._stream)
+
+    def allocate_pinned(self, size: int) -> Any:
+        """Memory of the host for so many numbers, which the card copies at full rate."""
+        return self._pinned.allocate(size * _NUMBER)
+
+    def copy(self, source: Any, target: Any, size: int) -> None:
+        """Copy the first `size` numbers of a piece of memory, after what was launched before."""
+        if size:
+            start, end = (
+                self._core.Buffer.from_handle(part.handle, size * _NUMBER, owner=part)
+                for part in (source, target)
+            )
+            start.copy_to(end, stream=self._stream)
+
+    def wait(self) -> None:
+        """Wait for all that was launched and copied."""
+        self._stream.sync()
+
+    def module(self, source: str, *, contraction: bool = True) -> Any:
+        """The kernels of a source, compiled now or loaded from the cache."""
+        code = nvrtc.compiled(source, self._architecture, contraction=contraction)
+        return self._core.ObjectCode.from_cubin(code)
+
+    def set_constant(self, module: Any, name: str, value: bytes) -> None:
+        """Set a variable of a module in the card's constant memory."""
+        from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
+
+        # cuda-core has no access to variables
+        failed, address, size = driver.cuLibraryGetGlobal(module.handle, name.encode())
+        if failed:
+            raise RuntimeError(f"The variable {name} of a kernel is not found: {failed.name}.")
+        if size < len(value):
+            raise RuntimeError(f"The variable {name} of a kernel has {size} bytes, not {len(value)}.")
+        pinned = self._pinned.allocate(len(value))
+        ctypes.memmove(int(pinned.handle), value, len(value))
+        pinned.copy_to(
+            self._core.Buffer.from_handle(int(address), len(value), owner=module), stream=self._stream
+        )
+        self.wait()
+
+    def launch(self, kernel: Any, threads: int, *args: Numbers | int) -> None:
+        """Start a kernel with at least so many threads; its arguments are `Numbers` and int."""
+        config = self._core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
+        given = [a.buffer if isinstance(a, Numbers) else ctypes.c_longlong(a) for a in args]
+        self._core.launch(self._stream, config, kernel, *given)

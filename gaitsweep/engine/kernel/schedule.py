@@ -1,0 +1,88 @@
+"""The order of a program's statements that needs few registers.
+
+A GPU's thread has 255 registers of 32 bits, and what does not fit is spilled to memory. The compiler keeps
+the order of independent statements for the most part.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Container, Sequence
+
+from gaitsweep.engine.kernel.program import Program
+
+# The share of values below which another order than the program's own is better: of the chain's tsit5, with
+# .986 times as many values, the compiler spills twice the bytes.
+CLEARLY = 0.98
+
+
+def scheduled(program: Program, wanted: Sequence[int], given: Container[int]) -> list[int]:
+    """The nodes, neither `given` nor constants, that `wanted` need, with few values alive at a time.
+
+    It is the program's own order, or the one built from the end if that keeps clearly fewer values at its
+    peak. The quadruped with a waist is 9 % faster so, and 19 % in mixed precision; the chain's propagator6
+    would make less than half the attempts.
+    """
+    needed = program.needed(wanted, given)
+    own = [at for at in needed if at not in given and program.nodes[at].op != "constant"]
+    other = _from_the_end(program, own, wanted)
+    fewer = most_alive(program, other, wanted) < CLEARLY * most_alive(program, own, wanted)
+    return other if fewer else own
+
+
+def most_alive(program: Program, order: Sequence[int], wanted: Sequence[int]) -> int:
+    """The largest number of values that are needed at a time, constants left out."""
+    last = {a: place for place, at in enumerate(order) for a in _arguments(program, at)}
+    last |= dict.fromkeys(wanted, len(order))
+    ends = [0] * (len(order) + 1)
+    for place in last.values():
+        ends[place] += 1
+    # inputs are alive from the beginning
+    alive = most = len(last.keys() - set(order))
+    for ended in ends[:-1]:
+        alive += 1
+        most = max(most, alive)
+        alive -= ended
+    return most
+
+
+def _from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int]) -> list[int]:
+    """The nodes ordered backwards: next comes the one that adds the fewest values to those needed later."""
+    inside = set(nodes)
+    arguments = {at: _arguments(program, at) for at in nodes}
+    readers: dict[int, list[int]] = {}
+    for at, args in arguments.items():
+        for a in args:
+            readers.setdefault(a, []).append(at)
+    unplaced = {at: len(readers.get(at, [])) for at in nodes}
+    alive = set(wanted)
+    added = {at: sum(a not in alive for a in args) for at, args in arguments.items()}
+    # an entry is out of date if its number is not the node's any more; of equals the program's last comes
+    heap = [(added[at], -at) for at in nodes if unplaced[at] == 0]
+    heapq.heapify(heap)
+    placed: list[int] = []
+    done: set[int] = set()
+    while heap:
+        number, at = heapq.heappop(heap)
+        at = -at
+        if at in done or number != added[at]:
+            continue
+        done.add(at)
+        placed.append(at)
+        for a in arguments[at]:
+            if a not in alive:
+                alive.add(a)
+                for reader in readers[a]:
+                    added[reader] -= 1
+                    if unplaced[reader] == 0 and reader not in done:
+                        heapq.heappush(heap, (added[reader], -reader))
+            if a in inside:
+                unplaced[a] -= 1
+                if unplaced[a] == 0:
+                    heapq.heappush(heap, (added[a], -a))
+    return placed[::-1]
+
+
+def _arguments(program: Program, at: int) -> list[int]:
+    """The different arguments of a node that are not constants."""
+    return [a for a in dict.fromkeys(program.nodes[at].args) if program.nodes[a].op != "constant"]

@@ -1,0 +1,181 @@
+"""The program for a card on this machine's processor: its C, and whole sweeps thread by thread."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import types
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from host_card import HOST_HEAD, HostCard, compiler, library
+from multilegged_crossings import wrapped
+from scalar_programs import executable, traced_with
+from sweeping import run_rows, same
+from toy_model import Toy
+
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.kernel import cuda
+from gaitsweep.engine.kernel.c_source import TYPES, C, function, stored
+from gaitsweep.engine.kernel.operations import OPERATIONS
+from gaitsweep.engine.kernel.program import Kind, Program
+from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.models.multilegged.model import Multilegged
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
+
+NUMERICS = Numerics(dt=1e-2)
+LAUNCH = np.linspace(0.1, 4.0, 23)
+_CTYPES = {"double": ctypes.c_double, "float": ctypes.c_float, "bool": ctypes.c_bool}
+_NUMPY = {"double": np.float64, "float": np.float32, "bool": np.bool_}
+
+
+class Compiled:
+    """A program's nodes as a C function of its inputs, which have the kinds `inputs`."""
+
+    def __init__(self, program: Program, inputs: list[int], outputs: list[int], folder: Path) -> None:
+        self.types = [TYPES[program.nodes[at].kind] for at in inputs]
+        self.results = [TYPES[program.nodes[at].kind] for at in outputs]
+        given = {at: f"x{k}" for k, at in enumerate(inputs)}
+        lines, results = statements(C(), program, outputs, given)
+        lines += [
+            f"out[{k}] = {stored(program.nodes[at].kind, result)};"
+            for k, (at, result) in enumerate(zip(outputs, results, strict=True))
+        ]
+        parameters = [f"const {kind} {name}" for kind, name in zip(self.types, given.values(), strict=True)]
+        head = f"KERNEL void of({', '.join([*parameters, 'double* out'])})"
+        self.code = library(HOST_HEAD + function(head, lines), folder)
+
+    def __call__(self, *values: Any) -> list[Any]:
+        out = np.zeros(len(self.results))
+        given = [_CTYPES[kind](value) for kind, value in zip(self.types, values, strict=True)]
+        self.code.of(*given, ctypes.c_void_p(out.ctypes.data))
+        return [_NUMPY[kind](x) for kind, x in zip(self.results, out, strict=True)]
+
+
+SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 3.7, 1e-310, 1e300, math.inf, -math.inf, math.nan]
+
+
+@pytest.mark.parametrize("kind", ["f64", "f32", "int", "bool"])
+def test_every_operation_in_c_is_that_of_numpy(kind: Kind, tmp_path: Path) -> None:
+    """Special values included: comparisons with NaN are false but for !=, functions have C's float forms."""
+    names = (
+        {"and", "or", "not", "eq", "ne", "select"} if kind == "bool" else {*OPERATIONS} - {"and", "or", "not"}
+    )
+    names -= {"to_f32", "to_f64", "to_int"} if kind == "int" else set()
+    program = Program()
+    a, b = program.input(0, kind), program.input(1, kind)
+    condition = program.input(2, "bool")
+    args = {"select": (condition, a, b), **dict.fromkeys(("add", "sub", "mul", "div", "pow"), (a, b))}
+    args |= dict.fromkeys(("lt", "le", "eq", "ne", "and", "or"), (a, b))
+    nodes = {name: program.write(name, *args.get(name, (a,))) for name in sorted(names)}
+    compiled = Compiled(program, [a, b, condition], list(nodes.values()), tmp_path)
+    number = _NUMPY[TYPES[kind]]
+    values = [True, False] if kind == "bool" else SPECIAL
+    with np.errstate(all="ignore"):
+        points = [(number(x), number(y), flag) for x in values for y in values for flag in (True, False)]
+        for x, y, flag in points:
+            typed = {a: x, b: y, condition: np.bool_(flag)}
+            for (name, at), mine in zip(nodes.items(), compiled(x, y, flag), strict=True):
+                if name == "pow" and x == -math.inf and y == 0.5:
+                    continue  # NumPy takes the root, which is no number
+                theirs = OPERATIONS[name].evaluate(*(typed[k] for k in program.nodes[at].args))
+                # a few units of the last place, for functions of two libraries
+                near = 1e-6 if kind == "f32" or name == "to_f32" else 1e-15
+                np.testing.assert_allclose(mine, theirs, rtol=near, atol=0, err_msg=f"{name}({x}, {y})")
+
+
+def _of_all_kinds(x: Any, y: Any, n: Any, flag: Any) -> Any:
+    sides = (jnp.sin(x) + jnp.floor(y), jnp.exp(y) * x.astype(jnp.float32), jnp.where(flag, x, y), n // 3)
+    checks = (jnp.isfinite(x), jnp.argmax(jnp.stack([x, x * x])), x.astype(int) + n, jnp.round(y), ~flag)
+    constants = (
+        x + 0.1,
+        y * jnp.float32(0.1),
+        jnp.where(flag, jnp.inf, -1e-12),
+        jnp.where(flag, y, -jnp.inf),
+    )
+    return sides, checks, constants, jnp.arctan2(y, y), jnp.sqrt(x), x**-1.5
+
+
+@pytest.mark.parametrize("x", [0.7, -0.3, 40.0, 0.0, math.nan, math.inf])
+def test_a_program_in_c_is_that_in_python(x: float, tmp_path: Path) -> None:
+    traced = traced_with(_of_all_kinds, np.float64(0), np.float32(0), np.int64(0), np.bool_(True))
+    compiled = Compiled(traced.program, traced.inputs, traced.outputs, tmp_path)
+    inputs = np.float64(x), np.float32(x), np.float64(7), np.bool_(x > 0)
+    for mine, theirs in zip(compiled(*inputs), executable(traced)(*inputs), strict=True):
+        near = 2e-7 if np.asarray(theirs).dtype == np.float32 else 1e-15
+        np.testing.assert_allclose(mine, theirs, rtol=near, atol=near)
+
+
+@pytest.fixture
+def on_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """`run_rows` on a card that this machine's processor stands in for."""
+
+    class Card(HostCard):
+        folder = tmp_path
+
+    monkeypatch.setattr(cuda, "Card", Card)
+    device = types.SimpleNamespace(platform="gpu")
+    monkeypatch.setattr("sweeping.devices_on", lambda platform, engine: [device] * 2)
+    return partial(run_rows, engine="kernel")
+
+
+def test_sweeps_thread_by_thread(on_card: Any) -> None:
+    """Crossings of the toy: lanes, blocks and devices change no bit."""
+    recorder, starts = CrossingRecorder(Toy(), crossings=12), {"launch_1": LAUNCH}
+    one = on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=7)
+    same(one, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=3, devices=2, block=5))
+
+
+def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a CPU, whose compiler contracts other sums."""
+    options: dict[str, Any] = {"numerics": NUMERICS, "lanes": 16}
+    card = on_card(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, **options)
+    monkeypatch.undo()
+    cpu = run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, engine="kernel", **options)
+    np.testing.assert_array_equal(card.status, cpu.status)
+    np.testing.assert_array_equal(card.cycles, cpu.cycles)
+    np.testing.assert_allclose(card.last, cpu.last, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("contraction", [True, False])
+def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(3)
+    starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 4) for i in (1, 2, 3)}
+    recorder = CrossingRecorder(Multilegged(), crossings=2)
+    numerics = Numerics(dt=32e-3, method="propagator6", contraction=contraction)
+    card = on_card(Multilegged(), recorder, starts, numerics=numerics, lanes=4)
+    monkeypatch.undo()
+    cpu = run_rows(Multilegged(), recorder, starts, numerics=numerics, lanes=4, engine="kernel")
+    np.testing.assert_array_equal(card.status, cpu.status)
+    if contraction:
+        # two compilers contract different sums, and rounding grows to some 1e-13 on the way
+        assert wrapped(card.samples[:, 2:5] - cpu.samples[:, 2:5]).max() < 1e-10
+    else:
+        np.testing.assert_array_equal(card.samples, cpu.samples)
+
+
+def test_constants_that_differ_between_rows(on_card: Any) -> None:
+    """What all rows share is in constant memory and what differs is not; the numbers are the same."""
+    starts = {"launch_1": np.full(20, 1.3)}
+    recorder = CrossingRecorder(Toy(), crossings=6)
+    alike, mixed = (
+        on_card(
+            Toy(),
+            recorder,
+            starts,
+            params={"kick": np.where(np.arange(20) < 19, 1.0, other)},
+            numerics=NUMERICS,
+            lanes=8,
+        )
+        for other in (1.0, 1.2)
+    )
+    width = alike.samples.shape[1]
+    np.testing.assert_array_equal(*(r.samples.reshape(20, -1, width)[:19] for r in (alike, mixed)))
+    assert np.any(alike.last[19] != mixed.last[19])
