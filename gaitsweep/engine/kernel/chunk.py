@@ -35,7 +35,7 @@ class Chunk:
     """A program and its slots.
 
     `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
-    the nodes that are written to slots, by slot; `keep` the node that decides whether the nodes `row` are
+    the nodes that are written to slots, by slot; `plain` those of an attempt where `rare` is false; `keep` the node that decides whether the nodes `row` are
     kept; `steady` the nodes that are computed once, by slot.
     """
 
@@ -44,6 +44,8 @@ class Chunk:
     carry: Any
     record: Any
     attempt: dict[int, int]
+    plain: dict[int, int]
+    rare: int
     poll: dict[int, int]
     keep: int
     row: list[int]
@@ -107,17 +109,20 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
+    plain, rare = program.usually([*attempt.values()])
     polled = jax.make_jaxpr(lane.poll)(held, carry, record)
     given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
     poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = steady_results(program, [*attempt.values(), *poll.values(), *row, keep])
+    steady = steady_results(program, [*attempt.values(), *plain, rare, *poll.values(), *row, keep])
     return Chunk(
         program=program,
         held=held_leaves,
         carry=carry_leaves,
         record=record_leaves,
         attempt=attempt,
+        plain=dict(zip(attempt, plain, strict=True)),
+        rare=rare,
         poll=poll,
         keep=keep,
         row=row,

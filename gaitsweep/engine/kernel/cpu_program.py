@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from gaitsweep.engine.kernel.cache import module_of
@@ -18,7 +18,8 @@ from gaitsweep.engine.kernel.python_source import loaded, statements, stored
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
-TILE = 16
+TILE = 8
+VECTOR = 8
 
 _PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
@@ -60,7 +61,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
     parts = [
         _PREAMBLE.format(title=title),
         _stage("prepare", chunk, chunk.steady, {}, lanes),
-        _stage("attempt", chunk, chunk.attempt, steady, lanes),
+        _attempt(chunk, steady, lanes),
         _stage("poll", chunk, poll, steady, lanes),
         _KEEP.format(
             lanes=lanes,
@@ -88,34 +89,74 @@ def slots(chunk: Chunk) -> int:
 
 
 def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, str], lanes: int) -> str:
+    lines, _ = _block(chunk, outputs, given, lanes, ())
+    return _function(name, lines, lanes)
+
+
+def _attempt(chunk: Chunk, given: dict[int, str], lanes: int) -> str:
+    """An attempt: what happens at an event is computed only if a lane of the vector needs it."""
+    if chunk.program.value(chunk.rare) is False:
+        return _stage("attempt", chunk, chunk.attempt, given, lanes)
+    lines, names = _block(chunk, {}, given, lanes, [*chunk.plain.values(), chunk.rare])
+    rare, _ = _block(chunk, chunk.attempt, given, lanes, (), names)
+    plain, _ = _block(chunk, chunk.plain, given, lanes, (), names)
+    lines += [f"if any({names[chunk.rare]}):", *(f"    {each}" for each in rare)]
+    lines += ["else:", *(f"    {each}" for each in plain)]
+    return _function("attempt", lines, lanes)
+
+
+def _block(
+    chunk: Chunk,
+    outputs: dict[int, int],
+    given: dict[int, str],
+    lanes: int,
+    wanted: Sequence[int],
+    known: Mapping[int, str] | None = None,
+) -> tuple[list[str], dict[int, str]]:
+    """Lines that load what is needed, compute it and store `outputs`; the names of all nodes computed.
+
+    Args:
+        chunk: the program.
+        outputs: the nodes to store, by slot.
+        given: the places in memory of nodes that are not inputs.
+        lanes: lanes of a tile.
+        wanted: more nodes to compute.
+        known: names of nodes that are computed already.
+    """
     program = chunk.program
-    wanted = list(outputs.values())
-    names = dict(given)
-    loads = []
-    for at in program.needed(wanted, given):
+    names = dict(known or {})
+    wanted = [*outputs.values(), *wanted]
+    lines = []
+    for at in program.needed(wanted, given.keys() | names.keys()):
         node = program.nodes[at]
-        if at in given or node.op == "input":
+        if at not in names and (at in given or node.op == "input"):
             place = given[at] if at in given else f"s[{chunk.slot_of(at) * lanes} + lane]"
             names[at] = f"x{at}"
-            loads.append(f"{names[at]} = {loaded(node.kind, place)}")
-    lines, results = statements(program, wanted, names)
+            lines.append(f"{names[at]} = {loaded(node.kind, place)}")
+    more, results = statements(program, wanted, names)
+    names.update(zip(wanted, results, strict=True))
+    names.update({int(each[1:]): each for line in more if (each := line.split(" = ")[0])[0] == "v"})
     stores = [
-        f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, result)}"
-        for slot, at, result in zip(outputs, wanted, results, strict=True)
+        f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, names[at])}"
+        for slot, at in outputs.items()
     ]
-    body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores, "pass"])
-    return _STAGE.format(name=name, lanes=lanes, body=body)
+    return [*lines, *more, *stores], names
 
 
-_STAGE = """{name}_of_lane = straight_line(CpuCalls, '''def {name}_of_lane(s, lane):
+def _function(name: str, lines: list[str], lanes: int) -> str:
+    body = "\n".join(f"    {line}" for line in [*lines, "pass"])
+    return _STAGE.format(name=name, lanes=lanes, vector=VECTOR, body=body)
+
+
+_STAGE = """{name}_of_vector = straight_line(CpuCalls, '''def {name}_of_vector(s, lane):
 {body}
-''')
+''', {vector})
 
 
 @compiled
 def {name}(s):
-    for lane in range({lanes}):
-        {name}_of_lane(s, lane)
+    for lane in range(0, {lanes}, {vector}):
+        {name}_of_vector(s, lane)
 """
 
 _KEEP = """@compiled

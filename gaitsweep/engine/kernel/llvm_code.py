@@ -45,7 +45,7 @@ class CpuCalls:
     @staticmethod
     def call(context: Any, builder: Any, name: str, args: list[Any]) -> Any:
         if name in CpuCalls.own:
-            return builder.call(builder.module.declare_intrinsic(f"llvm.{name}", [args[0].type]), args)
+            return builder.call(_intrinsic(builder.module, name, args[0].type), args)
         from numba.core import types
 
         number = types.float64 if args[0].type == _DOUBLE else types.float32
@@ -53,8 +53,18 @@ class CpuCalls:
         return context.get_function(function, number(*[number] * len(args)))(builder, args)
 
 
+def _intrinsic(module: Any, name: str, kind: Any) -> Any:
+    """LLVM's own function of a number or of a vector of numbers."""
+    one = getattr(kind, "element", kind)
+    shape = f"v{kind.count}" if one is not kind else ""
+    full = f"llvm.{name}.{shape}{one.intrinsic_name}"
+    return module.globals.get(full) or ir.Function(module, ir.FunctionType(kind, [kind]), full)
+
+
 class CudaCalls:
     """Functions of a number on an NVIDIA GPU, from libdevice."""
+
+    own = ()
 
     intrinsic = "numba.cuda.extending"
     types = "numba.cuda.types"
@@ -69,8 +79,12 @@ class CudaCalls:
         return builder.call(function, args)
 
 
-def straight_line(target: type, source: str) -> Any:
-    """The Numba intrinsic of a function given as source, for `CpuCalls` or `CudaCalls`."""
+def straight_line(target: type, source: str, lanes: int = 1) -> Any:
+    """The Numba intrinsic of a function given as source, for `CpuCalls` or `CudaCalls`.
+
+    With several lanes each name stands for a vector of that many numbers, and an element of an array for that
+    many from it on; whole numbers, which are places in arrays, stay single.
+    """
     head = source[: source.index(":")]
     names = head[head.index("(") + 1 : head.index(")")]
     intrinsic = importlib.import_module(target.intrinsic).intrinsic
@@ -86,7 +100,7 @@ def straight_line(target: type, source: str) -> Any:
             result = types.Tuple([letters[k] for k in ast.literal_eval(function.returns)])
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            writer = _Writer(target, context, builder)
+            writer = _Writer(target, context, builder, lanes)
             writer.arguments(function, signature.args, args)
             values = writer.body(function.body)
             if values is None:
@@ -103,13 +117,19 @@ def straight_line(target: type, source: str) -> Any:
 class _Writer:
     """Writes the instructions of one function at its call."""
 
-    def __init__(self, target: type, context: Any, builder: Any) -> None:
-        self.target, self.context, self.builder = target, context, builder
+    def __init__(self, target: type, context: Any, builder: Any, lanes: int = 1) -> None:
+        self.target, self.context, self.builder, self.lanes = target, context, builder, lanes
+        self.double, self.single, self.flag = (
+            kind if lanes == 1 else ir.VectorType(kind, lanes) for kind in (_DOUBLE, _SINGLE, _FLAG)
+        )
         self.names: dict[str, Any] = {
-            "inf": ir.Constant(_DOUBLE, math.inf),
-            "nan": ir.Constant(_DOUBLE, math.nan),
+            "inf": self._constant(self.double, math.inf),
+            "nan": self._constant(self.double, math.nan),
         }
         self.arrays: dict[str, Any] = {}
+
+    def _constant(self, kind: Any, value: float) -> Any:
+        return ir.Constant(kind, value if self.lanes == 1 else [value] * self.lanes)
 
     def arguments(self, function: ast.FunctionDef, types: Any, values: Any) -> None:
         for argument, kind, value in zip(function.args.args, types, values, strict=True):
@@ -128,10 +148,16 @@ class _Writer:
                 case ast.Assign(targets=[ast.Name(id=name)], value=value):
                     self.names[name] = self.value(value)
                 case ast.Assign(targets=[ast.Subscript() as place], value=value):
-                    self.builder.store(self._double(self.value(value)), self._element(place))
+                    self.builder.store(self._double(self.value(value)), self._element(place), align=self._align)
                 case ast.If(test=test, body=inner, orelse=[]):
                     with self.builder.if_then(self.value(test)):
                         self.body(inner)
+                case ast.If(test=test, body=inner, orelse=other):
+                    with self.builder.if_else(self.value(test)) as (then, otherwise):
+                        with then:
+                            self.body(inner)
+                        with otherwise:
+                            self.body(other)
                 case ast.Return(value=ast.Tuple(elts=elements)):
                     return [self.value(element) for element in elements]
                 case ast.Pass():
@@ -147,14 +173,14 @@ class _Writer:
             case ast.Name(id=name):
                 return self.names[name]
             case ast.Constant(value=bool() as known):
-                return ir.Constant(_FLAG, int(known))
+                return self._constant(self.flag, int(known))
             case ast.Constant(value=int() as known):
                 return ir.Constant(_INDEX, known)
             case ast.Constant(value=float() as known):
-                return ir.Constant(_DOUBLE, known)
+                return self._constant(self.double, known)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 inner = self.value(operand)
-                return builder.fsub(ir.Constant(inner.type, -0.0), inner, flags=_LOOSE)
+                return builder.fsub(self._constant(inner.type, -0.0), inner, flags=_LOOSE)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return builder.not_(self.value(operand))
             case ast.BinOp(left=left, op=op, right=right):
@@ -166,7 +192,7 @@ class _Writer:
             case ast.Subscript(value=ast.Name(id=name), slice=place) if name not in self.arrays:
                 return builder.extract_value(self.names[name], ast.literal_eval(place))
             case ast.Subscript():
-                return builder.load(self._element(node))
+                return builder.load(self._element(node), align=self._align)
             case ast.Call(func=function, args=args):
                 return self._called(ast.unparse(function), [self.value(a) for a in args])
         text = f"The expression `{ast.unparse(node)}` of a kernel is not lowered. Allowed: {_EXPRESSIONS}."
@@ -178,11 +204,11 @@ class _Writer:
         if left.type == _INDEX:
             return getattr(self.builder, _WHOLE[op])(left, right, flags=("nsw",))
         if op is ast.Pow:
-            return self.target.call(self.context, self.builder, "pow", [left, right])
+            return self._call("pow", [left, right])
         return getattr(self.builder, _ARITHMETIC[op])(left, right, flags=_LOOSE)
 
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
-        if left.type == _FLAG:
+        if left.type == self.flag:
             return self.builder.icmp_unsigned(sign, left, right)
         # comparisons with NaN are false, except !=
         ordered = self.builder.fcmp_unordered if sign == "!=" else self.builder.fcmp_ordered
@@ -190,17 +216,38 @@ class _Writer:
 
     def _called(self, name: str, args: list[Any]) -> Any:
         if name == "float32":
-            return self.builder.fptrunc(args[0], _SINGLE) if args[0].type == _DOUBLE else args[0]
+            return self.builder.fptrunc(args[0], self.single) if args[0].type == self.double else args[0]
         if name == "float64":
             return self._double(args[0])
         if name == "int":
             return self.builder.fptosi(args[0], _INDEX)
+        if name == "any":
+            bits = args[0] if self.lanes == 1 else self.builder.bitcast(args[0], ir.IntType(self.lanes))
+            return self.builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
         own = {"abs": "fabs", "floor32": "floor", "floor64": "floor", "sqrt32": "sqrt", "sqrt64": "sqrt"}
-        return self.target.call(self.context, self.builder, own.get(name, name.removeprefix("math.")), args)
+        return self._call(own.get(name, name.removeprefix("math.")), args)
+
+    def _call(self, name: str, args: list[Any]) -> Any:
+        if self.lanes == 1 or name in self.target.own:
+            return self.target.call(self.context, self.builder, name, args)
+        # library functions take one number at a time
+        found = ir.Constant(args[0].type, ir.Undefined)
+        for lane in range(self.lanes):
+            place = ir.Constant(ir.IntType(32), lane)
+            each = [self.builder.extract_element(arg, place) for arg in args]
+            one = self.target.call(self.context, self.builder, name, each)
+            found = self.builder.insert_element(found, one, place)
+        return found
 
     def _double(self, value: Any) -> Any:
-        return self.builder.fpext(value, _DOUBLE) if value.type == _SINGLE else value
+        return self.builder.fpext(value, self.double) if value.type == self.single else value
+
+    @property
+    def _align(self) -> int | None:
+        """Bytes to which elements are aligned: arrays of vectors begin at a whole vector."""
+        return None if self.lanes == 1 else 8 * self.lanes
 
     def _element(self, node: ast.Subscript) -> Any:
         assert isinstance(node.value, ast.Name)
-        return self.builder.gep(self.arrays[node.value.id], [self.value(node.slice)])
+        place = self.builder.gep(self.arrays[node.value.id], [self.value(node.slice)])
+        return place if self.lanes == 1 else self.builder.bitcast(place, self.double.as_pointer())

@@ -43,6 +43,7 @@ class Program:
         self.nodes: list[Node] = []
         # constant along a trajectory: constants, steady inputs, and functions of these
         self.steady: list[bool] = []
+        self.usual: dict[int, bool] = {}  # conditions that nearly always have this value
         self._known: dict[tuple, int] = {}
 
     def constant(self, value: Value, kind: Kind) -> int:
@@ -96,6 +97,25 @@ class Program:
                 if at not in given:
                     waiting.extend(self.nodes[at].args)
         return sorted(reached)
+
+    def usually(self, wanted: Sequence[int]) -> tuple[list[int], int]:
+        """Nodes that equal `wanted` where all conditions have their usual value, and whether one has not."""
+        conditions = [at for at in self.needed(wanted) if at in self.usual]
+        # what the conditions need is computed anyway
+        anyway = {at for at in self.needed(conditions) if self.nodes[at].kind != "bool"}
+        now: dict[int, int] = {}
+        for at in self.needed(wanted):
+            node = self.nodes[at]
+            if at in self.usual:
+                now[at] = self.constant(self.usual[at], "bool")
+            elif at not in anyway and any(now[a] != a for a in node.args):
+                now[at] = self.apply(node.op, *(now[a] for a in node.args))
+            else:
+                now[at] = at
+        exception = self.constant(False, "bool")
+        for at in conditions:
+            exception = self.apply("or", exception, self.apply("not", at) if self.usual[at] else at)
+        return [now[at] for at in wanted], exception
 
     def _add(self, key: tuple, node: Node, steady: bool) -> int:
         if key not in self._known:
