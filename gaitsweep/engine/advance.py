@@ -190,9 +190,10 @@ def _advance_hybrid(
         guards = model.guards(here, trial)
         fired = guards >= 0.0
         failed = rarely(going & ~taken)
-        still, long = rarely(h == 0.0), usually(h > CHAIN_STEP)
+        short = rarely(h <= CHAIN_STEP)
+        still = short & (h == 0.0)
         slopes = guard_slopes(model, here, carry.state, flow(here, carry.state))
-        hidden = rarely(going & taken & long & may_hide(carry.near, slopes, guards, h))
+        hidden = rarely(going & taken & ~short & may_hide(carry.near, slopes, guards, h))
         again = failed | hidden
         hit = rarely(going & jnp.any(fired) & ~again)
         on = going & ~hit & ~again
@@ -227,7 +228,7 @@ def _advance_hybrid(
         closed = land & model.section(here, trial, fired)
         timed = rarely(on & (h >= room))
 
-        chain = jnp.where(land, carry.chain + 1, jnp.where(on & long, 0, carry.chain))
+        chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step

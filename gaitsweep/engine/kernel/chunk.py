@@ -7,6 +7,7 @@ Later slots belong to the kernel: values that are computed once, and a row that 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -36,7 +37,8 @@ class Chunk:
 
     `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
     the nodes that are written to slots, by slot; `plain` those of an attempt where `rare` is false; `keep` the node that decides whether the nodes `row` are
-    kept; `steady` the nodes that are computed once, by slot.
+    kept; `steady` the nodes that are computed once, by slot; `settled` those that a plain attempt and its
+    successor have in common, since they depend on modes alone.
     """
 
     program: Program
@@ -50,6 +52,7 @@ class Chunk:
     keep: int
     row: list[int]
     steady: dict[int, int]
+    settled: list[int]
     n_slots: int
 
     @property
@@ -103,7 +106,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         slots: dict[int, int] = {}
         for leaf, nodes in zip(jax.tree.leaves(leaves), given, strict=True):
             for i, at in enumerate(nodes.ravel().tolist()):
-                if not (program.nodes[at].op == "input" and program.nodes[at].value == leaf.first + i):
+                if not program.is_input(at, leaf.first + i):
                     slots[leaf.first + i] = at
         return slots
 
@@ -127,5 +130,34 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         keep=keep,
         row=row,
         steady={count + i: at for i, at in enumerate(steady)},
+        settled=_settled(program, attempt, plain, rare, steady),
         n_slots=count + len(steady),
     )
+
+
+def _settled(
+    program: Program, attempt: dict[int, int], plain: Sequence[int], rare: int, steady: Sequence[int]
+) -> list[int]:
+    """The numbers that no plain attempt changes, and that attempts read to compute others.
+
+    Flags are left out, since to load one takes a comparison, as most of them do.
+    """
+    nodes = program.nodes
+    changed = {
+        slot
+        for slot, at in zip(attempt, plain, strict=True)
+        if not program.is_input(at, slot)
+    }
+    given = set(steady)
+    needed = program.needed([*attempt.values(), *plain, rare], given)
+    still: set[int] = set()
+    for at in needed:
+        node = nodes[at]
+        if program.steady[at] or (node.value not in changed if node.op == "input" else still.issuperset(node.args)):
+            still.add(at)
+    readers = {a for at in needed if at not in still for a in nodes[at].args}
+    return [
+        at
+        for at in sorted(readers & still)
+        if not program.steady[at] and nodes[at].args and nodes[at].kind != "bool"
+    ]

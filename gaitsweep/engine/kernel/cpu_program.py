@@ -56,12 +56,14 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
     """
     steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
     row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
+    settled = {chunk.n_slots + 1 + chunk.width + i: at for i, at in enumerate(chunk.settled)}
     poll = {**chunk.poll, **row, chunk.n_slots: chunk.keep}
     status = chunk.record.status.first
     parts = [
         _PREAMBLE.format(title=title),
         _stage("prepare", chunk, chunk.steady, {}, lanes),
-        _attempt(chunk, steady, lanes),
+        _stage("settle", chunk, settled, steady, lanes),
+        _attempt(chunk, steady, settled, lanes),
         _stage("poll", chunk, poll, steady, lanes),
         _KEEP.format(
             lanes=lanes,
@@ -84,8 +86,8 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
 
 
 def slots(chunk: Chunk) -> int:
-    """The number of slots of a lane: the program's, then a flag and a row for the loop that keeps rows."""
-    return chunk.n_slots + 1 + chunk.width
+    """The number of slots of a lane: the program's, a flag and a row for the loop that keeps rows, settled values."""
+    return chunk.n_slots + 1 + chunk.width + len(chunk.settled)
 
 
 def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, str], lanes: int) -> str:
@@ -93,14 +95,17 @@ def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, st
     return _function(name, lines, lanes)
 
 
-def _attempt(chunk: Chunk, given: dict[int, str], lanes: int) -> str:
+def _attempt(chunk: Chunk, given: dict[int, str], settled: dict[int, int], lanes: int) -> str:
     """An attempt: what happens at an event is computed only if a lane of the vector needs it."""
+    anew, _ = _block(chunk, settled, given, lanes, ())
+    given = given | {at: f"s[{slot * lanes} + lane]" for slot, at in settled.items()}
     if chunk.program.value(chunk.rare) is False:
         return _stage("attempt", chunk, chunk.attempt, given, lanes)
-    lines, names = _block(chunk, {}, given, lanes, [*chunk.plain.values(), chunk.rare])
+    moved = {slot: at for slot, at in chunk.plain.items() if not chunk.program.is_input(at, slot)}
+    lines, names = _block(chunk, {}, given, lanes, [*moved.values(), chunk.rare])
     rare, _ = _block(chunk, chunk.attempt, given, lanes, (), names)
-    plain, _ = _block(chunk, chunk.plain, given, lanes, (), names)
-    lines += [f"if any({names[chunk.rare]}):", *(f"    {each}" for each in rare)]
+    plain, _ = _block(chunk, moved, given, lanes, (), names)
+    lines += [f"if any({names[chunk.rare]}):", *(f"    {each}" for each in [*rare, *anew])]
     lines += ["else:", *(f"    {each}" for each in plain)]
     return _function("attempt", lines, lanes)
 
@@ -173,6 +178,7 @@ def run(S, kept, polls):
     for tile in range(S.shape[0]):
         s = S[tile]
         prepare(s)
+        settle(s)
         for _ in range(polls):
             running = 0
             for lane in range({lanes}):
@@ -187,5 +193,6 @@ def run(S, kept, polls):
                     break
                 attempt(s)
             poll(s)
+            settle(s)
             {keep}
 """

@@ -153,11 +153,13 @@ class _Writer:
                     with self.builder.if_then(self.value(test)):
                         self.body(inner)
                 case ast.If(test=test, body=inner, orelse=other):
+                    before = self.names
                     with self.builder.if_else(self.value(test)) as (then, otherwise):
-                        with then:
-                            self.body(inner)
-                        with otherwise:
-                            self.body(other)
+                        for branch, own in ((then, inner), (otherwise, other)):
+                            self.names = dict(before)
+                            with branch:
+                                self.body(own)
+                    self.names = before
                 case ast.Return(value=ast.Tuple(elts=elements)):
                     return [self.value(element) for element in elements]
                 case ast.Pass():
