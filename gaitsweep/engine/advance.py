@@ -22,8 +22,8 @@ import jax.numpy as jnp
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.hidden_events import guard_slopes, may_hide
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
-from gaitsweep.engine.rarity import rarely, usually
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
+from gaitsweep.engine.rarity import rarely, usually
 
 # Reasons why a trajectory waits for its recorder. It does not move until the recorder has polled it, so no
 # crossing is lost and no crossing has to be copied.

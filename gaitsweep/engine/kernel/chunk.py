@@ -36,9 +36,9 @@ class Chunk:
     """A program and its slots.
 
     `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
-    the nodes that are written to slots, by slot; `plain` those of an attempt where `rare` is false; `keep` the node that decides whether the nodes `row` are
-    kept; `steady` the nodes that are computed once, by slot; `settled` those that a plain attempt and its
-    successor have in common, since they depend on modes alone.
+    the nodes that are written to slots, by slot; `plain` those of an attempt for which `unusual` is false;
+    `keep` the node that decides whether the nodes `row` are kept; `steady` the nodes that are computed once,
+    by slot; `shared` those that change only in attempts that are not plain.
     """
 
     program: Program
@@ -47,12 +47,12 @@ class Chunk:
     record: Any
     attempt: dict[int, int]
     plain: dict[int, int]
-    rare: int
+    unusual: int
     poll: dict[int, int]
     keep: int
     row: list[int]
     steady: dict[int, int]
-    settled: list[int]
+    shared: list[int]
     n_slots: int
 
     @property
@@ -112,12 +112,12 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
-    plain, rare = program.usually([*attempt.values()])
+    plain, unusual = program.usually([*attempt.values()])
     polled = jax.make_jaxpr(lane.poll)(held, carry, record)
     given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
     poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = steady_results(program, [*attempt.values(), *plain, rare, *poll.values(), *row, keep])
+    steady = steady_results(program, [*attempt.values(), *plain, unusual, *poll.values(), *row, keep])
     return Chunk(
         program=program,
         held=held_leaves,
@@ -125,35 +125,33 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         record=record_leaves,
         attempt=attempt,
         plain=dict(zip(attempt, plain, strict=True)),
-        rare=rare,
+        unusual=unusual,
         poll=poll,
         keep=keep,
         row=row,
         steady={count + i: at for i, at in enumerate(steady)},
-        settled=_settled(program, attempt, plain, rare, steady),
+        shared=_shared(program, attempt, plain, unusual, steady),
         n_slots=count + len(steady),
     )
 
 
-def _settled(
-    program: Program, attempt: dict[int, int], plain: Sequence[int], rare: int, steady: Sequence[int]
+def _shared(
+    program: Program, attempt: dict[int, int], plain: Sequence[int], unusual: int, steady: Sequence[int]
 ) -> list[int]:
     """The numbers that no plain attempt changes, and that attempts read to compute others.
 
     Flags are left out, since to load one takes a comparison, as most of them do.
     """
     nodes = program.nodes
-    changed = {
-        slot
-        for slot, at in zip(attempt, plain, strict=True)
-        if not program.is_input(at, slot)
-    }
+    changed = {slot for slot, at in zip(attempt, plain, strict=True) if not program.is_input(at, slot)}
     given = set(steady)
-    needed = program.needed([*attempt.values(), *plain, rare], given)
+    needed = program.needed([*attempt.values(), *plain, unusual], given)
     still: set[int] = set()
     for at in needed:
         node = nodes[at]
-        if program.steady[at] or (node.value not in changed if node.op == "input" else still.issuperset(node.args)):
+        if program.steady[at] or (
+            node.value not in changed if node.op == "input" else still.issuperset(node.args)
+        ):
             still.add(at)
     readers = {a for at in needed if at not in still for a in nodes[at].args}
     return [

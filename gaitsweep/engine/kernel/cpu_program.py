@@ -1,25 +1,33 @@
-"""The program of a chunk for the CPU: lanes side by side in vector registers, compiled by Numba.
+"""The program of a chunk for the CPU: lanes side by side in a vector register, compiled by Numba.
 
-One flat array holds a tile of lanes, slot by slot. Each stage is a loop over the lanes of a tile around
-straight-line code, which LLVM vectorises. Rare operations, such as keeping a row, have a loop of their own.
-Each core runs its own tiles, in a thread.
+One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
+vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
+what depends on modes alone, is computed where a lane meets one. Rare operations, such as keeping a row, have a
+loop over lanes. Each core runs its own tiles, in a thread.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
+
+import llvmlite.binding as llvm
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.python_source import loaded, statements, stored
+from gaitsweep.engine.kernel.python_source import loaded, name_all, stored
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-# Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
-TILE = 8
-VECTOR = 8
+
+def _vector_width() -> int:
+    """Numbers of float64 in a vector register of this processor."""
+    has = llvm.get_host_cpu_features()
+    return 8 if has.get("avx512f") else 4 if has.get("avx") else 2
+
+
+TILE = _vector_width()  # lanes of a tile
 
 _PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
@@ -40,8 +48,6 @@ def _prefer_wide_vectors() -> None:
     """Let LLVM use the processor's widest vectors, which it avoids by itself; these kernels are faster so."""
     if "numba" in sys.modules:  # Numba has read its settings already
         return
-    import llvmlite.binding as llvm
-
     if not llvm.get_host_cpu_features().get("avx512f"):
         return
     features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"
@@ -54,22 +60,15 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
 
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
     """
-    steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
-    row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
-    settled = {chunk.n_slots + 1 + chunk.width + i: at for i, at in enumerate(chunk.settled)}
-    poll = {**chunk.poll, **row, chunk.n_slots: chunk.keep}
-    status = chunk.record.status.first
+    tile = _Tile(chunk, lanes)
     parts = [
         _PREAMBLE.format(title=title),
-        _stage("prepare", chunk, chunk.steady, {}, lanes),
-        _stage("settle", chunk, settled, steady, lanes),
-        _attempt(chunk, steady, settled, lanes),
-        _stage("poll", chunk, poll, steady, lanes),
+        *tile.stages(),
         _KEEP.format(
             lanes=lanes,
-            keep=chunk.n_slots * lanes,
+            keep=tile.keep * lanes,
             filled=chunk.record.filled.first * lanes,
-            first=chunk.n_slots + 1,
+            first=tile.row * lanes,
             width=chunk.width,
         )
         if chunk.width
@@ -77,7 +76,7 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
         _RUN.format(
             lanes=lanes,
             interval=POLL_INTERVAL,
-            status=status * lanes,
+            status=chunk.record.status.first * lanes,
             halt=chunk.carry.halt.first * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
@@ -86,82 +85,100 @@ def source(chunk: Chunk, lanes: int, title: str) -> str:
 
 
 def slots(chunk: Chunk) -> int:
-    """The number of slots of a lane: the program's, a flag and a row for the loop that keeps rows, settled values."""
-    return chunk.n_slots + 1 + chunk.width + len(chunk.settled)
+    """The number of slots of a lane: those of `_Tile`."""
+    return _Tile(chunk, 1).slots
 
 
-def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, str], lanes: int) -> str:
-    lines, _ = _block(chunk, outputs, given, lanes, ())
-    return _function(name, lines, lanes)
+class _Tile:
+    """The stages of a tile, and its slots.
 
-
-def _attempt(chunk: Chunk, given: dict[int, str], settled: dict[int, int], lanes: int) -> str:
-    """An attempt: what happens at an event is computed only if a lane of the vector needs it."""
-    anew, _ = _block(chunk, settled, given, lanes, ())
-    given = given | {at: f"s[{slot * lanes} + lane]" for slot, at in settled.items()}
-    if chunk.program.value(chunk.rare) is False:
-        return _stage("attempt", chunk, chunk.attempt, given, lanes)
-    moved = {slot: at for slot, at in chunk.plain.items() if not chunk.program.is_input(at, slot)}
-    lines, names = _block(chunk, {}, given, lanes, [*moved.values(), chunk.rare])
-    rare, _ = _block(chunk, chunk.attempt, given, lanes, (), names)
-    plain, _ = _block(chunk, moved, given, lanes, (), names)
-    lines += [f"if any({names[chunk.rare]}):", *(f"    {each}" for each in [*rare, *anew])]
-    lines += ["else:", *(f"    {each}" for each in plain)]
-    return _function("attempt", lines, lanes)
-
-
-def _block(
-    chunk: Chunk,
-    outputs: dict[int, int],
-    given: dict[int, str],
-    lanes: int,
-    wanted: Sequence[int],
-    known: Mapping[int, str] | None = None,
-) -> tuple[list[str], dict[int, str]]:
-    """Lines that load what is needed, compute it and store `outputs`; the names of all nodes computed.
-
-    Args:
-        chunk: the program.
-        outputs: the nodes to store, by slot.
-        given: the places in memory of nodes that are not inputs.
-        lanes: lanes of a tile.
-        wanted: more nodes to compute.
-        known: names of nodes that are computed already.
+    After the program's slots come a flag and a row for the loop that keeps rows, then what plain attempts
+    share.
     """
-    program = chunk.program
-    names = dict(known or {})
-    wanted = [*outputs.values(), *wanted]
-    lines = []
-    for at in program.needed(wanted, given.keys() | names.keys()):
-        node = program.nodes[at]
-        if at not in names and (at in given or node.op == "input"):
-            place = given[at] if at in given else f"s[{chunk.slot_of(at) * lanes} + lane]"
-            names[at] = f"x{at}"
-            lines.append(f"{names[at]} = {loaded(node.kind, place)}")
-    more, results = statements(program, wanted, names)
-    names.update(zip(wanted, results, strict=True))
-    names.update({int(each[1:]): each for line in more if (each := line.split(" = ")[0])[0] == "v"})
-    stores = [
-        f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, names[at])}"
-        for slot, at in outputs.items()
-    ]
-    return [*lines, *more, *stores], names
+
+    def __init__(self, chunk: Chunk, lanes: int) -> None:
+        self.chunk, self.lanes = chunk, lanes
+        self.keep = chunk.n_slots
+        self.row = self.keep + 1
+        self.shared = {self.row + chunk.width + i: at for i, at in enumerate(chunk.shared)}
+        self.slots = self.row + chunk.width + len(self.shared)
+        self._steady = {at: slot for slot, at in chunk.steady.items()}
+
+    def stages(self) -> list[str]:
+        chunk = self.chunk
+        poll = {**chunk.poll, self.keep: chunk.keep, **{self.row + i: at for i, at in enumerate(chunk.row)}}
+        return [
+            self._stage("prepare", self._stored(chunk.steady, {}, {})),
+            self._stage("share", self._stored(self.shared, self._steady, {})),
+            self._stage("attempt", self._attempt()),
+            self._stage("poll", self._stored(poll, self._steady, {})),
+        ]
+
+    def _attempt(self) -> list[str]:
+        """An attempt: what happens at an event is computed only if a lane of the tile needs it."""
+        chunk, program = self.chunk, self.chunk.program
+        at_hand = self._steady | {at: slot for slot, at in self.shared.items()}
+        if program.value(chunk.unusual) is False:
+            return self._stored(chunk.attempt, at_hand, {})
+        plain = {slot: at for slot, at in chunk.plain.items() if not program.is_input(at, slot)}
+        names: dict[int, str] = {}
+        lines = self._named([*plain.values(), chunk.unusual], at_hand, names)
+        unusual = [*self._stored(chunk.attempt, at_hand, names), *self._stored(self.shared, self._steady, {})]
+        return [
+            *lines,
+            f"if any({names[chunk.unusual]}):",
+            *(f"    {line}" for line in unusual),
+            "else:",
+            *(f"    {line}" for line in self._stored(plain, at_hand, names)),
+        ]
+
+    def _stored(
+        self, outputs: Mapping[int, int], at_hand: Mapping[int, int], names: dict[int, str]
+    ) -> list[str]:
+        """Lines that compute the nodes `outputs` and store each in its slot."""
+        names = dict(names)
+        lines = self._named(outputs.values(), at_hand, names)
+        kinds = self.chunk.program.nodes
+        return lines + [
+            f"{self._place(slot)} = {stored(kinds[at].kind, names[at])}" for slot, at in outputs.items()
+        ]
+
+    def _named(self, wanted: Iterable[int], at_hand: Mapping[int, int], names: dict[int, str]) -> list[str]:
+        """Lines that compute the nodes `wanted`.
+
+        Args:
+            wanted: the nodes to compute.
+            at_hand: nodes that are in memory, with their slots; inputs need not be named.
+            names: names of nodes that are known; what is computed is added.
+        """
+        program, lines, wanted = self.chunk.program, [], list(wanted)
+        for at in program.needed(wanted, at_hand.keys() | names.keys()):
+            if at in names:
+                continue
+            slot = at_hand.get(at)
+            if slot is None and program.nodes[at].op == "input":
+                slot = self.chunk.slot_of(at)
+            if slot is not None:
+                names[at] = f"x{at}"
+                lines.append(f"{names[at]} = {loaded(program.nodes[at].kind, self._place(slot))}")
+        return lines + name_all(program, wanted, names)
+
+    def _place(self, slot: int) -> str:
+        return f"s[{slot * self.lanes}]"
+
+    def _stage(self, name: str, lines: list[str]) -> str:
+        body = "\n".join(f"    {line}" for line in [*lines, "pass"])
+        return _STAGE.format(name=name, lanes=self.lanes, body=body)
 
 
-def _function(name: str, lines: list[str], lanes: int) -> str:
-    body = "\n".join(f"    {line}" for line in [*lines, "pass"])
-    return _STAGE.format(name=name, lanes=lanes, vector=VECTOR, body=body)
-
-
-_STAGE = """{name}_of_vector = straight_line(CpuCalls, '''def {name}_of_vector(s, lane):
+_STAGE = """{name}_of_vector = straight_line(CpuCalls, '''def {name}_of_vector(s):
 {body}
-''', {vector})
+''', {lanes})
 
 
 @compiled
 def {name}(s):
-    for lane in range(0, {lanes}, {vector}):
-        {name}_of_vector(s, lane)
+    {name}_of_vector(s)
 """
 
 _KEEP = """@compiled
@@ -170,7 +187,7 @@ def keep(s, kept, tile):
         if s[{keep} + lane] != 0.0:
             place = int(s[{filled} + lane]) - 1
             for i in range({width}):
-                kept[tile * {lanes} + lane, place, i] = s[({first} + i) * {lanes} + lane]
+                kept[tile * {lanes} + lane, place, i] = s[{first} + i * {lanes} + lane]
 """
 
 _RUN = """@compiled
@@ -178,7 +195,7 @@ def run(S, kept, polls):
     for tile in range(S.shape[0]):
         s = S[tile]
         prepare(s)
-        settle(s)
+        share(s)
         for _ in range(polls):
             running = 0
             for lane in range({lanes}):
@@ -193,6 +210,6 @@ def run(S, kept, polls):
                     break
                 attempt(s)
             poll(s)
-            settle(s)
+            share(s)
             {keep}
 """

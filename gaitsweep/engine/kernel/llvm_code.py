@@ -148,7 +148,7 @@ class _Writer:
                 case ast.Assign(targets=[ast.Name(id=name)], value=value):
                     self.names[name] = self.value(value)
                 case ast.Assign(targets=[ast.Subscript() as place], value=value):
-                    self.builder.store(self._double(self.value(value)), self._element(place), align=self._align)
+                    self.builder.store(self._double(self.value(value)), self._element(place), align=8)
                 case ast.If(test=test, body=inner, orelse=[]):
                     with self.builder.if_then(self.value(test)):
                         self.body(inner)
@@ -194,7 +194,7 @@ class _Writer:
             case ast.Subscript(value=ast.Name(id=name), slice=place) if name not in self.arrays:
                 return builder.extract_value(self.names[name], ast.literal_eval(place))
             case ast.Subscript():
-                return builder.load(self._element(node), align=self._align)
+                return builder.load(self._element(node), align=8)
             case ast.Call(func=function, args=args):
                 return self._called(ast.unparse(function), [self.value(a) for a in args])
         text = f"The expression `{ast.unparse(node)}` of a kernel is not lowered. Allowed: {_EXPRESSIONS}."
@@ -243,11 +243,6 @@ class _Writer:
 
     def _double(self, value: Any) -> Any:
         return self.builder.fpext(value, self.double) if value.type == self.single else value
-
-    @property
-    def _align(self) -> int | None:
-        """Bytes to which elements are aligned: arrays of vectors begin at a whole vector."""
-        return None if self.lanes == 1 else 8 * self.lanes
 
     def _element(self, node: ast.Subscript) -> Any:
         assert isinstance(node.value, ast.Name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
@@ -19,21 +19,27 @@ def statements(
         wanted: the nodes to compute.
         given: expressions of nodes that are available already, such as inputs.
     """
+    names = dict(given)
+    lines = name_all(program, wanted, names)
+    return lines, [names[at] for at in wanted]
+
+
+def name_all(program: Program, wanted: Iterable[int], names: dict[int, str]) -> list[str]:
+    """The lines that compute the nodes `wanted`; an expression of each computed node is added to `names`."""
     lines: list[str] = []
-    names: dict[int, str] = {}
-    for at in program.needed(wanted, given):
-        if at in given:
+    for at in program.needed(wanted, names):
+        if at in names:
             continue
         node = program.nodes[at]
         if node.op == "constant":
             names[at] = literal(program, at)
             continue
         operation = OPERATIONS[node.op]
-        args = [given[a] if a in given else names[a] for a in node.args]
+        args = [names[a] for a in node.args]
         bits = 32 if program.nodes[node.args[-1]].kind == "f32" else 64
         names[at] = f"v{at}"
         lines.append(f"{names[at]} = {operation.source.format(*args, bits=bits)}")
-    return lines, [given[at] if at in given else names[at] for at in wanted]
+    return lines
 
 
 def loaded(kind: Kind, place: str) -> str:
