@@ -149,9 +149,8 @@ def _shared(
     still: set[int] = set()
     for at in needed:
         node = nodes[at]
-        if program.steady[at] or (
-            node.value not in changed if node.op == "input" else still.issuperset(node.args)
-        ):
+        unchanged = node.value not in changed if node.op == "input" else still.issuperset(node.args)
+        if unchanged or program.steady[at]:
             still.add(at)
     readers = {a for at in needed if at not in still for a in nodes[at].args}
     return [

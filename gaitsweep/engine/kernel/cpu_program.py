@@ -2,8 +2,8 @@
 
 One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
 vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
-what depends on modes alone, is computed where a lane meets one. Rare operations, such as keeping a row, have a
-loop over lanes. Each core runs its own tiles, in a thread.
+what depends on modes alone, is computed where a lane meets one. Rare operations, such as keeping a row, have
+a loop over lanes. Each core runs its own tiles, in a thread.
 """
 
 from __future__ import annotations
