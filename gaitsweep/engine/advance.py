@@ -23,6 +23,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Ra
 from gaitsweep.engine.hidden_events import guard_slopes, may_hide
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
+from gaitsweep.engine.rarity import rarely, usually
 
 # Reasons why a trajectory waits for its recorder. It does not move until the recorder has polled it, so no
 # crossing is lost and no crossing has to be copied.
@@ -175,7 +176,7 @@ def _advance_hybrid(
         # two rounds of location the tolerance grows
         impatience = jnp.maximum(carry.trials - PATIENT_TRIALS, 0).astype(dtype)
         tolerance = finest * (1.0 + impatience * impatience)
-        going = carry.halt == GOING
+        going = usually(carry.halt == GOING)
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
@@ -188,11 +189,13 @@ def _advance_hybrid(
             trial, change, taken = propose(here, carry.state, h), None, jnp.asarray(True)
         guards = model.guards(here, trial)
         fired = guards >= 0.0
-        failed = going & ~taken
+        failed = rarely(going & ~taken)
+        short = rarely(h <= CHAIN_STEP)
+        still = short & (h == 0.0)
         slopes = guard_slopes(model, here, carry.state, flow(here, carry.state))
-        hidden = going & taken & (h > CHAIN_STEP) & may_hide(carry.near, slopes, guards, h)
+        hidden = rarely(going & taken & ~short & may_hide(carry.near, slopes, guards, h))
         again = failed | hidden
-        hit = going & jnp.any(fired) & ~again
+        hit = rarely(going & jnp.any(fired) & ~again)
         on = going & ~hit & ~again
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
         below, above = _first_to_fire(
@@ -201,14 +204,14 @@ def _advance_hybrid(
         late = h - h * _share(below, above)
         land = hit & (late <= tolerance)
 
-        bracket = _next_bracket(carry, h, guards, on, hit, land)
+        bracket = _next_bracket(carry, h, still, guards, on, hit, land)
         guess = _guess(bracket, below, above, tolerance)
         locating = bracket["far"] < jnp.inf
         # a step shortened by a stop or an event does not limit the next step
         if change is None:
             grown = jnp.minimum(dt, method.growth * carry.h_max)
             first = method.first_step * dt
-            h_max = jnp.where(land | (h == 0.0), first, jnp.where(hit | locating, carry.h_max, grown))
+            h_max = jnp.where(land | still, first, jnp.where(hit | locating, carry.h_max, grown))
             next_h = jnp.where(land, 0.0, jnp.where(locating, guess, h_max))
         else:
             h_max, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
@@ -223,9 +226,9 @@ def _advance_hybrid(
             end, t = _implicit_event_time(model, here, trial, flow_after(here, trial), t, guards, rooted)
         after = model.jump(here, end, fired)
         closed = land & model.section(here, trial, fired)
-        timed = on & (h >= room)
+        timed = rarely(on & (h >= room))
 
-        chain = jnp.where(land, carry.chain + 1, jnp.where(on & (h > CHAIN_STEP), 0, carry.chain))
+        chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
@@ -327,22 +330,28 @@ def _share(below: jax.Array, above: jax.Array) -> jax.Array:
 
 
 def _next_bracket(
-    carry: Carry, h: jax.Array, guards: jax.Array, on: jax.Array, hit: jax.Array, land: jax.Array
+    carry: Carry,
+    h: jax.Array,
+    still: jax.Array,
+    guards: jax.Array,
+    on: jax.Array,
+    hit: jax.Array,
+    land: jax.Array,
 ) -> dict[str, jax.Array]:
     """The bracket after this attempt, with its far end (back) or its near end (on) at the trial."""
     back = hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
-    far = jnp.where(back, h, jnp.where(on & (rest > 0.0), rest, jnp.inf))
+    fresh = usually(carry.far == jnp.inf)
+    far = jnp.where(back, h, jnp.where(fresh, jnp.inf, jnp.where(on & (rest > 0.0), rest, jnp.inf)))
     stayed_near = jnp.where(carry.weight > 0.0, 0.5 * carry.weight, 1.0)
     stayed_far = jnp.where(carry.weight < 0.0, 0.5 * carry.weight, -1.0)
-    fresh = carry.far == jnp.inf
     weight = jnp.where(fresh, 1.0, jnp.where(back, stayed_near, stayed_far))
     # a location that ended without an event is continued: only an accepted step resets its trials
     trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
     waits = ~(on | hit)
     # guards that fired earlier at this instant stay marked beside those that fire now: see `fired_last`
-    told = carry.far_guards >= jnp.where(hit, jnp.where(h == 0.0, 0.0, jnp.inf), -jnp.inf)
+    told = ~hit | (carry.far_guards >= jnp.where(still, 0.0, jnp.inf))
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),

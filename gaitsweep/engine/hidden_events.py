@@ -13,6 +13,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.propose import move
+from gaitsweep.engine.rarity import rarely
 
 # A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the
 # beginning, has its maximum within this many steps. The value is above 1, since the maximum of a curve that
@@ -41,4 +42,6 @@ def may_hide(near: jax.Array, slopes: jax.Array, end: jax.Array, h: jax.Array) -
     """
     rise = slopes * h
     tangent = near + rise
-    return jnp.any((tangent >= 0.0) & (end < 0.0) & (tangent - end > rise / (2.0 * TOP_WITHIN)))
+    may_reach = rarely(jnp.any(tangent >= 0.0))
+    passes = (tangent >= 0.0) & (end < 0.0) & (tangent - end > rise / (2.0 * TOP_WITHIN))
+    return may_reach & jnp.any(passes)

@@ -35,8 +35,9 @@ class Chunk:
     """A program and its slots.
 
     `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
-    the nodes that are written to slots, by slot; `keep` the node that decides whether the nodes `row` are
-    kept; `steady` the nodes that are computed once, by slot.
+    the nodes that are written to slots, by slot; `plain` those of an attempt for which `unusual` is false;
+    `keep` the node that decides whether the nodes `row` are kept; `steady` the nodes that are computed once,
+    by slot; `shared` those that change only in attempts that are not plain.
     """
 
     program: Program
@@ -44,10 +45,13 @@ class Chunk:
     carry: Any
     record: Any
     attempt: dict[int, int]
+    plain: dict[int, int]
+    unusual: int
     poll: dict[int, int]
     keep: int
     row: list[int]
     steady: dict[int, int]
+    shared: list[int]
     n_slots: int
 
     @property
@@ -101,27 +105,31 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         slots: dict[int, int] = {}
         for leaf, nodes in zip(jax.tree.leaves(leaves), given, strict=True):
             for i, at in enumerate(nodes.ravel().tolist()):
-                if not (program.nodes[at].op == "input" and program.nodes[at].value == leaf.first + i):
+                if not program.is_input(at, leaf.first + i):
                     slots[leaf.first + i] = at
         return slots
 
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
+    plain, unusual = program.usually([*attempt.values()])
     polled = jax.make_jaxpr(lane.poll)(held, carry, record)
     given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
     poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = _steady_results(program, [*attempt.values(), *poll.values(), *row, keep])
+    steady = _steady_results(program, [*attempt.values(), *plain, unusual, *poll.values(), *row, keep])
     return Chunk(
         program=program,
         held=held_leaves,
         carry=carry_leaves,
         record=record_leaves,
         attempt=attempt,
+        plain=dict(zip(attempt, plain, strict=True)),
+        unusual=unusual,
         poll=poll,
         keep=keep,
         row=row,
         steady={count + i: at for i, at in enumerate(steady)},
+        shared=_shared(program, attempt, plain, unusual, steady),
         n_slots=count + len(steady),
     )
 
@@ -137,3 +145,28 @@ def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:
     return sorted(
         at for at in readers if program.steady[at] and program.nodes[at].op not in ("input", "constant")
     )
+
+
+def _shared(
+    program: Program, attempt: dict[int, int], plain: Sequence[int], unusual: int, steady: Sequence[int]
+) -> list[int]:
+    """The numbers that no plain attempt changes, and that attempts read to compute others.
+
+    Flags are left out, since to load one takes a comparison, as most of them do.
+    """
+    nodes = program.nodes
+    changed = {slot for slot, at in zip(attempt, plain, strict=True) if not program.is_input(at, slot)}
+    given = set(steady)
+    needed = program.needed([*attempt.values(), *plain, unusual], given)
+    still: set[int] = set()
+    for at in needed:
+        node = nodes[at]
+        unchanged = node.value not in changed if node.op == "input" else still.issuperset(node.args)
+        if unchanged or program.steady[at]:
+            still.add(at)
+    readers = {a for at in needed if at not in still for a in nodes[at].args}
+    return [
+        at
+        for at in sorted(readers & still)
+        if not program.steady[at] and nodes[at].args and nodes[at].kind != "bool"
+    ]

@@ -1,25 +1,34 @@
-"""The program of a chunk for the CPU: lanes side by side in vector registers, compiled by Numba.
+"""The program of a chunk for the CPU: lanes side by side in a vector register, compiled by Numba.
 
-One flat array holds a tile of lanes, slot by slot. Each stage is a loop over the lanes of a tile around
-straight-line code, which LLVM vectorises. Rare operations, such as keeping a row, have a loop of their own.
-Each core runs its own tiles, in a thread.
+One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
+vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
+what depends on modes alone, is computed where a lane meets one. Rare operations, such as keeping a row, have
+a loop over lanes. Each core runs its own tiles, in a thread.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
+
+import llvmlite.binding as llvm
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.python_source import Python, loaded, stored
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import name_all
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-# Lanes of a tile: two vectors of 8, so that one computes while the other waits for its results.
-TILE = 16
+
+def _vector_width() -> int:
+    """Numbers of float64 in a vector register of this processor."""
+    has = llvm.get_host_cpu_features()
+    return 8 if has.get("avx512f") else 4 if has.get("avx") else 2
+
+
+TILE = _vector_width()  # lanes of a tile
 
 _PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
@@ -41,8 +50,6 @@ def _prefer_wide_vectors() -> None:
     """Let LLVM use the processor's widest vectors, which it avoids by itself; these kernels are faster so."""
     if "numba" in sys.modules:  # Numba has read its settings already
         return
-    import llvmlite.binding as llvm
-
     if not llvm.get_host_cpu_features().get("avx512f"):
         return
     features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"
@@ -56,20 +63,15 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
     `contraction`: whether a product and a sum may become one instruction.
     """
-    steady = {at: f"s[{slot * lanes} + lane]" for slot, at in chunk.steady.items()}
-    row = {chunk.n_slots + 1 + i: at for i, at in enumerate(chunk.row)}
-    poll = {**chunk.poll, **row, chunk.n_slots: chunk.keep}
-    status = chunk.record.status.first
+    tile = _Tile(chunk, lanes)
     parts = [
         _PREAMBLE.format(title=title, contraction=contraction),
-        _stage("prepare", chunk, chunk.steady, {}, lanes),
-        _stage("attempt", chunk, chunk.attempt, steady, lanes),
-        _stage("poll", chunk, poll, steady, lanes),
+        *tile.stages(),
         _KEEP.format(
             lanes=lanes,
-            keep=chunk.n_slots * lanes,
+            keep=tile.keep * lanes,
             filled=chunk.record.filled.first * lanes,
-            first=chunk.n_slots + 1,
+            first=tile.row * lanes,
             width=chunk.width,
         )
         if chunk.width
@@ -77,7 +79,7 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
         _RUN.format(
             lanes=lanes,
             interval=POLL_INTERVAL,
-            status=status * lanes,
+            status=chunk.record.status.first * lanes,
             halt=chunk.carry.halt.first * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
@@ -86,39 +88,101 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
 
 
 def slots(chunk: Chunk) -> int:
-    """The number of slots of a lane: the program's, then a flag and a row for the loop that keeps rows."""
-    return chunk.n_slots + 1 + chunk.width
+    """The number of slots of a lane: those of `_Tile`."""
+    return _Tile(chunk, 1).slots
 
 
-def _stage(name: str, chunk: Chunk, outputs: dict[int, int], given: dict[int, str], lanes: int) -> str:
-    program = chunk.program
-    wanted = list(outputs.values())
-    names = dict(given)
-    loads = []
-    for at in program.needed(wanted, given):
-        node = program.nodes[at]
-        if at in given or node.op == "input":
-            place = given[at] if at in given else f"s[{chunk.slot_of(at) * lanes} + lane]"
-            names[at] = f"x{at}"
-            loads.append(f"{names[at]} = {loaded(node.kind, place)}")
-    lines, results = statements(Python(), program, wanted, names)
-    stores = [
-        f"s[{slot * lanes} + lane] = {stored(program.nodes[at].kind, result)}"
-        for slot, at, result in zip(outputs, wanted, results, strict=True)
-    ]
-    body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores, "pass"])
-    return _STAGE.format(name=name, lanes=lanes, body=body)
+class _Tile:
+    """The stages of a tile, and its slots.
+
+    After the program's slots come a flag and a row for the loop that keeps rows, then what plain attempts
+    share.
+    """
+
+    def __init__(self, chunk: Chunk, lanes: int) -> None:
+        self.chunk, self.lanes = chunk, lanes
+        self.keep = chunk.n_slots
+        self.row = self.keep + 1
+        self.shared = {self.row + chunk.width + i: at for i, at in enumerate(chunk.shared)}
+        self.slots = self.row + chunk.width + len(self.shared)
+        self._steady = {at: slot for slot, at in chunk.steady.items()}
+
+    def stages(self) -> list[str]:
+        chunk = self.chunk
+        poll = {**chunk.poll, self.keep: chunk.keep, **{self.row + i: at for i, at in enumerate(chunk.row)}}
+        return [
+            self._stage("prepare", self._stored(chunk.steady, {}, {})),
+            self._stage("share", self._stored(self.shared, self._steady, {})),
+            self._stage("attempt", self._attempt()),
+            self._stage("poll", self._stored(poll, self._steady, {})),
+        ]
+
+    def _attempt(self) -> list[str]:
+        """An attempt: what happens at an event is computed only if a lane of the tile needs it."""
+        chunk, program = self.chunk, self.chunk.program
+        at_hand = self._steady | {at: slot for slot, at in self.shared.items()}
+        if program.value(chunk.unusual) is False:
+            return self._stored(chunk.attempt, at_hand, {})
+        plain = {slot: at for slot, at in chunk.plain.items() if not program.is_input(at, slot)}
+        names: dict[int, str] = {}
+        lines = self._named([*plain.values(), chunk.unusual], at_hand, names)
+        unusual = [*self._stored(chunk.attempt, at_hand, names), *self._stored(self.shared, self._steady, {})]
+        return [
+            *lines,
+            f"if any({names[chunk.unusual]}):",
+            *(f"    {line}" for line in unusual),
+            "else:",
+            *(f"    {line}" for line in self._stored(plain, at_hand, names)),
+        ]
+
+    def _stored(
+        self, outputs: Mapping[int, int], at_hand: Mapping[int, int], names: dict[int, str]
+    ) -> list[str]:
+        """Lines that compute the nodes `outputs` and store each in its slot."""
+        names = dict(names)
+        lines = self._named(outputs.values(), at_hand, names)
+        kinds = self.chunk.program.nodes
+        return lines + [
+            f"{self._place(slot)} = {stored(kinds[at].kind, names[at])}" for slot, at in outputs.items()
+        ]
+
+    def _named(self, wanted: Iterable[int], at_hand: Mapping[int, int], names: dict[int, str]) -> list[str]:
+        """Lines that compute the nodes `wanted`.
+
+        Args:
+            wanted: the nodes to compute.
+            at_hand: nodes that are in memory, with their slots; inputs need not be named.
+            names: names of nodes that are known; what is computed is added.
+        """
+        program, lines, wanted = self.chunk.program, [], list(wanted)
+        for at in program.needed(wanted, at_hand.keys() | names.keys()):
+            if at in names:
+                continue
+            slot = at_hand.get(at)
+            if slot is None and program.nodes[at].op == "input":
+                slot = self.chunk.slot_of(at)
+            if slot is not None:
+                names[at] = f"x{at}"
+                lines.append(f"{names[at]} = {loaded(program.nodes[at].kind, self._place(slot))}")
+        order = program.needed(wanted, names)
+        return lines + name_all(Python(), program, order, names)
+
+    def _place(self, slot: int) -> str:
+        return f"s[{slot * self.lanes}]"
+
+    def _stage(self, name: str, lines: list[str]) -> str:
+        body = "\n".join(f"    {line}" for line in [*lines, "pass"])
+        return _STAGE.format(name=name, lanes=self.lanes, body=body)
 
 
-_STAGE = """{name}_of_lane = straight_line('''def {name}_of_lane(s, lane):
+_STAGE = """{name}_of_vector = straight_line('''def {name}_of_vector(s):
 {body}
-''', contraction=CONTRACTION)
+''', {lanes}, contraction=CONTRACTION)
 
 
 @compiled
 def {name}(s):
-    for lane in range({lanes}):
-        {name}_of_lane(s, lane)
+    {name}_of_vector(s)
 """
 
 _KEEP = """@compiled
@@ -127,7 +191,7 @@ def keep(s, kept, tile):
         if s[{keep} + lane] != 0.0:
             place = int(s[{filled} + lane]) - 1
             for i in range({width}):
-                kept[tile * {lanes} + lane, place, i] = s[({first} + i) * {lanes} + lane]
+                kept[tile * {lanes} + lane, place, i] = s[{first} + i * {lanes} + lane]
 """
 
 _RUN = """@compiled
@@ -135,6 +199,7 @@ def run(S, kept, polls):
     for tile in range(S.shape[0]):
         s = S[tile]
         prepare(s)
+        share(s)
         for _ in range(polls):
             running = 0
             for lane in range({lanes}):
@@ -149,5 +214,6 @@ def run(S, kept, polls):
                     break
                 attempt(s)
             poll(s)
+            share(s)
             {keep}
 """

@@ -5,7 +5,8 @@ not need: loops, branches, type inference. Here each expression becomes an instr
 compiles only the loop around it, a few lines.
 
 The language is that of `python_source`: assignments to names and to elements of flat arrays, arithmetic,
-single comparisons, `a if c else b`, and calls of functions of one or two numbers.
+single comparisons, `a if c else b`, calls of functions of one or two numbers, and `if any(c)` with `else`, in
+which names are not defined for later.
 """
 
 from __future__ import annotations
@@ -23,18 +24,22 @@ _DOUBLE, _SINGLE, _FLAG, _INDEX = ir.DoubleType(), ir.FloatType(), ir.IntType(1)
 _ARITHMETIC = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
 _FLAGS = {ast.BitAnd: "and_", ast.BitOr: "or_"}
 _WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
-_LINES = "assignments to a name or an element"
+_LINES = "assignments to a name or an element, and `if any(...)` with `else`"
 _EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
 # Functions that are LLVM's own; the others are those that Numba calls.
 _OWN = {"abs": "fabs", "floor32": "floor", "floor64": "floor", "sqrt32": "sqrt", "sqrt64": "sqrt"}
 
 
-def straight_line(source: str, *, contraction: bool = True) -> Any:
+def straight_line(source: str, lanes: int = 1, *, contraction: bool = True) -> Any:
     """The Numba intrinsic of a function given as source.
+
+    With several lanes each name stands for a vector of that many numbers, and an element of an array for that
+    many from it on; whole numbers, which are places in arrays, stay single.
 
     Args:
         source: the function, of numbers, indices and flat arrays; it returns nothing.
+        lanes: numbers in a vector.
         contraction: whether a product and a sum may become one instruction, which rounds once.
     """
     head = source[: source.index(":")]
@@ -46,7 +51,7 @@ def straight_line(source: str, *, contraction: bool = True) -> Any:
         assert isinstance(function, ast.FunctionDef)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            writer = _Writer(context, builder, contraction)
+            writer = _Writer(context, builder, lanes, contraction)
             writer.arguments(function, signature.args, args)
             writer.body(function.body)
             return context.get_dummy_value()
@@ -61,15 +66,21 @@ def straight_line(source: str, *, contraction: bool = True) -> Any:
 class _Writer:
     """Writes the instructions of one function at its call."""
 
-    def __init__(self, context: Any, builder: Any, contraction: bool) -> None:
-        self.context, self.builder = context, builder
+    def __init__(self, context: Any, builder: Any, lanes: int, contraction: bool) -> None:
+        self.context, self.builder, self.lanes = context, builder, lanes
+        self.double, self.single, self.flag = (
+            kind if lanes == 1 else ir.VectorType(kind, lanes) for kind in (_DOUBLE, _SINGLE, _FLAG)
+        )
         # the sign of zero may be ignored
         self.loose = ("contract", "nsz") if contraction else ("nsz",)
         self.names: dict[str, Any] = {
-            "inf": ir.Constant(_DOUBLE, math.inf),
-            "nan": ir.Constant(_DOUBLE, math.nan),
+            "inf": self._constant(self.double, math.inf),
+            "nan": self._constant(self.double, math.nan),
         }
         self.arrays: dict[str, Any] = {}
+
+    def _constant(self, kind: Any, value: float) -> Any:
+        return ir.Constant(kind, value if self.lanes == 1 else [value] * self.lanes)
 
     def arguments(self, function: ast.FunctionDef, kinds: Any, values: Any) -> None:
         for argument, kind, value in zip(function.args.args, kinds, values, strict=True):
@@ -85,7 +96,10 @@ class _Writer:
                 case ast.Assign(targets=[ast.Name(id=name)], value=value):
                     self.names[name] = self.value(value)
                 case ast.Assign(targets=[ast.Subscript() as place], value=value):
-                    self.builder.store(self._double(self.value(value)), self._element(place))
+                    # a vector need not begin at a multiple of its size
+                    self.builder.store(self._double(self.value(value)), self._element(place), align=8)
+                case ast.If(test=ast.Call(func=ast.Name(id="any"), args=[flag]), body=yes, orelse=no):
+                    self._branch(self.value(flag), yes, no)
                 case ast.Pass():
                     pass
                 case _:
@@ -98,14 +112,14 @@ class _Writer:
             case ast.Name(id=name):
                 return self.names[name]
             case ast.Constant(value=bool() as known):
-                return ir.Constant(_FLAG, int(known))
+                return self._constant(self.flag, int(known))
             case ast.Constant(value=int() as known):
                 return ir.Constant(_INDEX, known)
             case ast.Constant(value=float() as known):
-                return ir.Constant(_DOUBLE, known)
+                return self._constant(self.double, known)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 inner = self.value(operand)
-                return builder.fsub(ir.Constant(inner.type, -0.0), inner, flags=self.loose)
+                return builder.fsub(self._constant(inner.type, -0.0), inner, flags=self.loose)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return builder.not_(self.value(operand))
             case ast.BinOp(left=left, op=op, right=right):
@@ -115,7 +129,7 @@ class _Writer:
             case ast.IfExp(test=test, body=yes, orelse=no):
                 return builder.select(self.value(test), self.value(yes), self.value(no))
             case ast.Subscript():
-                return builder.load(self._element(node))
+                return builder.load(self._element(node), align=8)
             case ast.Call(func=function, args=args):
                 return self._called(ast.unparse(function), [self.value(a) for a in args])
         text = f"The expression `{ast.unparse(node)}` of a kernel is not lowered. Allowed: {_EXPRESSIONS}."
@@ -131,7 +145,7 @@ class _Writer:
         return getattr(self.builder, _ARITHMETIC[op])(left, right, flags=self.loose)
 
     def _compared(self, sign: str, left: Any, right: Any) -> Any:
-        if left.type == _FLAG:
+        if left.type == self.flag:
             return self.builder.icmp_unsigned(sign, left, right)
         # comparisons with NaN are false, except !=
         ordered = self.builder.fcmp_unordered if sign == "!=" else self.builder.fcmp_ordered
@@ -139,21 +153,50 @@ class _Writer:
 
     def _called(self, name: str, args: list[Any]) -> Any:
         if name == "float32":
-            return self.builder.fptrunc(args[0], _SINGLE) if args[0].type == _DOUBLE else args[0]
+            return self.builder.fptrunc(args[0], self.single) if args[0].type == self.double else args[0]
         if name == "float64":
             return self._double(args[0])
         if name in _OWN:
-            own = self.builder.module.declare_intrinsic(f"llvm.{_OWN[name]}", [args[0].type])
-            return self.builder.call(own, args)
+            return self.builder.call(_llvm_function(self.builder.module, _OWN[name], args[0].type), args)
         return self._library(getattr(math, name.removeprefix("math.")), args)
 
     def _library(self, function: Any, args: list[Any]) -> Any:
-        number = types.float64 if args[0].type == _DOUBLE else types.float32
-        return self.context.get_function(function, number(*[number] * len(args)))(self.builder, args)
+        """The value of a function that takes one number at a time."""
+        number = types.float64 if args[0].type == self.double else types.float32
+        one = self.context.get_function(function, number(*[number] * len(args)))
+        if self.lanes == 1:
+            return one(self.builder, args)
+        found = ir.Constant(args[0].type, ir.Undefined)
+        for lane in range(self.lanes):
+            place = ir.Constant(ir.IntType(32), lane)
+            each = one(self.builder, [self.builder.extract_element(arg, place) for arg in args])
+            found = self.builder.insert_element(found, each, place)
+        return found
+
+    def _branch(self, flag: Any, yes: list[ast.stmt], no: list[ast.stmt]) -> None:
+        """Lines for where the flag of some lane is true, and for where that of none is."""
+        bits = flag if self.lanes == 1 else self.builder.bitcast(flag, ir.IntType(self.lanes))
+        some = self.builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+        before = self.names
+        with self.builder.if_else(some) as (then, otherwise):
+            for branch, lines in ((then, yes), (otherwise, no)):
+                self.names = dict(before)
+                with branch:
+                    self.body(lines)
+        self.names = before
 
     def _double(self, value: Any) -> Any:
-        return self.builder.fpext(value, _DOUBLE) if value.type == _SINGLE else value
+        return self.builder.fpext(value, self.double) if value.type == self.single else value
 
     def _element(self, node: ast.Subscript) -> Any:
         assert isinstance(node.value, ast.Name)
-        return self.builder.gep(self.arrays[node.value.id], [self.value(node.slice)])
+        place = self.builder.gep(self.arrays[node.value.id], [self.value(node.slice)])
+        return place if self.lanes == 1 else self.builder.bitcast(place, self.double.as_pointer())
+
+
+def _llvm_function(module: Any, name: str, kind: Any) -> Any:
+    """LLVM's own function of a number, or of a vector of numbers."""
+    one = getattr(kind, "element", kind)
+    shape = "" if one is kind else f"v{kind.count}"
+    full = f"llvm.{name}.{shape}{one.intrinsic_name}"
+    return module.globals.get(full) or ir.Function(module, ir.FunctionType(kind, [kind]), full)

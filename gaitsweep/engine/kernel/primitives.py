@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gaitsweep.engine import rarity
 from gaitsweep.engine.kernel import arithmetic, arrays, control, elementary, indexing
 from gaitsweep.engine.kernel.trace import Nodes, Rule, Tracer, kind_of, refuse
 
@@ -45,6 +46,13 @@ def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[
     info = np.finfo(equation.invars[0].aval.dtype)
     if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (info.iexp, info.nmant):
         raise refuse("the scalar kernel rounds to float32 and float64 only")
+    return list(args)
+
+
+def _name(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    usual = rarity.USUAL.get(equation.params["name"])
+    if usual is not None:
+        tracer.program.usual.update(dict.fromkeys(args[0].ravel().tolist(), usual))
     return list(args)
 
 
@@ -178,9 +186,10 @@ _ELEMENTWISE: dict[str, Rule] = {
     "clamp": _clamp,
     "select_n": _select_n,
     **dict.fromkeys(
-        ("copy", "name", "device_put", "optimization_barrier", "stop_gradient"),
+        ("copy", "device_put", "optimization_barrier", "stop_gradient"),
         lambda tracer, equation, args: list(args),
     ),
+    "name": _name,
     "reduce_precision": _reduce_precision,
 }  # fmt: skip
 

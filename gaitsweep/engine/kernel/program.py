@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -43,6 +43,7 @@ class Program:
         self.nodes: list[Node] = []
         # constant along a trajectory: constants, steady inputs, and functions of these
         self.steady: list[bool] = []
+        self.usual: dict[int, bool] = {}  # conditions that nearly always have this value
         self._known: dict[tuple, int] = {}
 
     def constant(self, value: Value, kind: Kind) -> int:
@@ -71,6 +72,10 @@ class Program:
         node = self.nodes[at]
         return node.value if node.op == "constant" else None
 
+    def is_input(self, at: int, number: int) -> bool:
+        """Whether a node is the input of this number."""
+        return self.nodes[at].op == "input" and self.nodes[at].value == number
+
     def evaluated(self, op: str, args: Sequence[int]) -> int | None:
         """The constant result of an operation on constants, in the arithmetic of their kind; else None."""
         operation = OPERATIONS[op]
@@ -96,6 +101,32 @@ class Program:
                 if at not in given:
                     waiting.extend(self.nodes[at].args)
         return sorted(reached)
+
+    def usually(self, wanted: Sequence[int]) -> tuple[list[int], int]:
+        """Nodes that equal `wanted` where all conditions have their usual value, and whether one has not."""
+        told: dict[int, int] = {}  # flags, where the conditions before them have their usual value
+        exception = self.constant(False, "bool")
+        for at in self.needed(wanted):
+            if self.nodes[at].kind == "bool":
+                flag = self._with(at, told)
+                usual = self.usual.get(at)
+                if usual is not None:
+                    exception = self.apply("or", exception, self.apply("not", flag) if usual else flag)
+                    flag = self.constant(usual, "bool")
+                told[at] = flag
+        # numbers that the conditions need are computed anyway
+        now = {at: at for at in self.needed([exception]) if self.nodes[at].kind != "bool"}
+        for at in self.needed(wanted):
+            if at in self.usual:
+                now[at] = told[at]
+            now.setdefault(at, self._with(at, now))
+        return [now[at] for at in wanted], exception
+
+    def _with(self, at: int, now: Mapping[int, int]) -> int:
+        """A node with other arguments where `now` has one."""
+        node = self.nodes[at]
+        args = tuple(now.get(a, a) for a in node.args)
+        return at if args == node.args else self.apply(node.op, *args)
 
     def _add(self, key: tuple, node: Node, steady: bool) -> int:
         if key not in self._known:

@@ -42,11 +42,20 @@ def statements(
         order: the nodes to compute, with all that they need, in the order of their lines; by default that
             of the program.
     """
-    lines: list[str] = []
     names = dict(given)
-    for at in program.needed(wanted, given) if order is None else order:
+    lines = name_all(language, program, program.needed(wanted, given) if order is None else order, names)
+    return lines, [names[at] if at in names else _literal(language, program, at) for at in wanted]
+
+
+def name_all(language: Language, program: Program, order: Sequence[int], names: dict[int, str]) -> list[str]:
+    """The lines that compute the nodes `order`, in this order; `names` gets an expression of each."""
+    lines: list[str] = []
+    for at in order:
         node = program.nodes[at]
-        if at in given or node.op == "constant":
+        if at in names:
+            continue
+        if node.op == "constant":
+            names[at] = _literal(language, program, at)
             continue
         for a in node.args:
             if a not in names:
@@ -55,7 +64,7 @@ def statements(
         names[at] = f"v{at}"
         expression = language.expression(OPERATIONS[node.op], [names[a] for a in node.args], bits)
         lines.append(language.definition(node.kind, names[at], expression))
-    return lines, [names[at] if at in names else _literal(language, program, at) for at in wanted]
+    return lines
 
 
 def _literal(language: Language, program: Program, at: int) -> str:
