@@ -228,7 +228,7 @@ def reproduce(
         found = run_and_judge(table_of_claims, out, quick=quick, progress=progress, tell=_tell)
     counts = found.counts
     judged = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
-    print(f"{len(found.table)} claims: {judged}.")
+    print(f"{len(found.table)} claim{'s' * (len(found.table) != 1)}: {judged}.")
     print(f"Page: {found.page}")
     if found.failed:
         raise typer.Exit(FAILED)
