@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli import analyse
+from gaitsweep.cli import again, analyse
 from gaitsweep.cli.animate import animate
 from gaitsweep.version import version
 
@@ -73,6 +73,12 @@ def run(
     ] = False,
 ) -> None:
     """Run a job, or continue it where it stopped: its table and its figures."""
+    command = [str(each) for each in (job_file, out, settings, engine, strict)]
+    said = None if dry_run else again.recall(command)
+    if said is not None:
+        print(said[1], end="", file=sys.stderr)
+        print(said[0])
+        return
     from gaitsweep.cli import show
     from gaitsweep.job import load_job
     from gaitsweep.table import Snapshot
@@ -88,13 +94,25 @@ def run(
         return
     from gaitsweep.runs.execute import run_job
 
+    told: list[str] = []
+
+    def tell(sentence: str) -> None:
+        told.append(sentence)
+        _tell(sentence)
+
     try:
         with _shown_progress() as progress:
-            path = run_job(job, out, progress=progress, tell=_tell, strict=strict)
+            path = run_job(job, out, progress=progress, tell=tell, strict=strict)
     except KeyboardInterrupt as error:
         print(_stopped(job, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
-    print(show.outcome(Snapshot.of(path)))
+    outcome = show.outcome(Snapshot.of(path))
+    print(outcome)
+    # what was mended is not said again, and other tables or modules of the user's own may change
+    lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in told)
+    if lasting and not _leans_on_others(job):
+        sources = [job_file, *([] if job.config is None else [job_file.parent / job.config])]
+        again.remember(command, sources, path, outcome, "".join(f"{each}\n" for each in told))
 
 
 @contextlib.contextmanager
@@ -110,6 +128,12 @@ def _shown_progress() -> Iterator[Progress]:
             shown(done, total, rate, fraction, note)
 
         yield progress
+
+
+def _leans_on_others(job: Job) -> bool:
+    """Whether a job's model or figures need files beside the job, its config and its directory."""
+    shipped = type(job.plan.model).__module__.startswith("gaitsweep.")
+    return not shipped or any(getattr(figure, "with_table", None) is not None for figure in job.figures)
 
 
 def _tell(sentence: str) -> None:

@@ -2,20 +2,20 @@
 
 A file is named by the digest of the kernel's source and of the versions that compile it. For a CPU it is a
 Python module, beside which Numba stores the compiled code; for an NVIDIA GPU it is the machine code itself.
-GAITSWEEP_CACHE names the folder; the default is ~/.cache/gaitsweep (XDG_CACHE_HOME).
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
+
+from gaitsweep.cache_folder import cache_folder, write_whole
 
 
 def module_of(source: str) -> ModuleType:
@@ -29,7 +29,7 @@ def module_of(source: str) -> ModuleType:
         return sys.modules[name]
     file = _folder() / f"{name}.py"
     if not file.exists():
-        _write(file, source.encode())
+        write_whole(file, source.encode())
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
     assert spec.loader is not None
@@ -57,7 +57,7 @@ def binary_of(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]) ->
     except FileNotFoundError:
         pass
     code = compile_()
-    _write(file, code)
+    write_whole(file, code)
     return code
 
 
@@ -66,22 +66,6 @@ def _name(*key: str) -> str:
     return f"gaitsweep_kernel_{digest[:24]}"
 
 
-def _write(file: Path, content: bytes) -> None:
-    """Write a file at once, since other processes may read it."""
-    with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as draft:
-        draft.write(content)
-    os.replace(draft.name, file)
-
-
 def _folder() -> Path:
-    base = os.environ.get("GAITSWEEP_CACHE")
-    if base is None:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
-    folder = Path(base) / "kernels"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError:
-        # without a writable folder the kernel is compiled again, but the run goes on
-        return Path(tempfile.mkdtemp(prefix="gaitsweep-kernels-"))
+    # without a writable folder the kernel is compiled again, but the run goes on
+    return cache_folder("kernels") or Path(tempfile.mkdtemp(prefix="gaitsweep-kernels-"))

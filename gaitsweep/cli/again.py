@@ -1,0 +1,107 @@
+"""What a complete job said, so that the same command can say it again without loading JAX.
+
+It is kept in the user's cache, with the digests of all files on which it depends: the job and its config, the
+program, and every file of the result directory. If one of them differs, the command runs as a whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import socket
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from gaitsweep.cache_folder import cache_folder, write_whole
+
+_MOST = 200  # commands that are remembered
+# Variables that choose the device, and so may make another job of the same file.
+_DECIDING = ("JAX_PLATFORMS", "CUDA_VISIBLE_DEVICES", "XLA_FLAGS", "JAX_ENABLE_X64")
+_LOCK = ".lock"
+
+
+def recall(command: Sequence[str]) -> tuple[str, str] | None:
+    """What the same command printed, on standard output and standard error, if nothing has changed since.
+
+    Args:
+        command: all that the command was given.
+    """
+    file = _memory(command)
+    if file is None:
+        return None
+    try:
+        known = json.loads(file.read_bytes())
+        folder, files = Path(known["folder"]), known["files"]
+        if set(_files_in(folder)) != {name for name in files if Path(name).is_relative_to(folder)}:
+            return None
+        if known["program"] != _program() or any(_digest(Path(name)) != files[name] for name in files):
+            return None
+        return str(known["printed"]), str(known["told"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, printed: str, told: str) -> None:
+    """Keep what a command printed when its job was complete.
+
+    Args:
+        command: all that the command was given.
+        sources: the job and its config.
+        folder: the result directory.
+        printed, told: the text on standard output and on standard error.
+    """
+    file = _memory(command)
+    if file is None:
+        return
+    with contextlib.suppress(OSError):
+        folder = folder.absolute()
+        names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
+        files = {name: _digest(Path(name)) for name in names}
+        text = {
+            "folder": str(folder),
+            "files": files,
+            "program": _program(),
+            "printed": printed,
+            "told": told,
+        }
+        write_whole(file, json.dumps(text).encode())
+        for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
+            old.unlink()
+
+
+def _memory(command: Sequence[str]) -> Path | None:
+    """The file in which a command is remembered; None without a writable cache."""
+    folder = cache_folder("complete")
+    if folder is None:
+        return None
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    around = [
+        str(Path.cwd()),
+        socket.gethostname(),
+        str(cores),
+        *(os.environ.get(each) for each in _DECIDING),
+    ]
+    return folder / f"{hashlib.sha256(json.dumps([list(command), around]).encode()).hexdigest()[:32]}.json"
+
+
+def _program() -> str:
+    """What tells this program, its Python and its packages from others."""
+    root = Path(__file__).parents[1]
+    stamps = [
+        f"{file.relative_to(root)} {(seen := file.stat()).st_size} {seen.st_mtime_ns}"
+        for file in sorted(root.rglob("*.py"))
+    ]
+    return hashlib.sha256("\n".join([sys.version, sys.prefix, *stamps]).encode()).hexdigest()
+
+
+def _files_in(folder: Path) -> Iterator[str]:
+    for place, _, names in os.walk(folder):
+        yield from (os.path.join(place, name) for name in names if name != _LOCK)
+
+
+def _digest(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,93 @@
+"""The command of a complete job says again what it said, without loading JAX, as long as nothing has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gaitsweep.cli import again, main
+from gaitsweep.cli import commands as cli_commands
+
+JOB = """
+name: few
+model: multilegged_reduced
+start: {psi_3: 3.0}
+vary: {psi_1: {linspace: [1, 5, 3]}, psi_2: {linspace: [1, 5, 2]}}
+run: {kind: settle}
+figures:
+  - {kind: basin, x: psi_1, y: psi_2}
+"""
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path / "cache"))
+    Path("few.yaml").write_text(JOB)
+    assert main(["run", "few.yaml"]) == 0
+    return Path("results/few")
+
+
+def _recalled(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Whether each command from now on was answered from memory."""
+    found: list[bool] = []
+
+    def recall(command: list[str]) -> tuple[str, str] | None:
+        said = again.recall(command)
+        found.append(said is not None)
+        return said
+
+    class Watched:
+        remember = staticmethod(again.remember)
+
+    Watched.recall = staticmethod(recall)  # type: ignore[attr-defined]
+    monkeypatch.setattr(cli_commands, "again", Watched)
+    return found
+
+
+def test_the_same_command_says_the_same(few: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = capsys.readouterr().out
+    found = _recalled(monkeypatch)
+    assert main(["run", "few.yaml"]) == 0
+    assert found == [True]
+    assert capsys.readouterr().out == first
+
+
+def _edited_job(_: Path) -> None:
+    Path("few.yaml").write_text(JOB + "# a remark\n")
+
+
+def _damaged_part(few: Path) -> None:
+    part = next((few / "table").iterdir())
+    part.write_bytes(part.read_bytes()[:-1] + b"!")
+
+
+def _gone_figure(few: Path) -> None:
+    (few / "figures/basin.png").unlink()
+
+
+def _new_file(few: Path) -> None:
+    (few / "table/part-00001.parquet").write_bytes(b"")
+
+
+@pytest.mark.parametrize("change", [_edited_job, _damaged_part, _gone_figure, _new_file])
+def test_after_any_change_the_command_runs_as_a_whole(
+    few: Path, change: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    change(few)
+    found = _recalled(monkeypatch)
+    main(["run", "few.yaml"])
+    assert found == [False]
+    main(["run", "few.yaml"])
+    main(["run", "few.yaml"])
+    assert (few / "figures/basin.png").is_file()
+
+
+def test_another_device_is_another_command(few: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _recalled(monkeypatch)
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=false")
+    assert main(["run", "few.yaml"]) == 0
+    assert found == [False]
