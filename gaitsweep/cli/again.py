@@ -60,14 +60,8 @@ def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, prin
         folder = folder.absolute()
         names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
         files = {name: _digest(Path(name)) for name in names}
-        text = {
-            "folder": str(folder),
-            "files": files,
-            "program": _program(),
-            "printed": printed,
-            "told": told,
-        }
-        write_whole(file, json.dumps(text).encode())
+        seen = {"folder": str(folder), "files": files, "program": _program()}
+        write_whole(file, json.dumps({**seen, "printed": printed, "told": told}).encode())
         for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
             old.unlink()
 
@@ -78,13 +72,9 @@ def _memory(command: Sequence[str]) -> Path | None:
     if folder is None:
         return None
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    around = [
-        str(Path.cwd()),
-        socket.gethostname(),
-        str(cores),
-        *(os.environ.get(each) for each in _DECIDING),
-    ]
-    return folder / f"{hashlib.sha256(json.dumps([list(command), around]).encode()).hexdigest()[:32]}.json"
+    device = [socket.gethostname(), cores, *(os.environ.get(each) for each in _DECIDING)]
+    asked = json.dumps([list(command), str(Path.cwd()), device])
+    return folder / f"{hashlib.sha256(asked.encode()).hexdigest()[:32]}.json"
 
 
 def _program() -> str:
