@@ -7,12 +7,15 @@ import math
 import resource
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import numpy as np
 
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
+from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job, Plan
@@ -119,24 +122,26 @@ def _measured(work: SweepSpec, dt: float) -> Measured:
     """Run a chunk of the first rows, for how fast it goes and how far it comes."""
     began = time.perf_counter()
     pool = LaneScheduler(work, range(math.ceil(work.n_rows / work.block)))
-    pool.refill()
-    for lanes in pool.groups:
-        lanes.run_chunk(0)
+    pool.begin()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    given = pool.chunk(polls_per_chunk(work))
+    given = pool.together(polls_per_chunk(work))
     spent = time.perf_counter() - began
     slots = work.lanes * len(work.devices)
     rate = slots * POLL_INTERVAL * polls_per_chunk(work) / spent
-    ran = pool.block_of >= 0
-    simulated = float(np.sum(given.t[ran]))
-    crossings = float(np.sum(given.record.cycles[ran]))
+    pool.end()
+    ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in given)
+
+    def total(of: Callable[[ChunkOutput], Any]) -> float:
+        return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
+
+    simulated, crossings = total(lambda output: output.t), total(lambda output: output.record.cycles)
     params, _ = work.values(0, 1)
     one = {name: np.asarray(column[0]) for name, column in params.items()}
     nominal = 1.0 / float(jax.jit(lambda values: work.model.period(work.model.params(values)))(one))
-    if crossings < 2.0 * np.count_nonzero(ran):  # too few to tell
+    if crossings < 2.0 * ran:  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:
         return Measured(rate, compile_s, EVENTS_SHARE / dt, nominal)
-    attempts = float(np.sum(given.attempts[ran])) / simulated
+    attempts = total(lambda output: output.attempts) / simulated
     return Measured(rate, compile_s, attempts, crossings / simulated)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gaitsweep.contract import Model
@@ -80,17 +82,21 @@ def _obstacle(
     return None
 
 
-def lanes_on(device: Device, spec: SweepSpec) -> xla.XlaLanes | KernelLanes:
-    """The lanes of a sweep on one device."""
+def groups_on(device: Device, spec: SweepSpec) -> Sequence[xla.XlaLanes | KernelLanes]:
+    """The lanes of a sweep on one device, in groups that run independently of each other.
+
+    A card has two, so that one runs while the host collects the other's results.
+    """
     if spec.engine == "xla":
-        return xla.XlaLanes(spec, device)
+        return [xla.XlaLanes(spec, device)]
     if device.platform == "gpu":
         from gaitsweep.engine.kernel.cuda import CudaLanes
 
-        return CudaLanes(spec, device)
+        halves = (spec.lanes + 1) // 2, spec.lanes // 2
+        return [CudaLanes(dataclasses.replace(spec, lanes=half), device) for half in halves if half]
     from gaitsweep.engine.kernel.lanes import CpuLanes
 
-    return CpuLanes(spec)
+    return [CpuLanes(spec)]
 
 
 def polls_per_chunk(spec: SweepSpec) -> int:

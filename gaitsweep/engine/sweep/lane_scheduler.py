@@ -1,22 +1,79 @@
-"""The assignment of rows to lanes: filling free lanes, collecting results, and the open blocks."""
+"""The assignment of rows to lanes: filling free lanes, collecting results, and the open blocks.
+
+Lanes work in groups, each in a thread: while the host collects the results of one group and opens new rows in
+it, the others go on.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.block import Block, EndedRows
 from gaitsweep.engine.sweep.chunk_sizer import ChunkSizer
-from gaitsweep.engine.sweep.engines import lanes_on, polls_per_chunk
+from gaitsweep.engine.sweep.engines import groups_on, polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 
 # Polls in XLA's first chunk, from whose duration the number of polls in the others follows.
 FIRST_POLLS = 4
+
+
+class _Chunk(NamedTuple):
+    """The output of a chunk, and when it began (s)."""
+
+    output: ChunkOutput
+    began: float
+
+
+class Group:
+    """Some lanes of a device, the rows in them, and how far these are."""
+
+    def __init__(self, lanes: Any, spec: SweepSpec) -> None:
+        self.lanes, self.size = lanes, lanes.size
+        self.block_of = np.full(self.size, -1)
+        self.row_of = np.zeros(self.size, np.int64)
+        self.share = 0.0  # of their work that the running rows have done, added up
+        self.attempts = 0  # of running rows
+        self.sizer = ChunkSizer(polls_per_chunk(spec))
+        if spec.engine == "xla":
+            self.sizer.polls = FIRST_POLLS
+        # the values of all lanes: parameters, then initial conditions
+        self._values: list[dict[str, np.ndarray]] = []
+        self._fresh = np.zeros(self.size, bool)
+
+    @property
+    def busy(self) -> bool:
+        return bool(np.any(self.block_of >= 0))
+
+    def place(self, block: Block, rows: np.ndarray, lanes: np.ndarray) -> None:
+        """Put rows of a block into lanes; the next chunk opens them."""
+        self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
+        given: tuple[Mapping[str, np.ndarray], ...] = (block.params, block.starts)
+        if not self._values:
+            # idle lanes are computed too, with the values of the first row
+            self._values = [
+                {k: np.repeat(v[:1], self.size, axis=0) for k, v in each.items()} for each in given
+            ]
+        for held, each in zip(self._values, given, strict=True):
+            for name, column in held.items():
+                column[lanes] = each[name][rows]
+
+    def chunk(self, polls: int | None = None) -> _Chunk:
+        """Open fresh rows and advance all by `polls`, by default the number that the sizer chooses."""
+        if self._fresh.any():
+            self.lanes.fill(*self._values, self._fresh)
+            self._fresh = np.zeros(self.size, bool)
+        polls = self.sizer.polls if polls is None else polls
+        began = self.sizer.begins()
+        output = self.lanes.run_chunk(polls)
+        if polls:
+            self.sizer.ended(began, polls)
+        return _Chunk(output, began)
 
 
 class LaneScheduler:
@@ -40,81 +97,83 @@ class LaneScheduler:
         self.total = sum(min(spec.block, spec.n_rows - b * spec.block) for b in blocks)
         self.total -= sum(len(rows["row"]) for rows in self._restored.values())
         # a device without rows would have nothing to run
-        self.groups = [lanes_on(device, spec) for device in spec.devices[: self.total]]
-        size = spec.lanes * len(self.groups)
+        devices = spec.devices[: self.total]
+        self.groups = [Group(lanes, spec) for device in devices for lanes in groups_on(device, spec)]
         self.open: dict[int, Block] = {}
         self.complete: list[int] = []  # open blocks whose rows have all ended
-        self.block_of = np.full(size, -1)
-        self.row_of = np.zeros(size, np.int64)
-        # consecutive rows go to different devices, so that a few rows use all devices
-        self._order = np.arange(size).reshape(len(self.groups), spec.lanes).T.ravel()
         self.done = 0
         self.attempts = 0
         self.cycles = 0
-        self._running_share = 0.0
-        self._running_attempts = 0
         self._waiting = list(blocks)[::-1]
         self._newest: Block | None = None
-        self.chunk_sizer = ChunkSizer(polls_per_chunk(spec))
-        if spec.engine == "xla":
-            self.chunk_sizer.polls = FIRST_POLLS
-        # a thread for each device: JAX releases the GIL while it compiles or runs a program
+        # JAX and the kernels release the GIL while they compile or run a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
-        # the values of all lanes: parameters, then initial conditions
-        self._values: list[dict[str, np.ndarray]] = []
-
-    def chunk(self, polls: int | None = None) -> ChunkOutput:
-        """Advance the lanes of all devices by `polls`, by default the number that `chunk_sizer` chooses."""
-        if polls is not None:
-            return self._advanced(polls)
-        polls, began = self.chunk_sizer.polls, self.chunk_sizer.begins()
-        output = self._advanced(polls)
-        self.chunk_sizer.ended(began, polls)
-        return output
-
-    def _advanced(self, polls: int) -> ChunkOutput:
-        if self._threads is None:
-            return self.groups[0].run_chunk(polls)
-        outputs = list(self._threads.map(lambda lanes: lanes.run_chunk(polls), self.groups))
-        # buffers of devices have different depths: a device returns only the records that it has filled
-        depth = max(one.kept.shape[1] for one in outputs)
-        outputs = [
-            one._replace(kept=np.pad(one.kept, ((0, 0), (0, depth - one.kept.shape[1]), (0, 0))))
-            for one in outputs
-        ]
-        return jax.tree.map(lambda *parts: np.concatenate(parts), *outputs)
+        self._running: dict[Future[_Chunk], Group] = {}
 
     @property
     def busy(self) -> bool:
-        return bool(np.any(self.block_of >= 0))
+        return any(group.busy for group in self.groups)
 
-    def refill(self) -> None:
-        """Put waiting rows into free lanes."""
-        fresh = np.zeros(self.block_of.size, bool)
-        free = self._order[self.block_of[self._order] < 0]
-        while free.size or not self.groups:
+    def begin(self) -> None:
+        """Open the first rows; the programs are compiled."""
+        which = np.repeat(np.arange(len(self.groups)), [group.size for group in self.groups])
+        lanes = np.concatenate([np.zeros(0, np.int64), *(np.arange(group.size) for group in self.groups)])
+        # consecutive rows go to different groups, so that a few rows use all devices
+        order = np.lexsort((which, lanes))
+        self._fill(which[order], lanes[order])
+        for group, output in self.together(0):
+            self._collect(group, output)
+
+    def together(self, polls: int) -> list[tuple[Group, ChunkOutput]]:
+        """Advance all groups that have rows by `polls`, and wait for them."""
+        busy = [group for group in self.groups if group.busy]
+        chunks = (self._threads.map if self._threads else map)(lambda group: group.chunk(polls), busy)
+        return [(group, chunk.output) for group, chunk in zip(busy, chunks, strict=True)]
+
+    def go(self) -> None:
+        """Let all groups run; `step` takes what they give."""
+        for group in self.groups:
+            self._go_on(group)
+
+    def step(self) -> float:
+        """Wait for the next chunk, collect it, and let its group go on; returns when it began (s)."""
+        if self._threads is None:
+            (group,) = self.groups
+            chunk = group.chunk()
+        else:
+            wait(self._running, return_when=FIRST_COMPLETED)
+            future = next(each for each in self._running if each.done())
+            group = self._running.pop(future)
+            chunk = future.result()
+        self._collect(group, chunk.output)
+        self._go_on(group)
+        return chunk.began
+
+    def end(self) -> None:
+        """Wait for what runs."""
+        if self._threads is not None:
+            self._threads.shutdown(cancel_futures=True)
+
+    def _go_on(self, group: Group) -> None:
+        free = np.flatnonzero(group.block_of < 0)
+        self._fill(np.full(free.size, self.groups.index(group)), free)
+        if self._threads is not None and group.busy:
+            self._running[self._threads.submit(group.chunk)] = group
+
+    def _fill(self, which: np.ndarray, lanes: np.ndarray) -> None:
+        """Put waiting rows into the free lanes `lanes` (n,) of the groups `which` (n,)."""
+        taken = 0
+        while taken < lanes.size or not self.groups:
             block = self._with_waiting_rows()
             if block is None:
                 break
-            rows = block.waiting[block.opened : block.opened + free.size]
-            lanes, free = free[: rows.size], free[rows.size :]
+            rows = block.waiting[block.opened : block.opened + lanes.size - taken]
             block.opened += rows.size
-            self.block_of[lanes], self.row_of[lanes], fresh[lanes] = block.number, rows, True
-            if not self._values:
-                # idle lanes are computed too, with the values of the first row
-                self._values = [
-                    {name: np.repeat(column[:1], fresh.size, axis=0) for name, column in given.items()}
-                    for given in (block.params, block.starts)
-                ]
-            for held, given in zip(self._values, (block.params, block.starts), strict=True):
-                for name, column in held.items():
-                    column[lanes] = given[name][rows]
-        if fresh.any():
-            for i, group in enumerate(self.groups):
-                part = slice(i * group.size, (i + 1) * group.size)
-                if fresh[part].any():
-                    params, starts = ({k: v[part] for k, v in held.items()} for held in self._values)
-                    group.fill(params, starts, fresh[part])
+            part = slice(taken, taken + rows.size)
+            taken += rows.size
+            for number in np.unique(which[part]):
+                mine = which[part] == number
+                self.groups[number].place(block, rows[mine], lanes[part][mine])
 
     def _with_waiting_rows(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
@@ -129,39 +188,39 @@ class LaneScheduler:
                 self.complete.append(number)
         return self._newest
 
-    def collect(self, output: ChunkOutput) -> None:
-        """Collect the output of a chunk."""
+    def _collect(self, group: Group, output: ChunkOutput) -> None:
+        """Collect the output of a group's chunk."""
         record, _, t, attempts = output
-        busy = self.block_of >= 0
+        busy = group.block_of >= 0
         running = busy & (record.status == Status.running)
         ended = busy & ~running
-        for number in np.unique(self.block_of[busy & (ended | (record.filled > 0))]):
-            block, mine = self.open[number], self.block_of == number
-            block.keep(self.row_of, output, np.flatnonzero(mine & (record.filled > 0)))
-            block.end(self.row_of, output, np.flatnonzero(mine & ended))
+        for number in np.unique(group.block_of[busy & (ended | (record.filled > 0))]):
+            block, mine = self.open[number], group.block_of == number
+            block.keep(group.row_of, output, np.flatnonzero(mine & (record.filled > 0)))
+            block.end(group.row_of, output, np.flatnonzero(mine & ended))
             if block.missing == 0:
                 self.complete.append(int(number))
         self.done += int(np.count_nonzero(ended))
         self.attempts += int(attempts[ended].sum())
         self.cycles += int(record.cycles[ended].sum())
-        self.block_of[ended] = -1
+        group.block_of[ended] = -1
         # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
         if running.any() and self.done:
             typical = max(typical, float(np.mean(record.cycles[running])))
-        self._running_share = float(np.sum(self.spec.recorder.share(record, t, typical)[running]))
-        self._running_attempts = int(np.sum(attempts[running]))
+        group.share = float(np.sum(self.spec.recorder.share(record, t, typical)[running]))
+        group.attempts = int(np.sum(attempts[running]))
         if self.spec.engine == "kernel":
             of_ended = self.attempts / self.done if self.done else 0.0
             of_running = float(np.mean(attempts[running])) if running.any() else 0.0
-            self.chunk_sizer.choose(max(of_ended, of_running), int(record.filled.max(initial=0)))
+            group.sizer.choose(max(of_ended, of_running), int(record.filled.max(initial=0)))
         else:
-            self.chunk_sizer.limit()
+            group.sizer.limit()
 
-    def close(self, number: int) -> None:
-        """Remove a block that is complete and written."""
+    def close(self, number: int) -> Block:
+        """Remove a block that is complete, to write it."""
         self.complete.remove(number)
-        del self.open[number]
+        return self.open.pop(number)
 
     @property
     def unstored(self) -> bool:
@@ -179,5 +238,6 @@ class LaneScheduler:
             self.open[int(rows["row"][0]) // self.spec.block].mark_stored(rows["row"])
 
     def progress(self, seconds: float) -> SweepProgress:
-        share = (self.done + self._running_share) / self.total if self.total else 1.0
-        return SweepProgress(self.done, self.total, share, self.attempts + self._running_attempts, seconds)
+        share = (self.done + sum(group.share for group in self.groups)) / self.total if self.total else 1.0
+        attempts = self.attempts + sum(group.attempts for group in self.groups)
+        return SweepProgress(self.done, self.total, share, attempts, seconds)

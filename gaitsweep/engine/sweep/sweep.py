@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
@@ -66,47 +68,82 @@ def sweep(
     timings = Timings() if timings is None else timings
     began = time.perf_counter()
     scheduler = LaneScheduler(spec, blocks, None if open_rows is None else open_rows.restored)
-    scheduler.refill()
+    scheduler.begin()
     if scheduler.busy:
-        scheduler.collect(scheduler.chunk(0))
         # compiled before any row ends, since ended rows would wait for it
         labels_of(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
-    keeper = _Keeper(scheduler, open_rows)
+    scheduler.go()
+    disk = _Disk()
+    keeper = _Keeper(scheduler, open_rows, disk)
     try:
         while scheduler.busy or scheduler.complete:
-            chunk_began = time.perf_counter()
             if scheduler.busy:
-                scheduler.collect(scheduler.chunk())
-            keeper.chunk_ended(chunk_began)
+                keeper.chunk_ended(scheduler.step())
             for number in list(scheduler.complete):
-                keeper.store_if_due(keeper.close_s)
-                close_began = time.perf_counter()
-                block = scheduler.open[number]
-                write(number, block.result(labels_of(spec, block)))
-                scheduler.close(number)
-                keeper.close_s = time.perf_counter() - close_began
+                keeper.store_if_due(disk.longest_s)
+                block = scheduler.close(number)
+                disk.write(lambda block=block: write(block.number, block.result(labels_of(spec, block))))
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
             if progress is not None:
                 progress(scheduler.progress(timings.run_s))
-            scheduler.refill()
+        disk.end()
+        timings.run_s = time.perf_counter() - began - timings.compile_s
     except BaseException:
-        # the first exception is reported, not a failure to store rows that follows from it
+        # the first exception is reported, not a failure to write or store rows that follows from it
+        with contextlib.suppress(UserError):
+            disk.end()
         with contextlib.suppress(UserError):
             keeper.store()
         raise
+    finally:
+        scheduler.end()
     return timings
+
+
+class _Disk:
+    """A thread that writes, one piece after the other, while rows go on."""
+
+    # pieces that may wait; a kill loses them
+    MOST = 4
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1)
+        self._waiting: deque[Future[None]] = deque()
+        self.longest_s = 1.0  # s of writing a piece; the first time it loads libraries
+
+    def write(self, piece: Callable[[], None]) -> None:
+        """Let a piece be written; raises what an earlier one has raised."""
+        while self._waiting and (len(self._waiting) >= self.MOST or self._waiting[0].done()):
+            self._waiting.popleft().result()
+        self._waiting.append(self._thread.submit(self._timed, piece))
+
+    def wait(self) -> None:
+        """Wait until all is written; raises what a piece has raised."""
+        while self._waiting:
+            self._waiting.popleft().result()
+
+    def end(self) -> None:
+        """Write what waits, and end."""
+        try:
+            self.wait()
+        finally:
+            self._thread.shutdown()
+
+    def _timed(self, piece: Callable[[], None]) -> None:
+        began = time.perf_counter()
+        piece()
+        self.longest_s = time.perf_counter() - began
 
 
 class _Keeper:
     """Stores ended rows of open blocks before the oldest of them has waited `SAFE_WITHIN` s."""
 
-    def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None) -> None:
-        self._scheduler, self._open_rows = scheduler, open_rows
+    def __init__(self, scheduler: LaneScheduler, open_rows: OpenRows | None, disk: _Disk) -> None:
+        self._scheduler, self._open_rows, self._disk = scheduler, open_rows, disk
         self.chunk_s = 0.0
-        self.close_s = 1.0  # s of writing a part; the first time it loads libraries
         self._store_s = 0.1
         self._oldest: float | None = None  # begin of the chunk in which the oldest unstored row ended
 
@@ -126,11 +163,12 @@ class _Keeper:
         age = time.perf_counter() - self._oldest
         if age + ahead + self._store_s > SAFE_WITHIN - _SPARE:
             began = time.perf_counter()
+            self._disk.wait()
             self.store()
             self._store_s = time.perf_counter() - began
 
     def store(self) -> None:
-        """Store all ended rows of open blocks that are not on disk."""
+        """Store all ended rows of open blocks that are not on disk; nothing else is being written."""
         if self._open_rows is None:
             return
         ended = self._scheduler.ended()
