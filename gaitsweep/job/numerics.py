@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.kinds.numbers import Count, Flag, LaneCount, Positive, checked, read_real, word
+from gaitsweep.kinds.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
 from gaitsweep.kinds.part import Part
 from gaitsweep.table import former_names
 
+_LEAST_BLOCK, _MOST_PARTS = 1024, 500
 METHOD_NAMES = ("auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit")
 
 
 def _step(value: Any) -> float | str:
     return "auto" if value == "auto" else read_real(value, low=0.0, open_ends=True)
+
+
+def _block(value: Any) -> int | str:
+    return "auto" if value == "auto" else read_whole(value, low=1, high=10**9)
+
+
+def rows_of_a_part(block: int | str, n_rows: int) -> int:
+    """The rows of a part of a table: those chosen, or 1024 times a power of two, in at most 500 parts."""
+    if isinstance(block, int):
+        return block
+    return _LEAST_BLOCK * 2 ** math.ceil(math.log2(max(1.0, n_rows / (_MOST_PARTS * _LEAST_BLOCK))))
 
 
 class NumericsSpec(Part):
@@ -72,7 +85,14 @@ class EngineChoice(Part):
     lanes: LaneCount | None = Field(
         default=None, description="trajectories advanced at once; chosen for the device if not given"
     )
-    block: Count = Field(default=1024, description="rows of one part of the table")
+    block: Annotated[
+        int | Literal["auto"],
+        PlainValidator(checked(_block)),
+        WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "string"}]}),
+    ] = Field(
+        default="auto",
+        description="rows of one part of the table; auto: 1024, or as many as make at most 500 parts",
+    )
     devices: Count | None = Field(default=None, description="devices to use; all if not given")
     contraction: Flag = Field(
         default=True,

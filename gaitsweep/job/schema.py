@@ -22,7 +22,7 @@ from pydantic import (
 from gaitsweep import effort
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.job.job_hash import job_hash
-from gaitsweep.job.numerics import EngineChoice, NumericsSpec
+from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.reading import read_job
 from gaitsweep.job.vary import vary_schema
@@ -112,6 +112,11 @@ class Job(Part):
         numerics = self.numerics.engine(self._plan.model)
         return dataclasses.replace(numerics, contraction=self.engine.contraction)
 
+    @property
+    def block(self) -> int:
+        """The rows of a part of the table."""
+        return rows_of_a_part(self.engine.block, self._plan.n_rows)
+
     def resolved(self, engine: str | None = None) -> dict[str, Any]:
         """The job as plain values with everything filled in, the model's defaults and the config too.
 
@@ -130,7 +135,7 @@ class Job(Part):
         parameters = {quantity.name for quantity in self._plan.model.parameters}
         dumped["params"] = {name: setting for name, setting in settings.items() if name in parameters}
         dumped["start"] = {name: setting for name, setting in settings.items() if name not in parameters}
-        dumped["engine"]["name"] = engine or self.engine.name
+        dumped["engine"] |= {"name": engine or self.engine.name, "block": self.block}
         dumped["numerics"] |= {"method": self.integration.method}
         for name in ("rtol", "atol"):
             if self.integration.adaptive:
@@ -160,7 +165,7 @@ class Job(Part):
         runs_on = {
             "name": engine if engine is not None else self.engine.name,
             "lanes": lanes if lanes is not None else self.engine.lanes,
-            "block": self.engine.block,
+            "block": self.block,
             "device": device,
         }
         if not self.engine.contraction:  # left out by default, as it was before it could be chosen

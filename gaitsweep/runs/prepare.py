@@ -85,7 +85,7 @@ def prepare(job: Job) -> Prepared:
         recorder=recorder,
         numerics=numerics,
         n_rows=rows.n_rows,
-        block=job.engine.block,
+        block=job.block,
         lanes=lanes,
         devices=devices,
         values=values_with_right_steps(rows, job.run, numerics, steps),

@@ -20,6 +20,7 @@ from scipy.stats import qmc
 
 from gaitsweep import models
 from gaitsweep.job import Job, JobError, Plan, load_job, schema
+from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.settle import Settle
 
@@ -495,3 +496,8 @@ def test_jobs_and_their_errors_travel_between_processes() -> None:
 def test_a_job_does_not_change() -> None:
     with pytest.raises(Exception, match="frozen"):
         EVERY.name = "other"
+
+
+def test_a_large_table_has_at_most_500_parts() -> None:
+    assert [rows_of_a_part("auto", n) for n in (1, 512_000, 512_001, 10**8)] == [1024, 1024, 2048, 262_144]
+    assert rows_of_a_part(7, 10**8) == 7

@@ -194,10 +194,14 @@ class LaneScheduler:
         busy = group.block_of >= 0
         running = busy & (record.status == Status.running)
         ended = busy & ~running
-        for number in np.unique(group.block_of[busy & (ended | (record.filled > 0))]):
-            block, mine = self.open[number], group.block_of == number
-            block.keep(group.row_of, output, np.flatnonzero(mine & (record.filled > 0)))
-            block.end(group.row_of, output, np.flatnonzero(mine & ended))
+        told = np.flatnonzero(busy & (ended | (record.filled > 0)))
+        told = told[np.argsort(group.block_of[told], kind="stable")]
+        numbers, first = np.unique(group.block_of[told], return_index=True)
+        # without any row `split` gives an empty part all the same
+        for number, lanes in zip(numbers, np.split(told, first[1:]), strict=False):
+            block = self.open[number]
+            block.keep(group.row_of, output, lanes[record.filled[lanes] > 0])
+            block.end(group.row_of, output, lanes[ended[lanes]])
             if block.missing == 0:
                 self.complete.append(int(number))
         self.done += int(np.count_nonzero(ended))
