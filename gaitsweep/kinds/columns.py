@@ -115,8 +115,9 @@ def signals(model: Model) -> list[Column]:
 
 
 def _status(records: Records) -> pd.Categorical:
-    codes = records.of_row(records.block.status)
-    return pd.Categorical([Status(code).name for code in codes], categories=STATUSES)
+    numbers = np.zeros(max(Status) + 1, np.int64)
+    numbers[list(Status)] = [STATUSES.index(status.name) for status in Status]
+    return pd.Categorical.from_codes(numbers[records.of_row(records.block.status)], categories=STATUSES)
 
 
 def _crossing(records: Records) -> np.ndarray:
@@ -133,11 +134,16 @@ def _stalled_by(records: Records) -> pd.Categorical:
     """The guards that stalled each row, by their names; missing where none did."""
     model = records.model
     names = model.guard_names if isinstance(model, HybridModel) else ()
+    words = records.of_row(records.block.fired)
+    stalled = np.flatnonzero(words.any(axis=1))  # few, if any
     told = [
-        " and ".join(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row)) or None
-        for row in unpacked(records.of_row(records.block.fired))
+        " and ".join(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
+        for row in unpacked(words[stalled])
     ]
-    return pd.Categorical(told, categories=sorted({each for each in told if each is not None}))
+    categories = sorted(set(told))
+    codes = np.full(len(words), -1)
+    codes[stalled] = [categories.index(each) for each in told]
+    return pd.Categorical.from_codes(codes, categories=categories)
 
 
 STATUS = Column("status", _status)

@@ -10,9 +10,9 @@ import pytest
 from sweeping import devices_on, run_rows
 from toy_model import Toy, launches
 
-from gaitsweep.engine.kernel import lanes
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.sweep import lane
 
 
 class Hidden:
@@ -35,7 +35,7 @@ class Hidden:
 def test_no_cpu_is_asked_for_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """The CPU's kernels run all the same, starts worked out on the device that there is."""
     hidden = Hidden(monkeypatch)
-    assert lanes._opening_device() is hidden.real[0]
+    assert lane.host_device() is hidden.real[0]
     found = run_rows(
         Toy(),
         CrossingRecorder(Toy(), crossings=4),
@@ -62,6 +62,6 @@ def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest
         monkeypatch.setattr(
             type(jax.config), "jax_platforms", property(lambda _, p=platforms: p), raising=False
         )
-        assert lanes._opening_device() is real[0]
+        assert lane.host_device() is real[0]
     assert set(asked) == {"cpu"}
     assert devices_on("cpu", "kernel")[0].platform == "cpu"

@@ -17,7 +17,7 @@ from gaitsweep.contract import Model, Status
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import SHARE, Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
-from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive, Values
+from gaitsweep.engine.sweep.lane import ChunkOutput, OneLane, RowDrive, Values, host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
@@ -52,14 +52,6 @@ def _open(lane: OneLane, values: Any, starts: Any) -> Any:
     held, carry, record, row, keep = lane.open(values, starts)
     flat = [jnp.ravel(leaf).astype(jnp.float64) for leaf in jax.tree.leaves((held, carry, record))]
     return jnp.concatenate(flat), row, keep
-
-
-def _opening_device() -> Any:
-    """The device that computes initial states: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
-    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
-    if platforms and "cpu" not in platforms.split(","):
-        return jax.local_devices()[0]
-    return jax.local_devices(backend="cpu")[0]
 
 
 class KernelLanes(abc.ABC):
@@ -101,7 +93,7 @@ class KernelLanes(abc.ABC):
                 {name: np.asarray(column[rows], self._dtype) for name, column in values.items()}
                 for values in (params, starts)
             ]
-            with jax.default_device(_opening_device()):
+            with jax.default_device(host_device()):
                 opened, kept_rows, keep = jax.device_get(self.kernel.open(*given))
             n = some.size
             self.put(some, opened[:n], kept_rows[:n], keep[:n])

@@ -7,11 +7,11 @@ from functools import lru_cache
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.block import Block
+from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
@@ -32,7 +32,9 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
         padded = np.concatenate([found.rows[part], np.zeros(width - n, np.int64)])
         times, seen = np.zeros(width), np.zeros((width, found.observed.shape[1]))
         times[:n], seen[:n] = found.t[part], np.where(good[part, None], found.observed[part], 0.0)
-        given = label({k: v[padded] for k, v in values.items()}, times, jnp.asarray(seen))
+        # a card has rows to run, which labels would wait for
+        with jax.default_device(host_device()):
+            given = label({k: v[padded] for k, v in values.items()}, times, seen)
         parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
     labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
     gait = np.where(good, labels.pop("gait"), -1).astype(np.int32)

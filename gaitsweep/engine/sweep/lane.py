@@ -22,6 +22,14 @@ Values = Mapping[str, np.ndarray]
 Device = Any  # a jax.Device, which type checkers do not accept as a type
 
 
+def host_device() -> Device:
+    """The device of what is not a row: the CPU, unless JAX may not use it (JAX_PLATFORMS=cuda)."""
+    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    if platforms and "cpu" not in platforms.split(","):
+        return jax.local_devices()[0]
+    return jax.local_devices(backend="cpu")[0]
+
+
 class ChunkOutput(NamedTuple):
     """The output of a chunk of attempts for the host; the first axis of each array is the lane.
 
