@@ -115,8 +115,9 @@ def signals(model: Model) -> list[Column]:
 
 
 def _status(records: Records) -> pd.Categorical:
-    numbers = np.zeros(max(Status) + 1, np.int64)
-    numbers[list(Status)] = [STATUSES.index(status.name) for status in Status]
+    numbers = np.full(max(Status) + 1, -1)
+    for number, name in enumerate(STATUSES):
+        numbers[Status[name]] = number
     return pd.Categorical.from_codes(numbers[records.of_row(records.block.status)], categories=STATUSES)
 
 

@@ -203,4 +203,5 @@ def _packed(fired: jax.Array) -> jax.Array:
 def unpacked(words: np.ndarray) -> np.ndarray:
     """The guards that fired (rows, guards), from `Record.fired` (rows, words); padded with False."""
     bits = np.arange(GUARDS_A_WORD)
-    return ((words[:, :, None].astype(np.int64) >> bits) & 1).astype(bool).reshape(len(words), -1)
+    found = (words[:, :, None].astype(np.int64) >> bits) & 1
+    return found.astype(bool).reshape(len(words), words.shape[1] * bits.size)
