@@ -81,7 +81,7 @@ def sweep(
             if scheduler.busy:
                 keeper.chunk_ended(scheduler.step())
             for number in list(scheduler.complete):
-                keeper.store_if_due(disk.longest_s)
+                keeper.store_if_due()
                 block = scheduler.close(number)
                 disk.write(lambda block=block: write(block.number, block.result(labels_of(spec, block))))
             keeper.store_if_due(keeper.chunk_s)
@@ -112,13 +112,18 @@ class _Disk:
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1)
         self._waiting: deque[Future[None]] = deque()
-        self.longest_s = 1.0  # s of writing a piece; the first time it loads libraries
+        self._longest_s = 1.0  # s of writing a piece; the first time it loads libraries
 
     def write(self, piece: Callable[[], None]) -> None:
         """Let a piece be written; raises what an earlier one has raised."""
         while self._waiting and (len(self._waiting) >= self.MOST or self._waiting[0].done()):
             self._waiting.popleft().result()
         self._waiting.append(self._thread.submit(self._timed, piece))
+
+    @property
+    def ahead_s(self) -> float:
+        """The time (s) until one more piece is written."""
+        return (1 + sum(not each.done() for each in self._waiting)) * self._longest_s
 
     def wait(self) -> None:
         """Wait until all is written; raises what a piece has raised."""
@@ -135,7 +140,7 @@ class _Disk:
     def _timed(self, piece: Callable[[], None]) -> None:
         began = time.perf_counter()
         piece()
-        self.longest_s = time.perf_counter() - began
+        self._longest_s = time.perf_counter() - began
 
 
 class _Keeper:
@@ -153,15 +158,15 @@ class _Keeper:
         if self._oldest is None and self._open_rows is not None and self._scheduler.unstored:
             self._oldest = began
 
-    def store_if_due(self, ahead: float) -> None:
-        """Store the rows if the oldest would wait too long after the next `ahead` s."""
+    def store_if_due(self, ahead: float = 0.0) -> None:
+        """Store the rows if the oldest would wait too long after `ahead` s and what is being written."""
         if self._oldest is None:
             return
         if not self._scheduler.unstored:  # their parts have been written
             self._oldest = None
             return
         age = time.perf_counter() - self._oldest
-        if age + ahead + self._store_s > SAFE_WITHIN - _SPARE:
+        if age + ahead + self._disk.ahead_s + self._store_s > SAFE_WITHIN - _SPARE:
             began = time.perf_counter()
             self._disk.wait()
             self.store()
