@@ -221,10 +221,14 @@ class LaneScheduler:
         else:
             group.sizer.limit()
 
-    def close(self, number: int) -> Block:
-        """Remove a block that is complete, to write it."""
+    def take(self, number: int) -> Block:
+        """A block that is complete, to write it; it is open until it is closed."""
         self.complete.remove(number)
-        return self.open.pop(number)
+        return self.open[number]
+
+    def close(self, number: int) -> None:
+        """Remove a block that is written."""
+        del self.open[number]
 
     @property
     def unstored(self) -> bool:

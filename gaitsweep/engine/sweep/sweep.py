@@ -74,7 +74,7 @@ def sweep(
         labels_of(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     scheduler.go()
-    disk = _Disk()
+    disk = _Disk(scheduler.close)
     keeper = _Keeper(scheduler, open_rows, disk)
     try:
         while scheduler.busy or scheduler.complete:
@@ -82,8 +82,10 @@ def sweep(
                 keeper.chunk_ended(scheduler.step())
             for number in list(scheduler.complete):
                 keeper.store_if_due()
-                block = scheduler.close(number)
-                disk.write(lambda block=block: write(block.number, block.result(labels_of(spec, block))))
+                block = scheduler.take(number)
+                disk.write(
+                    number, lambda block=block: write(block.number, block.result(labels_of(spec, block)))
+                )
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
             timings.run_s = time.perf_counter() - began - timings.compile_s
@@ -104,31 +106,47 @@ def sweep(
 
 
 class _Disk:
-    """A thread that writes, one piece after the other, while rows go on."""
+    """A thread that writes blocks, one after the other, while rows go on.
 
-    # pieces that may wait; a kill loses them
+    Args:
+        written: called with the number of each block that has been written, by the thread that waits.
+    """
+
+    # blocks that may wait
     MOST = 4
 
-    def __init__(self) -> None:
-        self._thread = ThreadPoolExecutor(1)
-        self._waiting: deque[Future[None]] = deque()
-        self._longest_s = 1.0  # s of writing a piece; the first time it loads libraries
+    def __init__(self, written: Callable[[int], None]) -> None:
+        self._thread, self._written = ThreadPoolExecutor(1), written
+        self._waiting: deque[tuple[int, Future[None]]] = deque()
+        self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
-    def write(self, piece: Callable[[], None]) -> None:
-        """Let a piece be written; raises what an earlier one has raised."""
-        while self._waiting and (len(self._waiting) >= self.MOST or self._waiting[0].done()):
-            self._waiting.popleft().result()
-        self._waiting.append(self._thread.submit(self._timed, piece))
+    def write(self, number: int, block: Callable[[], None]) -> None:
+        """Let a block be written; raises what an earlier one has raised."""
+        while self._waiting and (len(self._waiting) >= self.MOST or self._waiting[0][1].done()):
+            self._take()
+        self._waiting.append((number, self._thread.submit(self._timed, block)))
+
+    def _take(self) -> None:
+        """Wait for the first block; one that could not be written stays open, so that its rows are stored."""
+        number, future = self._waiting.popleft()
+        future.result()
+        self._written(number)
 
     @property
     def ahead_s(self) -> float:
-        """The time (s) until one more piece is written."""
-        return (1 + sum(not each.done() for each in self._waiting)) * self._longest_s
+        """The time (s) until one more block is written."""
+        return (1 + sum(not future.done() for _, future in self._waiting)) * self._longest_s
 
     def wait(self) -> None:
-        """Wait until all is written; raises what a piece has raised."""
+        """Wait until all is written; raises what the first has raised that could not be."""
+        failures: list[BaseException] = []
         while self._waiting:
-            self._waiting.popleft().result()
+            try:
+                self._take()
+            except BaseException as failure:
+                failures.append(failure)
+        if failures:
+            raise failures[0]
 
     def end(self) -> None:
         """Write what waits, and end."""
@@ -137,9 +155,9 @@ class _Disk:
         finally:
             self._thread.shutdown()
 
-    def _timed(self, piece: Callable[[], None]) -> None:
+    def _timed(self, block: Callable[[], None]) -> None:
         began = time.perf_counter()
-        piece()
+        block()
         self._longest_s = time.perf_counter() - began
 
 
