@@ -23,6 +23,7 @@ HOST_HEAD = """#include <cmath>
 #define PART static
 #define KERNEL extern "C"
 #define THREAD thread
+#define COUNT(flag) ((flag) ? 1 : 0)
 typedef long long index;
 """
 _numbers = itertools.count()

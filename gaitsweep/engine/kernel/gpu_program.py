@@ -19,12 +19,15 @@ from gaitsweep.engine.kernel.c_source import C, function, loaded, stored, struct
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import scheduled
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.source import name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
 # threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps.
 THREADS = 128
+# The threads of a warp wait for each other. Those that meet an event or are polled wait until the others are
+# fewer than so many times as they: then one turn serves several.
+SHARE_THAT_GOES = 2
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -36,6 +39,7 @@ HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
 #define PART static __device__ __forceinline__
 #define KERNEL extern "C" __global__ __launch_bounds__({THREADS})
 #define THREAD (blockIdx.x * (index)blockDim.x + threadIdx.x)
+#define COUNT(flag) __popc(__ballot_sync(0xffffffffu, flag))
 typedef long long index;
 """
 
@@ -75,18 +79,42 @@ KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
 }}
 """
 
+_UNUSUAL = """            if (unusual) {
+                carry = attempt(own, carry);
+                meets = false;
+                ++j;
+            }"""
+
 _RUN = """
 KERNEL void run(double* S, double* kept, index n, index polls) {{
-    const index i = THREAD;
-    if (i >= n || S[{status} * n + i] != 0.0) return;
+    const index i = THREAD < n ? THREAD : n - 1;
+    const bool mine = THREAD < n && S[{status} * n + i] == 0.0;
     const struct Own own = read_own(S, n, i);
     struct Carry carry = read_carry(S, n, i);
-    for (index k = 0; k < polls; ++k) {{
-        for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(own, carry);
-        carry = poll(S, kept, n, i, own, carry);
-        if (S[{status} * n + i] != 0.0) break;
+    index k = 0;
+    int j = 0;
+    bool ended = !mine || polls < 1, meets = false;
+    // all threads of a warp go through the loop, since all take part in the counts
+    for (;;) {{
+        const bool due = !ended && (j == {interval} || carry.s{halt} != 0.0);
+        const bool unusual = !ended && !due && meets;
+        const bool usual = !ended && !due && !meets;
+        const int waiting = COUNT(due) + COUNT(unusual), going = COUNT(usual);
+        if (going + waiting == 0) break;
+        if (going >= {share} * waiting) {{
+            if (usual) {{
+                meets = attempt_plainly(own, carry);
+                j += !meets;
+            }}
+        }} else if (2 * COUNT(unusual) > waiting) {{
+{unusual}
+        }} else if (due) {{
+            carry = poll(S, kept, n, i, own, carry);
+            j = 0;
+            ended = ++k == polls || S[{status} * n + i] != 0.0;
+        }}
     }}
-    write_carry(S, n, i, carry);
+    if (mine) write_carry(S, n, i, carry);
 }}
 """
 
@@ -144,8 +172,19 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
     constants that differ between rows.
     """
-    run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
+    run = _RUN.format(
+        interval=POLL_INTERVAL,
+        share=SHARE_THAT_GOES,
+        unusual="" if never_unusual(chunk) else _UNUSUAL,
+        status=chunk.record.status.first,
+        halt=chunk.carry.halt.first,
+    )
     return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
+
+
+def never_unusual(chunk: Chunk) -> bool:
+    """Whether all attempts are plain: the model has no events that are located."""
+    return chunk.program.value(chunk.unusual) is False
 
 
 def packed(chunk: Chunk, varying: Collection[int], slots: np.ndarray) -> bytes:
@@ -233,7 +272,8 @@ class _Thread:
             structure("Carry", self._members(self.carried)),
             self._reading("Own", "read_own", self.own),
             self._reading("Carry", "read_carry", self.carried),
-            self._attempt(),
+            "" if never_unusual(self.chunk) else self._attempt(),
+            self._attempt_plainly(),
             self._poll(),
             function(
                 "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)",
@@ -257,6 +297,22 @@ class _Thread:
         changed = dict(zip(self.chunk.attempt, results, strict=True))
         parameters = "const struct Own own, const struct Carry carry"
         return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
+
+    def _attempt_plainly(self) -> str:
+        """An attempt of a trajectory that is not halted; if it is not plain, it changes nothing."""
+        chunk, program = self.chunk, self.chunk.program
+        halt = self.chunk.carry.halt.first
+        names = self._names | {at: "0.0" for at, slot in self.carried.items() if slot == halt}
+        order = scheduled(program, [chunk.unusual], names)
+        lines = name_all(C(), program, order, names)
+        (unusual,) = statements(C(), program, [chunk.unusual], names, [])[1]
+        lines.append(f"if ({unusual}) return true;")
+        order = scheduled(program, list(chunk.plain.values()), names)
+        more, results = statements(C(), program, list(chunk.plain.values()), names, order)
+        changed = dict(zip(chunk.plain, results, strict=True))
+        *moved, _ = self._moved(changed)
+        head = "PART bool attempt_plainly(const struct Own own, struct Carry& carry)"
+        return function(head, [*lines, *more, *moved, "carry = moved;", "return false;"])
 
     def _poll(self) -> str:
         chunk, program = self.chunk, self.chunk.program
