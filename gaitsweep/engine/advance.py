@@ -404,13 +404,13 @@ def _implicit_event_time(
 def _advance_stepped(model: FixedStepDynamics, numerics: Numerics, drive: Drive | None) -> Advance:
     def attempt(params: Params, carry: Carry) -> Carry:
         dt = carry.dt
-        going = usually(carry.halt == GOING)
+        going = carry.halt == GOING
         # a simulator's step cannot be shortened, so a stop is at the nearest end of a step
-        timed = rarely(carry.stop - carry.t <= 0.5 * dt)
+        timed = carry.stop - carry.t <= 0.5 * dt
         here = params if drive is None else drive(params, carry.t + 0.5 * dt)
         trial = model.step(here, carry.state, jnp.asarray(dt, numerics.stepped))
         fired = model.events(here, carry.state, trial)
-        hit = rarely(jnp.any(fired))
+        hit = jnp.any(fired)
         closed = hit & model.section(here, trial, fired)
         stepped = dataclasses.replace(
             carry,

@@ -111,7 +111,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
-    plain, unusual = program.usually([*attempt.values()])
+    plain, unusual = _plain(program, [*attempt.values()])
     polled = jax.make_jaxpr(lane.poll)(held, carry, record)
     given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
     poll = changes((carry_leaves, record_leaves), given[:-2])
@@ -132,6 +132,18 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         shared=_shared(program, attempt, plain, unusual, steady),
         n_slots=count + len(steady),
     )
+
+
+def _plain(program: Program, attempt: list[int]) -> tuple[list[int], int]:
+    """As `Program.usually`; every attempt is plain if a plain one would compute what others do not.
+
+    Compilers may contract other products and sums in that, and a row's bits would depend on its neighbours.
+    """
+    plain, unusual = program.usually(attempt)
+    more = set(program.needed([*plain])) - set(program.needed([*attempt, unusual]))
+    if any(program.nodes[at].op not in ("constant", "input") for at in more):
+        return attempt, program.constant(False, "bool")
+    return plain, unusual
 
 
 def _steady_results(program: Program, wanted: Sequence[int]) -> list[int]:

@@ -25,9 +25,8 @@ from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
 # threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps.
 THREADS = 128
-# The threads of a warp wait for each other. Those that meet an event or are polled wait until the others are
-# fewer than so many times as they: then one turn serves several.
-SHARE_THAT_GOES = 2
+# The threads of a warp run in step. One that meets an event waits until so many do, or until all others wait.
+TOGETHER = 8
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -79,40 +78,23 @@ KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
 }}
 """
 
-_UNUSUAL = """            if (unusual) {
-                carry = attempt(own, carry);
-                meets = false;
-                ++j;
-            }"""
-
 _RUN = """
 KERNEL void run(double* S, double* kept, index n, index polls) {{
+    // all threads of a warp make all turns, since all take part in the counts
     const index i = THREAD < n ? THREAD : n - 1;
-    const bool mine = THREAD < n && S[{status} * n + i] == 0.0;
+    bool running = THREAD < n && S[{status} * n + i] == 0.0;
+    const bool mine = running;
     const struct Own own = read_own(S, n, i);
     struct Carry carry = read_carry(S, n, i);
-    index k = 0;
-    int j = 0;
-    bool ended = !mine || polls < 1, meets = false;
-    // all threads of a warp go through the loop, since all take part in the counts
-    for (;;) {{
-        const bool due = !ended && (j == {interval} || carry.s{halt} != 0.0);
-        const bool unusual = !ended && !due && meets;
-        const bool usual = !ended && !due && !meets;
-        const int waiting = COUNT(due) + COUNT(unusual), going = COUNT(usual);
-        if (going + waiting == 0) break;
-        if (going >= {share} * waiting) {{
-            if (usual) {{
-                meets = attempt_plainly(own, carry);
-                j += !meets;
-            }}
-        }} else if (2 * COUNT(unusual) > waiting) {{
-{unusual}
-        }} else if (due) {{
-            carry = poll(S, kept, n, i, own, carry);
-            j = 0;
-            ended = ++k == polls || S[{status} * n + i] != 0.0;
+    for (index k = 0; k < polls && COUNT(running); ++k) {{
+        int made = 0;
+        for (;;) {{
+            const bool going = running && made < {interval} && carry.s{halt} == 0.0;
+            if (COUNT(going) == 0) break;
+            made += attempt(own, carry, going);
         }}
+        if (running) poll(S, kept, n, i, own, carry);
+        running = running && S[{status} * n + i] == 0.0;
     }}
     if (mine) write_carry(S, n, i, carry);
 }}
@@ -172,19 +154,8 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
     constants that differ between rows.
     """
-    run = _RUN.format(
-        interval=POLL_INTERVAL,
-        share=SHARE_THAT_GOES,
-        unusual="" if never_unusual(chunk) else _UNUSUAL,
-        status=chunk.record.status.first,
-        halt=chunk.carry.halt.first,
-    )
+    run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
     return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
-
-
-def never_unusual(chunk: Chunk) -> bool:
-    """Whether all attempts are plain: the model has no events that are located."""
-    return chunk.program.value(chunk.unusual) is False
 
 
 def packed(chunk: Chunk, varying: Collection[int], slots: np.ndarray) -> bytes:
@@ -232,6 +203,10 @@ def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str
     return lines, {at: f"r{slot}" for at, slot in slots.items()}
 
 
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"    {line}" for line in lines]
+
+
 class _Thread:
     """The parts of one thread's program.
 
@@ -272,8 +247,7 @@ class _Thread:
             structure("Carry", self._members(self.carried)),
             self._reading("Own", "read_own", self.own),
             self._reading("Carry", "read_carry", self.carried),
-            "" if never_unusual(self.chunk) else self._attempt(),
-            self._attempt_plainly(),
+            self._attempt(),
             self._poll(),
             function(
                 "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)",
@@ -287,32 +261,41 @@ class _Thread:
         return function(head, [f"struct {structure} read;", *lines, "return read;"])
 
     def _attempt(self) -> str:
-        # a waiting trajectory makes no attempt
-        halt = self.chunk.carry.halt.first
-        going = {at: "0.0" for at, slot in self.carried.items() if slot == halt}
-        wanted = list(self.chunk.attempt.values())
-        names = self._names | going
-        order = scheduled(self.chunk.program, wanted, names)
-        lines, results = statements(C(), self.chunk.program, wanted, names, order)
-        changed = dict(zip(self.chunk.attempt, results, strict=True))
-        parameters = "const struct Own own, const struct Carry carry"
-        return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
+        """An attempt of the threads that are `going`; it returns whether this thread has made one.
 
-    def _attempt_plainly(self) -> str:
-        """An attempt of a trajectory that is not halted; if it is not plain, it changes nothing."""
+        What happens at events is computed for the threads that need it; for one that waits all else is
+        computed again, beside the attempts of the others.
+        """
         chunk, program = self.chunk, self.chunk.program
         halt = self.chunk.carry.halt.first
         names = self._names | {at: "0.0" for at, slot in self.carried.items() if slot == halt}
-        order = scheduled(program, [chunk.unusual], names)
-        lines = name_all(C(), program, order, names)
-        (unusual,) = statements(C(), program, [chunk.unusual], names, [])[1]
-        lines.append(f"if ({unusual}) return true;")
-        order = scheduled(program, list(chunk.plain.values()), names)
-        more, results = statements(C(), program, list(chunk.plain.values()), names, order)
-        changed = dict(zip(chunk.plain, results, strict=True))
-        *moved, _ = self._moved(changed)
-        head = "PART bool attempt_plainly(const struct Own own, struct Carry& carry)"
-        return function(head, [*lines, *more, *moved, "carry = moved;", "return false;"])
+        lines, results = self._computed([*chunk.plain.values(), chunk.unusual], names)
+        plain, unusual = self._moved(dict(zip(chunk.plain, results, strict=False))), results[-1]
+        if program.value(chunk.unusual) is False:
+            lines += ["if (going) {", *_indented(plain), "}", "return going;"]
+        else:
+            more, results = self._computed(list(chunk.attempt.values()), names)
+            changed = self._moved(dict(zip(chunk.attempt, results, strict=True)))
+            lines += [
+                f"const bool meets = {unusual};",
+                "if (going && !meets) {",
+                *_indented(plain),
+                "}",
+                "const int waiting = COUNT(going && meets);",
+                f"const bool served = waiting >= {TOGETHER} || waiting == COUNT(going);",
+                "if (going && meets && served) {",
+                *_indented([*more, *changed]),
+                "}",
+                "return going && (served || !meets);",
+            ]
+        head = "PART bool attempt(const struct Own own, struct Carry& carry, const bool going)"
+        return function(head, lines)
+
+    def _computed(self, wanted: Sequence[int], names: dict[int, str]) -> tuple[list[str], list[str]]:
+        """As `statements`, in an order that needs few registers; `names` gets what is computed."""
+        program = self.chunk.program
+        lines = name_all(C(), program, scheduled(program, wanted, names), names)
+        return lines, statements(C(), program, wanted, names, [])[1]
 
     def _poll(self) -> str:
         chunk, program = self.chunk, self.chunk.program
@@ -336,14 +319,14 @@ class _Thread:
         record = ((slot, at) for slot, at in chunk.poll.items() if slot >= chunk.first_of_record)
         lines += [_write(chunk, at, slot, changed[slot]) for slot, at in record]
         parameters = "double* S, double* kept, const index n, const index i, "
-        parameters += "const struct Own own, const struct Carry carry"
-        return function(f"PART struct Carry poll({parameters})", [*lines, *self._moved(changed)])
+        parameters += "const struct Own own, struct Carry& carry"
+        return function(f"PART void poll({parameters})", [*lines, *self._moved(changed)])
 
     def _moved(self, changed: dict[int, str]) -> list[str]:
-        """The lines that return the carry after a stage."""
+        """The lines that change the carry after a stage."""
         slots = (slot for slot in self.carried.values() if slot in changed)
         return [
             "struct Carry moved = carry;",
             *(f"moved.s{slot} = {changed[slot]};" for slot in slots),
-            "return moved;",
+            "carry = moved;",
         ]

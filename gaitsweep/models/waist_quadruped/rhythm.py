@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.dynamics.phase_oscillator import TWO_PI
-from gaitsweep.engine.rarity import rarely
 from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE
 from gaitsweep.models.waist_quadruped.state import Params, State
 
@@ -59,12 +58,11 @@ def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transiti
 
     A foot in contact lands in the second half of its swing if it has been off the ground, and later always.
     """
-    at_corner, switched = rarely(at_corner), rarely(switched)
     contact = s.contact ^ switched
     wraps = at_corner & ((s.segment == STANCE) | (s.segment == BEYOND))
     segment = jnp.where(wraps, EARLY, jnp.where(at_corner, s.segment + 1, s.segment))
     lifted = jnp.where(wraps, ~contact, s.lifted | ~contact)
-    lands = rarely(contact & ((lifted & (segment == LATE)) | (segment == BEYOND)))
+    lands = contact & ((lifted & (segment == LATE)) | (segment == BEYOND))
     return Transitions(contact, jnp.where(lands, STANCE, segment), lifted, lands, wraps)
 
 
