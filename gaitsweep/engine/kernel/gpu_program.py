@@ -27,6 +27,7 @@ from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 THREADS = 128
 # The threads of a warp run in step. One that meets an event waits until so many do, or until all others wait.
 TOGETHER = 8
+POLLED_TOGETHER = 16
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -82,19 +83,26 @@ _RUN = """
 KERNEL void run(double* S, double* kept, index n, index polls) {{
     // all threads of a warp make all turns, since all take part in the counts
     const index i = THREAD < n ? THREAD : n - 1;
-    bool running = THREAD < n && S[{status} * n + i] == 0.0;
+    bool running = THREAD < n && polls > 0 && S[{status} * n + i] == 0.0;
     const bool mine = running;
     const struct Own own = read_own(S, n, i);
     struct Carry carry = read_carry(S, n, i);
-    for (index k = 0; k < polls && COUNT(running); ++k) {{
-        int made = 0;
-        for (;;) {{
-            const bool going = running && made < {interval} && carry.s{halt} == 0.0;
-            if (COUNT(going) == 0) break;
-            made += attempt(own, carry, going);
+    index k = 0;
+    int made = 0;
+    for (;;) {{
+        const bool due = running && (made == {interval} || carry.s{halt} != 0.0);
+        const int waiting = COUNT(due), going = COUNT(running && !due);
+        if (waiting >= {together} || (waiting && !going)) {{
+            if (due) {{
+                poll(S, kept, n, i, own, carry);
+                made = 0;
+                running = ++k < polls && S[{status} * n + i] == 0.0;
+            }}
+        }} else if (going) {{
+            made += attempt(own, carry, running && !due);
+        }} else {{
+            break;
         }}
-        if (running) poll(S, kept, n, i, own, carry);
-        running = running && S[{status} * n + i] == 0.0;
     }}
     if (mine) write_carry(S, n, i, carry);
 }}
@@ -154,7 +162,12 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
     constants that differ between rows.
     """
-    run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
+    run = _RUN.format(
+        interval=POLL_INTERVAL,
+        together=POLLED_TOGETHER,
+        status=chunk.record.status.first,
+        halt=chunk.carry.halt.first,
+    )
     return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
 
 
