@@ -23,9 +23,10 @@ HOST_HEAD = """#include <cmath>
 #define PART static
 #define KERNEL extern "C"
 #define THREAD thread
-#define COUNT(flag) ((flag) ? 1 : 0)
+#define NEXT(counter) (index)((*(counter))++)
 typedef long long index;
 """
+BLOCK = 4  # threads
 _numbers = itertools.count()
 
 
@@ -88,11 +89,15 @@ class HostCard:
     def set_constant(self, module: Any, name: str, value: bytes) -> None:
         ctypes.memmove((ctypes.c_char * len(value)).in_dll(module.code, name), value, len(value))
 
+    def threads(self, kernel: Any) -> int:
+        """So few that threads go on with a second lane."""
+        return 3
+
     def launch(self, kernel: Any, threads: int, *args: Numbers | int) -> None:
         given = [
             ctypes.c_void_p(a.buffer.handle) if isinstance(a, Numbers) else ctypes.c_longlong(a) for a in args
         ]
         # whole blocks, as on a card
-        for number in range(-(-threads // 32) * 32):
+        for number in range(-(-threads // BLOCK) * BLOCK):
             kernel.thread.go_to(ctypes.c_longlong(number))
             kernel.function(*given)

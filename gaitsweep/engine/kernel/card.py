@@ -148,6 +148,11 @@ class Card:
         )
         self.wait()
 
+    def threads(self, kernel: Any) -> int:
+        """The number of threads of a kernel that the card runs at a time."""
+        blocks = kernel.occupancy.max_active_blocks_per_multiprocessor(THREADS, 0)
+        return THREADS * blocks * self.use().properties.multiprocessor_count
+
     def launch(self, kernel: Any, threads: int, *args: Numbers | int) -> None:
         """Start a kernel with at least so many threads; its arguments are `Numbers` and int."""
         config = self._core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)

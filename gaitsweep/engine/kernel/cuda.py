@@ -1,4 +1,4 @@
-"""The lanes of an NVIDIA GPU, one thread for each; `gpu_program` has their program."""
+"""The lanes of an NVIDIA GPU; `gpu_program` has their program."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
 class CudaLanes(KernelLanes):
-    """Lanes on one GPU, one thread for each; `run` is the kernel that advances them, once they are filled."""
+    """Lanes on one GPU, more than it has threads; `run` is the kernel that advances them, once filled."""
 
     batch = 4096
 
@@ -33,8 +33,9 @@ class CudaLanes(KernelLanes):
         self._slots = Numbers(self.card, (n_slots, size))
         self._kept = Numbers(self.card, (BUFFER, size, width))
         self._output = Numbers(self.card, (max(len(self._seen) * size, n_slots),))
+        self._turn = Numbers(self.card, (2,))
         self._filling = Numbers(self.card, (size, gpu_program.filling_width(self.chunk)))
-        self.card.launch(module.get_kernel("clear"), size, self._slots, size)
+        self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._turn)
         self.card.wait()
 
     def fill(self, params: Values, starts: Values, fresh: np.ndarray) -> None:
@@ -57,6 +58,7 @@ class CudaLanes(KernelLanes):
             if same:
                 self.card.set_constant(module, "same", same)
             self.run = module.get_kernel("run")
+            self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
@@ -68,15 +70,15 @@ class CudaLanes(KernelLanes):
         self._placed += lanes.size
 
     def advance(self, polls: int) -> None:
-        """Start to advance all running lanes; `card.wait` waits for the end."""
-        self.card.launch(self.run, self.size, self._slots, self._kept, self.size, polls)
+        """Start to advance running lanes; `card.wait` waits for the end."""
+        self.card.launch(self.run, self.at_a_time, self._slots, self._kept, self.size, self._turn, polls)
 
     def run_chunk(self, polls: int) -> ChunkOutput:
-        """Advance all running lanes by up to `polls * POLL_INTERVAL` attempts."""
+        """Let each thread make up to `polls * POLL_INTERVAL` attempts, of running lanes in turn."""
         self.card.use()
         size, width = self.size, self.chunk.width
         self.advance(polls)
-        self.card.launch(self._collect, size, self._slots, size, self._output)
+        self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
         output = self.output(lambda slot: seen[self._seen.index(slot)])
         # the levels of the buffers that have new rows in some lane

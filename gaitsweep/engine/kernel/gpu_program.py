@@ -1,4 +1,6 @@
-"""The program of a chunk for an NVIDIA GPU, in CUDA C: one thread for each trajectory.
+"""The program of a chunk for an NVIDIA GPU, in CUDA C: one thread for each trajectory that runs.
+
+There are more lanes than threads: a thread whose trajectory has ended goes on with the next lane that waits.
 
 Memory is ordered slot by slot and, inside a slot, lane by lane, so that neighbouring threads read
 neighbouring numbers. The carry is kept in registers, the record in memory. Values that are constant along a
@@ -19,15 +21,12 @@ from gaitsweep.engine.kernel.c_source import C, function, loaded, stored, struct
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
 from gaitsweep.engine.kernel.schedule import scheduled
-from gaitsweep.engine.kernel.source import name_all, statements
+from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
 # threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps.
 THREADS = 128
-# The threads of a warp run in step. One that meets an event waits until so many do, or until all others wait.
-TOGETHER = 8
-POLLED_TOGETHER = 16
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -39,13 +38,14 @@ HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
 #define PART static __device__ __forceinline__
 #define KERNEL extern "C" __global__ __launch_bounds__({THREADS})
 #define THREAD (blockIdx.x * (index)blockDim.x + threadIdx.x)
-#define COUNT(flag) __popc(__ballot_sync(0xffffffffu, flag))
+#define NEXT(counter) (index) atomicAdd(counter, 1.0)
 typedef long long index;
 """
 
 _CLEAR = """
-KERNEL void clear(double* S, index n) {{
+KERNEL void clear(double* S, index n, double* turn) {{
     const index i = THREAD;
+    if (i < 2) turn[i] = 0.0;
     if (i >= n) return;
     for (int slot = 0; slot < {slots}; ++slot) S[slot * n + i] = 0.0;
     S[{status} * n + i] = {complete};
@@ -65,8 +65,12 @@ KERNEL void put(double* S, double* kept, index n, const double* filling, index c
 """
 
 _COLLECT = """
-KERNEL void collect(double* S, index n, double* seen) {{
+KERNEL void collect(double* S, index n, double* turn, double* seen) {{
     const index i = THREAD;
+    if (i == 0) {{
+        turn[1] = (index)(turn[1] + turn[0]) % n;
+        turn[0] = 0.0;
+    }}
     if (i >= n) return;
 {lines}
     S[{filled} * n + i] = 0.0;
@@ -80,31 +84,27 @@ KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
 """
 
 _RUN = """
-KERNEL void run(double* S, double* kept, index n, index polls) {{
-    // all threads of a warp make all turns, since all take part in the counts
-    const index i = THREAD < n ? THREAD : n - 1;
-    bool running = THREAD < n && polls > 0 && S[{status} * n + i] == 0.0;
-    const bool mine = running;
-    const struct Own own = read_own(S, n, i);
-    struct Carry carry = read_carry(S, n, i);
-    index k = 0;
-    int made = 0;
-    for (;;) {{
-        const bool due = running && (made == {interval} || carry.s{halt} != 0.0);
-        const int waiting = COUNT(due), going = COUNT(running && !due);
-        if (waiting >= {together} || (waiting && !going)) {{
-            if (due) {{
-                poll(S, kept, n, i, own, carry);
-                made = 0;
-                running = ++k < polls && S[{status} * n + i] == 0.0;
+KERNEL void run(double* S, double* kept, index n, double* turn, index polls) {{
+    bool running = false;
+    index i;
+    struct Own own;
+    struct Carry carry;
+    for (index k = 0; k < polls; ++k) {{
+        while (!running) {{
+            const index place = NEXT(turn);
+            if (place >= n) return;
+            i = ((index)turn[1] + place) % n;
+            running = S[{status} * n + i] == 0.0;
+            if (running) {{
+                own = read_own(S, n, i);
+                carry = read_carry(S, n, i);
             }}
-        }} else if (going) {{
-            made += attempt(own, carry, running && !due);
-        }} else {{
-            break;
         }}
+        for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(own, carry);
+        carry = poll(S, kept, n, i, own, carry);
+        running = S[{status} * n + i] == 0.0;
+        if (!running || k + 1 == polls) write_carry(S, n, i, carry);
     }}
-    if (mine) write_carry(S, n, i, carry);
 }}
 """
 
@@ -112,9 +112,9 @@ KERNEL void run(double* S, double* kept, index n, index polls) {{
 def placing(chunk: Chunk, seen: Sequence[int], title: str) -> str:
     """The source of the kernels that fill lanes and that collect what the host reads.
 
-    `clear(S, n)` makes all lanes idle. `put(S, kept, n, filling, count)` starts trajectories: `filling`
+    `clear(S, n, turn)` makes all lanes idle. `put(S, kept, n, filling, count)` starts trajectories: `filling`
     (count, `filling_width`) has for each its lane, whether its row is kept, its slots and its row.
-    `collect(S, n, seen)` copies the slots `seen` to `seen` (len, n) and empties the buffers.
+    `collect(S, n, turn, seen)` copies the slots `seen` to `seen` (len, n) and empties the buffers.
     `trajectory(S, n, i, slots)` copies all slots of lane i. `S` (slots, n) and `kept` (BUFFER, n, width) are
     the memory of n lanes; all numbers are float64.
     """
@@ -156,18 +156,13 @@ def _opened(chunk: Chunk) -> int:
 
 
 def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """The source of the kernel `run(S, kept, n, polls)`, which advances n lanes by up to `polls` polls.
+    """The source of the kernel `run(S, kept, n, turn, polls)`: each thread makes up to `polls` polls.
 
-    `S` (slots, n) float64; `kept` (BUFFER, n, width) float64 receives the rows to keep; the variable `same`
-    has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
+    `S` (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 receives the rows to keep; `turn`
+    (2,) float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
     constants that differ between rows.
     """
-    run = _RUN.format(
-        interval=POLL_INTERVAL,
-        together=POLLED_TOGETHER,
-        status=chunk.record.status.first,
-        halt=chunk.carry.halt.first,
-    )
+    run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
     return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
 
 
@@ -214,10 +209,6 @@ def _loads(chunk: Chunk, nodes: Iterable[int]) -> tuple[list[str], dict[int, str
     kinds: dict[int, Kind] = {at: chunk.program.nodes[at].kind for at in slots}
     lines = [C().definition(kinds[at], f"r{slot}", _read(chunk, at, slot)) for at, slot in slots.items()]
     return lines, {at: f"r{slot}" for at, slot in slots.items()}
-
-
-def _indented(lines: Iterable[str]) -> list[str]:
-    return [f"    {line}" for line in lines]
 
 
 class _Thread:
@@ -274,41 +265,16 @@ class _Thread:
         return function(head, [f"struct {structure} read;", *lines, "return read;"])
 
     def _attempt(self) -> str:
-        """An attempt of the threads that are `going`; it returns whether this thread has made one.
-
-        What happens at events is computed for the threads that need it; for one that waits all else is
-        computed again, beside the attempts of the others.
-        """
-        chunk, program = self.chunk, self.chunk.program
+        # a waiting trajectory makes no attempt
         halt = self.chunk.carry.halt.first
-        names = self._names | {at: "0.0" for at, slot in self.carried.items() if slot == halt}
-        lines, results = self._computed([*chunk.plain.values(), chunk.unusual], names)
-        plain, unusual = self._moved(dict(zip(chunk.plain, results, strict=False))), results[-1]
-        if program.value(chunk.unusual) is False:
-            lines += ["if (going) {", *_indented(plain), "}", "return going;"]
-        else:
-            more, results = self._computed(list(chunk.attempt.values()), names)
-            changed = self._moved(dict(zip(chunk.attempt, results, strict=True)))
-            lines += [
-                f"const bool meets = {unusual};",
-                "if (going && !meets) {",
-                *_indented(plain),
-                "}",
-                "const int waiting = COUNT(going && meets);",
-                f"const bool served = waiting >= {TOGETHER} || waiting == COUNT(going);",
-                "if (going && meets && served) {",
-                *_indented([*more, *changed]),
-                "}",
-                "return going && (served || !meets);",
-            ]
-        head = "PART bool attempt(const struct Own own, struct Carry& carry, const bool going)"
-        return function(head, lines)
-
-    def _computed(self, wanted: Sequence[int], names: dict[int, str]) -> tuple[list[str], list[str]]:
-        """As `statements`, in an order that needs few registers; `names` gets what is computed."""
-        program = self.chunk.program
-        lines = name_all(C(), program, scheduled(program, wanted, names), names)
-        return lines, statements(C(), program, wanted, names, [])[1]
+        going = {at: "0.0" for at, slot in self.carried.items() if slot == halt}
+        wanted = list(self.chunk.attempt.values())
+        names = self._names | going
+        order = scheduled(self.chunk.program, wanted, names)
+        lines, results = statements(C(), self.chunk.program, wanted, names, order)
+        changed = dict(zip(self.chunk.attempt, results, strict=True))
+        parameters = "const struct Own own, const struct Carry carry"
+        return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
 
     def _poll(self) -> str:
         chunk, program = self.chunk, self.chunk.program
@@ -332,14 +298,14 @@ class _Thread:
         record = ((slot, at) for slot, at in chunk.poll.items() if slot >= chunk.first_of_record)
         lines += [_write(chunk, at, slot, changed[slot]) for slot, at in record]
         parameters = "double* S, double* kept, const index n, const index i, "
-        parameters += "const struct Own own, struct Carry& carry"
-        return function(f"PART void poll({parameters})", [*lines, *self._moved(changed)])
+        parameters += "const struct Own own, const struct Carry carry"
+        return function(f"PART struct Carry poll({parameters})", [*lines, *self._moved(changed)])
 
     def _moved(self, changed: dict[int, str]) -> list[str]:
-        """The lines that change the carry after a stage."""
+        """The lines that return the carry after a stage."""
         slots = (slot for slot in self.carried.values() if slot in changed)
         return [
             "struct Carry moved = carry;",
             *(f"moved.s{slot} = {changed[slot]};" for slot in slots),
-            "carry = moved;",
+            "return moved;",
         ]

@@ -62,6 +62,7 @@ class KernelLanes(abc.ABC):
 
     def __init__(self, spec: SweepSpec) -> None:
         self.size = spec.lanes
+        self.at_a_time = self.size  # lanes that run at a time, the others wait
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self.chunk = self.kernel.chunk
         self._dtype = np.dtype(spec.numerics.carried)

@@ -13,6 +13,8 @@ LONGEST = 0.25
 NEWEST = 0.2
 # If a buffer has more records than this after a chunk, the next one is shorter: a full one stops its row.
 FULL = 0.75 * BUFFER
+# The share of the waiting lanes that a chunk may use up.
+USED = 0.75
 # Longest duration of a chunk of XLA (s), whose chunks have `shortest` polls unless they take longer.
 LONGEST_XLA = 1.0
 
@@ -21,8 +23,9 @@ class ChunkSizer:
     """Chooses the number of polls in a chunk that minimises idle time.
 
     A row that has ended waits for the end of its chunk, half a chunk on average; each return to the host
-    costs the host's time. The sum is least for chunks that last sqrt(2 x host time x row time). No result
-    depends on the choice.
+    costs the host's time. The sum is least for chunks that last sqrt(2 x host time x row time). Where lanes
+    wait to take the place of those that end, a chunk lasts until few are left. No result depends on the
+    choice.
 
     Args:
         shortest: polls in the first chunks, and the minimum.
@@ -46,16 +49,18 @@ class ChunkSizer:
         self._returned = time.perf_counter()
         self._poll = _smoothed(self._poll, (self._returned - began) / max(polls, 1))
 
-    def choose(self, row_attempts: float, fullest: int) -> None:
+    def choose(self, row_attempts: float, fullest: int, waiting: float = 0.0) -> None:
         """Set the number of polls in the next chunk.
 
         Args:
             row_attempts: estimated attempts of a row.
             fullest: records in the fullest buffer after the last chunk.
+            waiting: lanes that wait, for each one that runs.
         """
         if math.isnan(self._host) or self._poll <= 0.0:
             return
-        best = math.sqrt(2.0 * self._host / self._poll * row_attempts / POLL_INTERVAL)
+        row = row_attempts / POLL_INTERVAL
+        best = max(math.sqrt(2.0 * self._host / self._poll * row), USED * waiting * row)
         most = min(best, LONGEST / self._poll, 2.0 * self.polls)
         if fullest > FULL:
             most = min(most, 0.5 * self.polls)

@@ -217,7 +217,8 @@ class LaneScheduler:
         if self.spec.engine == "kernel":
             of_ended = self.attempts / self.done if self.done else 0.0
             of_running = float(np.mean(attempts[running])) if running.any() else 0.0
-            group.sizer.choose(max(of_ended, of_running), int(record.filled.max(initial=0)))
+            waiting = group.size / group.lanes.at_a_time - 1.0
+            group.sizer.choose(max(of_ended, of_running), int(record.filled.max(initial=0)), waiting)
         else:
             group.sizer.limit()
 

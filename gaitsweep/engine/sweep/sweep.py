@@ -84,7 +84,9 @@ def sweep(
                 keeper.store_if_due()
                 block = scheduler.take(number)
                 disk.write(
-                    number, lambda block=block: write(block.number, block.result(labels_of(spec, block)))
+                    number,
+                    lambda block=block: labels_of(spec, block),
+                    lambda labels, block=block: write(block.number, block.result(labels)),
                 )
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
@@ -105,8 +107,11 @@ def sweep(
     return timings
 
 
+Labels = dict[str, np.ndarray]
+
+
 class _Disk:
-    """A thread that writes blocks, one after the other, while rows go on.
+    """A thread that writes blocks, one after the other, while rows go on; another labels the next block.
 
     Args:
         written: called with the number of each block that has been written, by the thread that waits.
@@ -116,15 +121,16 @@ class _Disk:
     MOST = 4
 
     def __init__(self, written: Callable[[int], None]) -> None:
-        self._thread, self._written = ThreadPoolExecutor(1), written
+        self._thread, self._labels, self._written = ThreadPoolExecutor(1), ThreadPoolExecutor(1), written
         self._waiting: deque[tuple[int, Future[None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
-    def write(self, number: int, block: Callable[[], None]) -> None:
-        """Let a block be written; raises what an earlier one has raised."""
+    def write(self, number: int, label: Callable[[], Labels], write: Callable[[Labels], None]) -> None:
+        """Let a block be labelled and written; raises what an earlier one has raised."""
         while self._waiting and (len(self._waiting) >= self.MOST or self._waiting[0][1].done()):
             self._take()
-        self._waiting.append((number, self._thread.submit(self._timed, block)))
+        labels = self._labels.submit(label)
+        self._waiting.append((number, self._thread.submit(self._timed, lambda: write(labels.result()))))
 
     def _take(self) -> None:
         """Wait for the first block; one that could not be written stays open, so that its rows are stored."""
@@ -154,6 +160,7 @@ class _Disk:
             self.wait()
         finally:
             self._thread.shutdown()
+            self._labels.shutdown()
 
     def _timed(self, block: Callable[[], None]) -> None:
         began = time.perf_counter()
