@@ -24,6 +24,7 @@ HOST_HEAD = """#include <cmath>
 #define KERNEL extern "C"
 #define THREAD thread
 #define NEXT(counter) (index)((*(counter))++)
+#define ANY(flag) (flag)
 typedef long long index;
 """
 BLOCK = 4  # threads

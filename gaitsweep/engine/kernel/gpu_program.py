@@ -39,6 +39,7 @@ HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
 #define KERNEL extern "C" __global__ __launch_bounds__({THREADS})
 #define THREAD (blockIdx.x * (index)blockDim.x + threadIdx.x)
 #define NEXT(counter) (index) atomicAdd(counter, 1.0)
+#define ANY(flag) __any_sync(0xffffffffu, flag)
 typedef long long index;
 """
 
@@ -85,25 +86,30 @@ KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
 
 _RUN = """
 KERNEL void run(double* S, double* kept, index n, double* turn, index polls) {{
-    bool running = false;
+    bool running = false, more = true;
     index i;
     struct Own own;
     struct Carry carry;
     for (index k = 0; k < polls; ++k) {{
-        while (!running) {{
+        while (!running && more) {{
             const index place = NEXT(turn);
-            if (place >= n) return;
+            more = place < n;
             i = ((index)turn[1] + place) % n;
-            running = S[{status} * n + i] == 0.0;
+            running = more && S[{status} * n + i] == 0.0;
             if (running) {{
                 own = read_own(S, n, i);
                 carry = read_carry(S, n, i);
             }}
         }}
-        for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(own, carry);
-        carry = poll(S, kept, n, i, own, carry);
-        running = S[{status} * n + i] == 0.0;
-        if (!running || k + 1 == polls) write_carry(S, n, i, carry);
+        // the threads of a warp wait for each other here: they would go on one by one
+        if (!ANY(running)) break;
+        if (running)
+            for (int j = 0; j < {interval} && carry.s{halt} == 0.0; ++j) carry = attempt(own, carry);
+        if (ANY(running) && running) {{
+            carry = poll(S, kept, n, i, own, carry);
+            running = S[{status} * n + i] == 0.0;
+            if (!running || k + 1 == polls) write_carry(S, n, i, carry);
+        }}
     }}
 }}
 """
@@ -159,8 +165,9 @@ def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
     """The source of the kernel `run(S, kept, n, turn, polls)`: each thread makes up to `polls` polls.
 
     `S` (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 receives the rows to keep; `turn`
-    (2,) float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of
-    constants that differ between rows.
+    (2,) float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of
+    the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
+    between rows.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
     return "\n".join([f"// Written by gaitsweep: {title}", HEAD, *_Thread(chunk, varying).parts(), run])
