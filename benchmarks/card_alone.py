@@ -11,7 +11,7 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -20,6 +20,8 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.cuda import CudaLanes
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
@@ -31,21 +33,31 @@ CROSSINGS = 30  # below a buffer's length, so that no lane waits for the host
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A model and how it is run; `ranges` of parameters and starts, and polls in one launch."""
+    """A model and how it is run; `ranges` of parameters and starts, polls in one launch, what is kept."""
 
     name: str
     model: Model
     numerics: Numerics
     ranges: Mapping[str, tuple[float, float]]
     polls: int
+    settling: bool = False
+
+    @property
+    def recorder(self) -> Recorder:
+        """Of settling rows, or of each crossing."""
+        return SettleRecorder(self.model) if self.settling else CrossingRecorder(self.model, CROSSINGS)
 
 
 _PHASES = {f"psi_{i}": (0.0, 2.0 * np.pi) for i in (1, 2, 3)}
 _LOADS = {"f": (2.0, 3.2), "delta_13": (2.0, 3.2)}
 _SMALL_STEPS = Numerics(dt=2e-4, method="semi_implicit")
+SETTLING = Case(
+    "chain settling", Multilegged(), Numerics(dt=32e-3, method="propagator6"), _PHASES, 8, settling=True
+)
 CASES = [
     Case("chain, rk4", Multilegged(), Numerics(dt=4e-3, method="rk4"), _PHASES, 32),
     Case("chain, propagator6", Multilegged(), Numerics(dt=32e-3, method="propagator6"), _PHASES, 8),
+    SETTLING,
     Case("quadruped with a waist", WaistQuadruped(), _SMALL_STEPS, _LOADS, 16),
     Case(
         "the same, mixed", WaistQuadruped(), dataclasses.replace(_SMALL_STEPS, precision="mixed"), _LOADS, 16
@@ -72,12 +84,21 @@ def rows_of(case: Case, lanes: int) -> tuple[dict[str, np.ndarray], dict[str, np
     return params, starts
 
 
-def measure(case: Case, lanes: int, contraction: bool) -> str:
-    """The line of a case."""
+class Measured(NamedTuple):
+    """Attempts a second; registers and bytes in memory of a thread; s until all lanes were filled."""
+
+    rate: float
+    registers: int
+    spilled: int
+    ready: float
+
+
+def measure(case: Case, lanes: int = 131072, contraction: bool = True) -> Measured:
+    """The kernel of a case, the fastest of three launches."""
     params, starts = rows_of(case, lanes)
     spec = SweepSpec(
         model=case.model,
-        recorder=CrossingRecorder(case.model, crossings=CROSSINGS),
+        recorder=case.recorder,
         numerics=dataclasses.replace(case.numerics, contraction=contraction),
         n_rows=lanes,
         block=lanes,
@@ -100,9 +121,7 @@ def measure(case: Case, lanes: int, contraction: bool) -> str:
         rates.append((now - attempts) / seconds)
         attempts = now
     thread = on_card.run.attributes
-    return (
-        f"{case.name:24} {max(rates):12.3g} {thread.num_regs:10} {thread.local_size_bytes:16} {ready:12.1f}"
-    )
+    return Measured(max(rates), thread.num_regs, thread.local_size_bytes, ready)
 
 
 def main() -> None:
@@ -117,7 +136,9 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     print(f"{'':24} {'attempts/s':>12} {'registers':>10} {'bytes in memory':>16} {'ready in, s':>12}")
     for case in CASES:
-        print(measure(case, chosen.lanes, not chosen.no_contraction), flush=True)
+        found = measure(case, chosen.lanes, not chosen.no_contraction)
+        numbers = f"{found.rate:12.3g} {found.registers:10} {found.spilled:16} {found.ready:12.1f}"
+        print(f"{case.name:24} {numbers}", flush=True)
 
 
 if __name__ == "__main__":
