@@ -6,7 +6,7 @@ it, the others go on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
@@ -101,6 +101,7 @@ class LaneScheduler:
         self.groups = [Group(lanes, spec) for device in devices for lanes in groups_on(device, spec)]
         self.open: dict[int, Block] = {}
         self.complete: list[int] = []  # open blocks whose rows have all ended
+        self.taken: set[int] = set()  # open blocks that are being written
         self.done = 0
         self.attempts = 0
         self.cycles = 0
@@ -225,10 +226,12 @@ class LaneScheduler:
     def take(self, number: int) -> Block:
         """A block that is complete, to write it; it is open until it is closed."""
         self.complete.remove(number)
+        self.taken.add(number)
         return self.open[number]
 
     def close(self, number: int) -> None:
         """Remove a block that is written."""
+        self.taken.remove(number)
         del self.open[number]
 
     @property
@@ -236,15 +239,17 @@ class LaneScheduler:
         """Whether an open block has ended rows that are not on disk."""
         return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
 
-    def ended(self) -> list[EndedRows]:
-        """The ended rows of open blocks that are not on disk, by block."""
-        found = [block.unstored() for block in self.open.values()]
+    def ended(self, but: Container[int] = ()) -> list[EndedRows]:
+        """The ended rows of open blocks that are not on disk, by block, without the blocks `but`."""
+        found = [block.unstored() for number, block in self.open.items() if number not in but]
         return [rows for rows in found if len(rows["row"])]
 
     def mark_stored(self, ended: Sequence[EndedRows]) -> None:
         """Mark the rows that `ended` returned as stored on disk."""
         for rows in ended:
-            self.open[int(rows["row"][0]) // self.spec.block].mark_stored(rows["row"])
+            block = self.open.get(int(rows["row"][0]) // self.spec.block)
+            if block is not None:  # otherwise its part has been written since
+                block.mark_stored(rows["row"])
 
     def progress(self, seconds: float) -> SweepProgress:
         share = (self.done + sum(group.share for group in self.groups)) / self.total if self.total else 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -111,7 +112,7 @@ Labels = dict[str, np.ndarray]
 
 
 class _Disk:
-    """A thread that writes blocks, one after the other, while rows go on; another labels the next block.
+    """A thread that writes, one thing after the other, while rows go on; another labels the next block.
 
     Args:
         written: called with the number of each block that has been written, by the thread that waits.
@@ -122,45 +123,51 @@ class _Disk:
 
     def __init__(self, written: Callable[[int], None]) -> None:
         self._thread, self._labels, self._written = ThreadPoolExecutor(1), ThreadPoolExecutor(1), written
-        self._waiting: deque[tuple[int, Future[None]]] = deque()
+        # what is being written, and what is called when it is on disk
+        self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
     def write(self, number: int, label: Callable[[], Labels], write: Callable[[Labels], None]) -> None:
         """Let a block be labelled and written; raises what an earlier one has raised."""
-        while self._waiting and (len(self._waiting) >= self.MOST or self._waiting[0][1].done()):
-            self._take()
+        self.take_done(self.MOST)
         labels = self._labels.submit(label)
-        self._waiting.append((number, self._thread.submit(self._timed, lambda: write(labels.result()))))
+        job = self._thread.submit(self._timed, lambda: write(labels.result()))
+        # a block that could not be written stays open, so that its rows are stored
+        self._waiting.append((job, lambda: self._written(number)))
+
+    def store(self, keep: Callable[[], None], stored: Callable[[], None]) -> None:
+        """Let rows be stored by `keep`, and `stored` be called when they are."""
+        self._waiting.append((self._thread.submit(keep), stored))
+
+    def take_done(self, most: int) -> None:
+        """Take note of what is on disk, and wait until fewer than `most` things are being written."""
+        while self._waiting and (len(self._waiting) >= most or self._waiting[0][0].done()):
+            self._take()
 
     def _take(self) -> None:
-        """Wait for the first block; one that could not be written stays open, so that its rows are stored."""
-        number, future = self._waiting.popleft()
+        future, done = self._waiting.popleft()
         future.result()
-        self._written(number)
+        done()
 
     @property
     def ahead_s(self) -> float:
         """The time (s) until one more block is written."""
-        return (1 + sum(not future.done() for _, future in self._waiting)) * self._longest_s
-
-    def wait(self) -> None:
-        """Wait until all is written; raises what the first has raised that could not be."""
-        failures: list[BaseException] = []
-        while self._waiting:
-            try:
-                self._take()
-            except BaseException as failure:
-                failures.append(failure)
-        if failures:
-            raise failures[0]
+        return (1 + sum(not future.done() for future, _ in self._waiting)) * self._longest_s
 
     def end(self) -> None:
-        """Write what waits, and end."""
+        """Write what waits, and end; raises what the first has raised that could not be written."""
+        failures: list[BaseException] = []
         try:
-            self.wait()
+            while self._waiting:
+                try:
+                    self._take()
+                except BaseException as failure:
+                    failures.append(failure)
         finally:
             self._thread.shutdown()
             self._labels.shutdown()
+        if failures:
+            raise failures[0]
 
     def _timed(self, block: Callable[[], None]) -> None:
         began = time.perf_counter()
@@ -175,7 +182,9 @@ class _Keeper:
         self._scheduler, self._open_rows, self._disk = scheduler, open_rows, disk
         self.chunk_s = 0.0
         self._store_s = 0.1
-        self._oldest: float | None = None  # begin of the chunk in which the oldest unstored row ended
+        self._storing = False  # at most one store at a time
+        # begin of the chunk in which the oldest row ended that is not stored and not being stored
+        self._oldest: float | None = None
 
     def chunk_ended(self, began: float) -> None:
         """Record that the chunk that began at `began` (s) has been collected."""
@@ -184,28 +193,39 @@ class _Keeper:
             self._oldest = began
 
     def store_if_due(self, ahead: float = 0.0) -> None:
-        """Store the rows if the oldest would wait too long after `ahead` s and what is being written."""
-        if self._oldest is None:
+        """Let the rows be stored if the oldest would wait too long: `ahead` s, and for the disk."""
+        self._disk.take_done(sys.maxsize)
+        if self._oldest is None or self._storing:
             return
         if not self._scheduler.unstored:  # their parts have been written
             self._oldest = None
             return
         age = time.perf_counter() - self._oldest
         if age + ahead + self._disk.ahead_s + self._store_s > SAFE_WITHIN - _SPARE:
-            began = time.perf_counter()
-            self._disk.wait()
-            self.store()
-            self._store_s = time.perf_counter() - began
+            # the rows of blocks that are being written are safe before these
+            ended = self._scheduler.ended(but=self._scheduler.taken)
+            self._oldest = None
+            if ended:
+                self._storing = True
+                self._disk.store(lambda: self._keep(ended), lambda: self._stored(ended))
 
     def store(self) -> None:
         """Store all ended rows of open blocks that are not on disk; nothing else is being written."""
-        if self._open_rows is None:
-            return
         ended = self._scheduler.ended()
-        if ended:
-            self._open_rows.keep({name: _joined([rows[name] for rows in ended]) for name in ended[0]})
-            self._scheduler.mark_stored(ended)
+        if self._open_rows is not None and ended:
+            self._keep(ended)
+            self._stored(ended)
         self._oldest = None
+
+    def _stored(self, ended: Sequence[EndedRows]) -> None:
+        self._scheduler.mark_stored(ended)
+        self._storing = False
+
+    def _keep(self, ended: Sequence[EndedRows]) -> None:
+        assert self._open_rows is not None
+        began = time.perf_counter()
+        self._open_rows.keep({name: _joined([rows[name] for rows in ended]) for name in ended[0]})
+        self._store_s = time.perf_counter() - began
 
 
 def _joined(parts: list[np.ndarray]) -> np.ndarray:
