@@ -52,7 +52,7 @@ _PHASES = {f"psi_{i}": (0.0, 2.0 * np.pi) for i in (1, 2, 3)}
 _LOADS = {"f": (2.0, 3.2), "delta_13": (2.0, 3.2)}
 _SMALL_STEPS = Numerics(dt=2e-4, method="semi_implicit")
 SETTLING = Case(
-    "chain settling", Multilegged(), Numerics(dt=32e-3, method="propagator6"), _PHASES, 8, settling=True
+    "chain settling", Multilegged(), Numerics(dt=32e-3, method="propagator6"), _PHASES, 64, settling=True
 )
 CASES = [
     Case("chain, rk4", Multilegged(), Numerics(dt=4e-3, method="rk4"), _PHASES, 32),

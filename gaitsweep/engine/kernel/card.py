@@ -115,12 +115,18 @@ class Card:
 
     def copy(self, source: Any, target: Any, size: int) -> None:
         """Copy the first `size` numbers of a piece of memory, after what was launched before."""
-        if size:
-            start, end = (
-                self._core.Buffer.from_handle(part.handle, size * _NUMBER, owner=part)
-                for part in (source, target)
-            )
-            start.copy_to(end, stream=self._stream)
+        self._copy_bytes(source, target, size * _NUMBER)
+
+    def _copy_bytes(self, source: Any, target: Any, size: int) -> None:
+        if not size:
+            return
+        from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
+
+        # cuda-core's own copies between the host and a second card end in CUDA_ERROR_INVALID_VALUE
+        places = (int(memory.handle) for memory in (target, source))
+        (failed,) = driver.cuMemcpyAsync(*places, size, int(self._stream.handle))
+        if failed:
+            raise RuntimeError(f"{size} bytes could not be copied to or from a GPU: {failed.name}.")
 
     def wait(self) -> None:
         """Wait for all that was launched and copied."""
@@ -143,9 +149,8 @@ class Card:
             raise RuntimeError(f"The variable {name} of a kernel has {size} bytes, not {len(value)}.")
         pinned = self._pinned.allocate(len(value))
         ctypes.memmove(int(pinned.handle), value, len(value))
-        pinned.copy_to(
-            self._core.Buffer.from_handle(int(address), len(value), owner=module), stream=self._stream
-        )
+        variable = self._core.Buffer.from_handle(int(address), len(value), owner=module)
+        self._copy_bytes(pinned, variable, len(value))
         self.wait()
 
     def threads(self, kernel: Any) -> int:
