@@ -112,17 +112,20 @@ Labels = dict[str, np.ndarray]
 
 
 class _Disk:
-    """A thread that writes, one thing after the other, while rows go on; another labels the next block.
+    """A thread that writes, one thing after the other, while rows go on; others label the next blocks.
 
     Args:
         written: called with the number of each block that has been written, by the thread that waits.
     """
 
-    # blocks that may wait
-    MOST = 4
+    # what may wait
+    MOST = 8
+    # threads that label, since on a card that takes as long as the rows
+    LABELLING = 2
 
     def __init__(self, written: Callable[[int], None]) -> None:
-        self._thread, self._labels, self._written = ThreadPoolExecutor(1), ThreadPoolExecutor(1), written
+        self._thread, self._written = ThreadPoolExecutor(1), written
+        self._labels = ThreadPoolExecutor(self.LABELLING)
         # what is being written, and what is called when it is on disk
         self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
