@@ -35,8 +35,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 
-# Masses that bounce on springs (tests/toy_model.py), and a landscape with two basins; steps far too short, so
-# that few rows take long. Blocks: of all rows, of some, of a few.
+# Masses that bounce on springs (tests/toy_model.py), a landscape with two basins, a flow with two folds and a
+# cusp; steps far too short, so that few rows take long. Blocks: of all rows, of some, of a few.
 RUNS: dict[str, tuple[dict[str, Any], int, int, float]] = {  # run, rows, block, step (s)
     "settle": ({"kind": "settle", "max_cycles": 400, "tolerance": 1e-9}, 300, 100_000, 2.0e-5),
     "fixed_time": ({"kind": "fixed_time", "duration": 100.0}, 300, 128, 4.0e-5),
@@ -63,9 +63,20 @@ RUNS: dict[str, tuple[dict[str, Any], int, int, float]] = {  # run, rows, block,
         2,
         1.0e-3,
     ),
+    "folds": (
+        {
+            "kind": "folds",
+            "parameters": ["r", "a"],
+            "within": {"r": [-1.0, 1.0], "a": [-0.5, 1.5]},
+            "settle": 20,
+        },
+        8,
+        2,
+        2.0e-3,
+    ),
 }
 KILLS_A_TABLE = 2
-UNCOUNTED = ("refine", "continuation")  # whose progress does not count rows that have ended
+UNCOUNTED = ("refine", "continuation", "folds")  # whose progress does not count rows that have ended
 
 
 def job_of(kind: str) -> dict[str, Any]:
@@ -75,6 +86,9 @@ def job_of(kind: str) -> dict[str, Any]:
         angle = {"linspace": [0, "2*pi", 48], "at": "centre"}
         model = {"model": "landscape_model:Landscape"}
         vary: dict[str, Any] = {"theta_2": angle, "shift": [0.3, 2.0], "theta_1": angle}
+    elif kind == "folds":
+        model = {"model": "cusp_flow:CuspFlow"}
+        vary = {"x_0": {"linspace": [-1.0, 1.0, rows]}}
     else:
         model = {"model": "toy_model:Toy", "params": {"restitution": 0.6}}
         vary = {"launch_1": {"linspace": [0.2, 3.0, rows]}}
