@@ -191,4 +191,8 @@ def _read_setting(value: Any, quantity: Quantity) -> float | str:
         raise InvalidValue(f"is {found(value)}, but takes true, false or a number from 0 to 1.")
     if isinstance(value, (list, tuple, Mapping)):
         raise InvalidValue(f"is {found(value)}, but takes one number; what varies goes under vary.")
-    return read_number(value)
+    read, default = read_number(value), quantity.default
+    # the same formula stays the same text, with which a job's hash was made
+    if isinstance(read, str) and isinstance(default, str) and read == read_number(default):
+        return default
+    return read

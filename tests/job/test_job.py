@@ -113,6 +113,14 @@ def test_resolved_is_the_same_job_again(tmp_path: Path) -> None:
     assert job.resolved(engine="kernel")["engine"]["name"] == "kernel"
 
 
+@pytest.mark.parametrize("name", ["waist_quadruped_basins", "multilegged_source_place"])
+def test_a_resolved_job_has_the_same_hash(name: str) -> None:
+    """Formulas among a model's defaults too, which are written with spaces."""
+    job = load_job(Path(__file__).parents[2] / "sweeps" / f"{name}.yaml")
+    assert any(isinstance(value, str) and " " in value for value in job.resolved()["params"].values())
+    assert Job(**job.resolved()).hash() == job.hash()
+
+
 def test_no_vary_is_one_row() -> None:
     rows = toy().plan
     assert (rows.n_rows, rows.columns(0, 1), rows.axes) == (1, {}, ())
