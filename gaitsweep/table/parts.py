@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -141,13 +141,16 @@ def read_footer(data: bytes) -> Footer:
     return footer
 
 
-def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table:
+def read_records(
+    data: bytes, footer: Footer, start: int, stop: int, columns: Sequence[str] | None = None
+) -> pa.Table:
     """Read the records of a part, with categorical columns dictionary-encoded.
 
     Args:
         data: the part's bytes.
         footer: their footer, from `read_footer`.
         start, stop: the first row of its block, and the row after its last.
+        columns: those that are decoded, beside `row`, as far as the part has them; all by default.
 
     Raises:
         DamagedPart: the records cannot be decoded, or belong to other rows.
@@ -156,7 +159,7 @@ def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table
         file = pq.ParquetFile(
             pa.BufferReader(data), read_dictionary=list(footer.categories), page_checksum_verification=True
         )
-        table = file.read()
+        table = file.read(None if columns is None else list(dict.fromkeys(["row", *columns])))
         # parts of older versions have no units: without metadata all parts have one schema
         table = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
         rows = table.column("row").to_numpy()

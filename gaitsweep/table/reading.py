@@ -5,20 +5,26 @@ from __future__ import annotations
 import collections
 import dataclasses
 import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
+from numpy.typing import ArrayLike
 
+from gaitsweep import near_miss
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
 from gaitsweep.table.former_names import renamed
-from gaitsweep.table.manifest import FIGURES, JOB, is_job, read_manifest
+from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
 from gaitsweep.table.parts import Footer
+
+Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
 _DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
@@ -105,16 +111,61 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
-def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
-    """Read a directory, and the records of its valid parts into `tables` if it is given."""
+@dataclasses.dataclass(frozen=True)
+class Wanted:
+    """The records that are read of a table: some columns, or all, of some rows, or all."""
+
+    columns: tuple[str, ...] | None = None
+    rows: range | np.ndarray | None = None  # in rising order
+
+    @classmethod
+    def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Wanted:
+        """The wanted records of a table of `n_rows` rows; see `load`.
+
+        Raises:
+            TableError: rows that a table does not have, or that are no row numbers.
+        """
+        names = None if columns is None else tuple(columns)
+        if rows is None:
+            return cls(names)
+        if isinstance(rows, slice):
+            rows = range(*rows.indices(n_rows))
+        if isinstance(rows, range):
+            numbers = rows if rows.step > 0 else rows[::-1]
+        else:
+            numbers = np.unique(np.asarray(rows))
+            if numbers.size and numbers.dtype.kind not in "iu":
+                raise TableError(f"rows has {numbers[0]!s}, but takes a slice, or numbers of rows.")
+        if len(numbers) and not 0 <= numbers[0] <= numbers[-1] < n_rows:
+            wrong = numbers[0] if numbers[0] < 0 else numbers[-1]
+            raise TableError(f"rows has {wrong}, but the table has rows 0 to {n_rows - 1}.")
+        return cls(names, numbers)
+
+    def records_of(self, table: pa.Table) -> pa.Table:
+        """The records of the wanted rows of a part."""
+        row = table.column("row").to_numpy()
+        if self.rows is None or not row.size:
+            return table
+        if isinstance(self.rows, range):
+            first, stop, step = self.rows.start, self.rows.stop, self.rows.step
+            found = (row >= first) & (row < stop) & ((row - first) % step == 0)
+        else:
+            here = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
+            found = np.isin(row, self.rows[here])
+        return table if found.all() else table.filter(pa.array(found))
+
+
+def _look(path: Path, tables: dict[int, pa.Table] | None, wanted: Wanted | None = None) -> Snapshot:
+    """Read a directory, and the wanted records of its valid parts into `tables` if it is given."""
+    wanted = wanted or Wanted()
     manifest = read_manifest(path)
     examined = Examination(path, manifest)
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
-    for number, table in examined.parts(records=tables is not None):
+    for number, table in examined.parts(tables is not None, wanted.columns):
         if tables is not None and table is not None:
-            tables[number] = table
+            tables[number] = wanted.records_of(table)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
@@ -162,10 +213,15 @@ def _written_anew(path: Path) -> str:
     return f"Run the job of {path} again, which writes it anew."
 
 
-def load(path: str | Path) -> pd.DataFrame:
+def load(
+    path: str | Path,
+    columns: Sequence[str] | None = None,
+    rows: Rows | None = None,
+) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
 
-    An incomplete table is read with a warning; ended rows of incomplete blocks are not included.
+    An incomplete table is read with a warning; ended rows of incomplete blocks are not included. Parts are
+    read one after the other, so that memory holds the wanted columns and rows only.
 
     `.attrs` has `job` and `manifest` (dicts, as the run wrote them), `quantities` (unit, meaning and symbol
     by name), `path`, `complete` (whether all rows are present), `rows_missing` (their number) and `rows_open`
@@ -173,64 +229,152 @@ def load(path: str | Path) -> pd.DataFrame:
 
     Args:
         path: the directory.
+        columns: the names of the columns, in their order; all by default.
+        rows: the rows whose records are read: a slice of row numbers, or the numbers themselves, (n,); all by
+            default.
 
     Returns:
         One record for each row, crossing or sample; `status`, `gait` and other names are categories.
 
     Raises:
-        TableError: it is not a result directory, has no complete part yet, or has a damaged file.
+        TableError: it is not a result directory, has no complete part yet, has a damaged file, or does not
+            have a column or a row.
     """
-    _, table = load_with_snapshot(path)
+    _, table = load_with_snapshot(path, columns, rows)
     return table
 
 
-def load_with_snapshot(path: str | Path) -> tuple[Snapshot, pd.DataFrame]:
+def load_with_snapshot(
+    path: str | Path, columns: Sequence[str] | None = None, rows: Rows | None = None
+) -> tuple[Snapshot, pd.DataFrame]:
     """Read the table of a result directory as `load` does, with the snapshot of the directory."""
+    path = Path(path)
+    wanted = Wanted() if columns is rows is None else Wanted.of(columns, rows, read_manifest(path)["rows"])
     tables: dict[int, pa.Table] = {}
-    snapshot = _look(Path(path), tables)
-    snapshot.require_sound()
-    waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
-    if not snapshot.files.footers:
-        raise TableError(
-            f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
-        )
+    snapshot = _look(path, tables, wanted)
+    _require_parts(snapshot)
     _warn(snapshot)
-    frame = _frame(snapshot, [tables[number] for number in sorted(tables)])
-    rows = snapshot.manifest["rows"]
+    frame = _frame(snapshot.path, snapshot.files.footers.values(), list(tables.values()), wanted.columns)
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
         quantities=snapshot.manifest.get("quantities", {}),
         path=str(snapshot.path),
         complete=snapshot.complete,
-        rows_missing=rows - snapshot.rows_done,
+        rows_missing=snapshot.manifest["rows"] - snapshot.rows_done,
         rows_open=snapshot.rows_open,
     )
     return snapshot, frame
 
 
-def _frame(snapshot: Snapshot, tables: list[pa.Table]) -> pd.DataFrame:
+def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
+    """The records of a complete table part by part, so that memory holds one of them.
+
+    Args:
+        path: the directory.
+        columns: the names of the columns.
+
+    Raises:
+        TableError: as `load`; a damaged file is found when its part is read.
+    """
+    path, wanted = Path(path), Wanted(tuple(columns))
+    examined = Examination(path, read_manifest(path))
+    for number, table in examined.parts(True, wanted.columns):
+        if table is not None:
+            yield _frame(path, [examined.footers[number]], [wanted.records_of(table)], wanted.columns)
+    found = [*examined.faults.values(), *examined.strangers]
+    if found:
+        raise TableError(_refusal(found))
+
+
+def _require_parts(snapshot: Snapshot) -> None:
+    """Refuse a table that is not sound, or has no part yet."""
+    snapshot.require_sound()
+    waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
+    if not snapshot.files.footers:
+        raise TableError(
+            f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
+        )
+
+
+def _frame(
+    path: Path, footers: Iterable[Footer], tables: list[pa.Table], columns: tuple[str, ...] | None
+) -> pd.DataFrame:
+    """The records of all parts; each column of `tables` is freed when it has been copied."""
     categories: dict[str, list[str]] = {}
-    for footer in snapshot.files.footers.values():
+    for footer in footers:
         for column, names in footer.categories.items():
             known = categories.setdefault(column, [])
             known.extend(name for name in names if name not in known)
-    for i, table in enumerate(tables):
-        for column in categories:
-            place = table.schema.get_field_index(column)
-            if place >= 0 and not pa.types.is_dictionary(table.schema.field(place).type):
-                tables[i] = table = table.set_column(place, column, table.column(place).dictionary_encode())
-    try:
-        frame = pa.concat_tables(tables, promote_options="permissive").unify_dictionaries().to_pandas()
-    except pa.ArrowException as error:
-        raise TableError(
-            f"The parts of {snapshot.path} do not fit together ({' '.join(str(error).split())}): "
-            "they were written by different versions; run its job into another directory."
-        ) from error
-    for column, names in categories.items():
-        if column in frame:
-            frame[column] = pd.Categorical(frame[column], categories=names)
-    return frame
+    lengths = [table.num_rows for table in tables]
+    chunks = [dict(zip(table.column_names, table.columns, strict=True)) for table in tables]
+    there = list(dict.fromkeys(name for part in chunks for name in part))
+    tables.clear()
+    for name in columns or ():
+        if name not in there:
+            raise TableError(f"{name} is not a column of {path}{near_miss.suggestion(name, there)}")
+    values: dict[str, Any] = {}
+    for name in there if columns is None else dict.fromkeys(columns):
+        pieces = [
+            part.pop(name, pa.chunked_array([pa.nulls(n)])) for part, n in zip(chunks, lengths, strict=True)
+        ]
+        try:
+            values[name] = _joined(pieces, categories.get(name))
+        except pa.ArrowException as error:
+            raise TableError(
+                f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
+                "they were written by different versions; run its job into another directory."
+            ) from error
+    return pd.DataFrame(values, index=pd.RangeIndex(sum(lengths)), copy=False)
+
+
+def _near_column(path: Path, name: str) -> str:
+    """The end of a sentence about a column that a table does not have."""
+    file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
+    return near_miss.suggestion(name, pq.read_schema(file).names)
+
+
+def _joined(pieces: list[pa.ChunkedArray], categories: list[str] | None) -> Any:
+    """A column of all parts, whose pieces are freed one by one; with categories, a categorical one."""
+    n = sum(len(piece) for piece in pieces)
+    kinds = {piece.type for piece in pieces}
+    numeric = len(kinds) == 1 and all(
+        pa.types.is_floating(kind) or pa.types.is_integer(kind) for kind in kinds
+    )
+    if categories is not None:
+        # as narrow as the codes of pandas
+        found = np.empty(n, np.min_scalar_type(-max(len(categories), 1)))
+    elif numeric and not (pa.types.is_integer(*kinds) and any(piece.null_count for piece in pieces)):
+        found = np.empty(n, pieces[0].type.to_pandas_dtype())
+    else:
+        fields = [pa.schema([pa.field("values", kind)]) for kind in kinds]
+        (common,) = pa.unify_schemas(fields, promote_options="permissive").types if fields else [pa.null()]
+        joined = pa.chunked_array([chunk.cast(common) for piece in pieces for chunk in piece.chunks], common)
+        return joined.to_pandas()
+    at = 0
+    for piece in _freed(pieces):
+        values = piece.to_numpy() if categories is None else _codes(piece, categories)
+        found[at : at + len(piece)] = values
+        at += len(piece)
+    return found if categories is None else pd.Categorical.from_codes(found, categories=categories)
+
+
+def _freed(pieces: list[pa.ChunkedArray]) -> Iterator[pa.ChunkedArray]:
+    """The pieces in order, each removed from the list."""
+    pieces.reverse()
+    while pieces:
+        yield pieces.pop()
+
+
+def _codes(piece: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
+    """The place of each name among the categories, -1 for none."""
+    place = {name: number for number, name in enumerate(categories)}
+    codes = []
+    for chunk in piece.chunks:
+        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        of = np.array([*(place.get(name, -1) for name in encoded.dictionary.to_pylist()), -1])
+        codes.append(of[encoded.indices.fill_null(-1).to_numpy()])
+    return np.concatenate([np.zeros(0, np.int64), *codes])
 
 
 def _warn(snapshot: Snapshot) -> None:
