@@ -39,15 +39,17 @@ def thinned(manifest: Mapping[str, Any], most: int = MOST_SHOWN) -> Thinned | No
         longest = max(range(len(axes)), key=lambda at: _shown(axes[at], steps[at]))
         # odd steps, so that the points of a grid of cells are the middles of larger cells
         steps[longest] += 2
-    rows, remarks = np.zeros(1, np.int64), []
+    rows = np.zeros(1, np.int64)
+    kept: dict[str, list[str]] = {}
     for axis, step in zip(axes, steps, strict=True):
         shown = np.arange(_shown(axis, step))
         points = shown if axis["drawn"] else shown * step + step // 2
         rows = (rows[:, None] * axis["length"] + points[None, :]).ravel()
         if step > 1:
-            which = f"the first {shown.size}" if axis["drawn"] else f"every {_ordinal(step)}"
-            remarks.append(f"{which} of {axis['length']} {', '.join(axis['names'])}")
-    return Thinned(rows, f"shows {rows.size} of {manifest['rows']} rows: {'; '.join(remarks)}")
+            which = f"the first {shown.size} of" if axis["drawn"] else f"every {_ordinal(step)}"
+            kept.setdefault(which, []).extend(axis["names"])
+    told = "; ".join(f"{which} {', '.join(names)}" for which, names in kept.items())
+    return Thinned(rows, f"{rows.size} of {manifest['rows']} rows: {told}")
 
 
 def _shown(axis: Mapping[str, Any], step: int) -> int:

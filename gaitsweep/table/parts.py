@@ -44,8 +44,9 @@ class DamagedPart(Exception):
 
 def count_statuses(frame: pd.DataFrame) -> dict[str, int]:
     """Return the numbers of rows by status; the status of a row is that of its last record."""
-    last = frame.drop_duplicates("row", keep="last")["status"].astype(str)
-    return {str(status): int(number) for status, number in last.value_counts().sort_index().items()}
+    last = frame.drop_duplicates("row", keep="last")["status"]
+    counts = {str(status): int(number) for status, number in last.value_counts().items() if number}
+    return dict(sorted(counts.items()))
 
 
 def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
@@ -89,20 +90,19 @@ def part_bytes(
         quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
             are not there, those that run kinds add have a unit.
     """
-    plain = frame.copy(deep=False)
     categories: dict[str, list[str]] = {}
+    fields = []
+    arrays = []
     for column in frame.columns:
         values = frame[column]
         if isinstance(values.dtype, pd.CategoricalDtype):
             categories[column] = [str(category) for category in values.cat.categories]
-            plain[column] = values.astype(object)
+            arrays.append(_text(values.cat.codes.to_numpy(), categories[column]))
         elif column in ("status", "gait"):
             categories[column] = sorted({str(value) for value in values.dropna()})
-    fields = []
-    arrays = []
-    for column in plain.columns:
-        text = pa.string() if column in categories else None
-        arrays.append(pa.Array.from_pandas(plain[column], type=text))
+            arrays.append(pa.Array.from_pandas(values, type=pa.string()))
+        else:
+            arrays.append(pa.Array.from_pandas(values))
         known = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
         said = {name: known[name] for name in ("unit", "meaning") if name in known}
         fields.append(pa.field(column, arrays[-1].type, metadata=said or None))
@@ -117,6 +117,12 @@ def part_bytes(
         write_page_checksum=True,
     )
     return file.getvalue(), footer
+
+
+def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
+    """The names of codes (n,), of which -1 has none."""
+    coded = pa.array(codes, mask=codes < 0)
+    return pa.DictionaryArray.from_arrays(coded, pa.array(names, pa.string())).cast(pa.string())
 
 
 def read_footer(data: bytes) -> Footer:

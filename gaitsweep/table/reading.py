@@ -142,17 +142,23 @@ class Wanted:
         return cls(names, numbers)
 
     def records_of(self, table: pa.Table) -> pa.Table:
-        """The records of the wanted rows of a part."""
+        """The wanted records of a part."""
         row = table.column("row").to_numpy()
         if self.rows is None or not row.size:
-            return table
+            return self._columns_of(table)
         if isinstance(self.rows, range):
             first, stop, step = self.rows.start, self.rows.stop, self.rows.step
             found = (row >= first) & (row < stop) & ((row - first) % step == 0)
         else:
             here = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
             found = np.isin(row, self.rows[here])
+        table = self._columns_of(table)
         return table if found.all() else table.filter(pa.array(found))
+
+    def _columns_of(self, table: pa.Table) -> pa.Table:
+        if self.columns is None:
+            return table
+        return table.select([name for name in table.column_names if name in self.columns])
 
 
 def _look(path: Path, tables: dict[int, pa.Table] | None, wanted: Wanted | None = None) -> Snapshot:
@@ -308,15 +314,15 @@ def _frame(
             known.extend(name for name in names if name not in known)
     lengths = [table.num_rows for table in tables]
     chunks = [dict(zip(table.column_names, table.columns, strict=True)) for table in tables]
-    there = list(dict.fromkeys(name for part in chunks for name in part))
     tables.clear()
-    for name in columns or ():
-        if name not in there:
-            raise TableError(f"{name} is not a column of {path}{near_miss.suggestion(name, there)}")
+    there = dict.fromkeys(name for part in chunks for name in part)
     values: dict[str, Any] = {}
     for name in there if columns is None else dict.fromkeys(columns):
+        if name not in there:
+            raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
         pieces = [
-            part.pop(name, pa.chunked_array([pa.nulls(n)])) for part, n in zip(chunks, lengths, strict=True)
+            part.pop(name) if name in part else pa.chunked_array([pa.nulls(length)])
+            for part, length in zip(chunks, lengths, strict=True)
         ]
         try:
             values[name] = _joined(pieces, categories.get(name))
@@ -338,19 +344,17 @@ def _joined(pieces: list[pa.ChunkedArray], categories: list[str] | None) -> Any:
     """A column of all parts, whose pieces are freed one by one; with categories, a categorical one."""
     n = sum(len(piece) for piece in pieces)
     kinds = {piece.type for piece in pieces}
-    numeric = len(kinds) == 1 and all(
-        pa.types.is_floating(kind) or pa.types.is_integer(kind) for kind in kinds
-    )
+    whole = all(pa.types.is_integer(kind) for kind in kinds) and not any(piece.null_count for piece in pieces)
     if categories is not None:
         # as narrow as the codes of pandas
         found = np.empty(n, np.min_scalar_type(-max(len(categories), 1)))
-    elif numeric and not (pa.types.is_integer(*kinds) and any(piece.null_count for piece in pieces)):
+    elif len(kinds) == 1 and (whole or all(pa.types.is_floating(kind) for kind in kinds)):
         found = np.empty(n, pieces[0].type.to_pandas_dtype())
-    else:
+    else:  # text, flags, missing whole numbers, or parts of different versions
         fields = [pa.schema([pa.field("values", kind)]) for kind in kinds]
-        (common,) = pa.unify_schemas(fields, promote_options="permissive").types if fields else [pa.null()]
-        joined = pa.chunked_array([chunk.cast(common) for piece in pieces for chunk in piece.chunks], common)
-        return joined.to_pandas()
+        common = pa.unify_schemas(fields, promote_options="permissive").types[0]
+        chunks = [chunk.cast(common) for piece in pieces for chunk in piece.chunks]
+        return pa.chunked_array(chunks, common).to_pandas()
     at = 0
     for piece in _freed(pieces):
         values = piece.to_numpy() if categories is None else _codes(piece, categories)
