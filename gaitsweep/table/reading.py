@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import math
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -161,17 +162,18 @@ class Wanted:
         return table.select([name for name in table.column_names if name in self.columns])
 
 
-def _look(path: Path, tables: dict[int, pa.Table] | None, wanted: Wanted | None = None) -> Snapshot:
-    """Read a directory, and the wanted records of its valid parts into `tables` if it is given."""
+def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Snapshot:
+    """Read a directory, and the wanted records of its valid parts into `parts` if it is given."""
     wanted = wanted or Wanted()
     manifest = read_manifest(path)
     examined = Examination(path, manifest)
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
-    for number, table in examined.parts(tables is not None, wanted.columns):
-        if tables is not None and table is not None:
-            tables[number] = wanted.records_of(table)
+    for number, table in examined.parts(parts is not None, wanted.columns):
+        if parts is not None and table is not None:
+            footer = examined.footers[number]
+            parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
@@ -255,12 +257,13 @@ def load_with_snapshot(
 ) -> tuple[Snapshot, pd.DataFrame]:
     """Read the table of a result directory as `load` does, with the snapshot of the directory."""
     path = Path(path)
-    wanted = Wanted() if columns is rows is None else Wanted.of(columns, rows, read_manifest(path)["rows"])
-    tables: dict[int, pa.Table] = {}
-    snapshot = _look(path, tables, wanted)
+    n_rows = read_manifest(path)["rows"]
+    wanted = Wanted.of(columns, rows, n_rows)
+    parts = _Parts(n_rows if wanted.rows is None else len(wanted.rows))
+    snapshot = _look(path, parts, wanted)
     _require_parts(snapshot)
     _warn(snapshot)
-    frame = _frame(snapshot.path, snapshot.files.footers.values(), list(tables.values()), wanted.columns)
+    frame = _frame(snapshot.path, parts, wanted.columns)
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
@@ -287,7 +290,9 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     examined = Examination(path, read_manifest(path))
     for number, table in examined.parts(True, wanted.columns):
         if table is not None:
-            yield _frame(path, [examined.footers[number]], [wanted.records_of(table)], wanted.columns)
+            part = _Parts(table.num_rows)
+            part.add(wanted.records_of(table), examined.footers[number])
+            yield _frame(path, part, wanted.columns)
     found = [*examined.faults.values(), *examined.strangers]
     if found:
         raise TableError(_refusal(found))
@@ -303,35 +308,77 @@ def _require_parts(snapshot: Snapshot) -> None:
         )
 
 
-def _frame(
-    path: Path, footers: Iterable[Footer], tables: list[pa.Table], columns: tuple[str, ...] | None
-) -> pd.DataFrame:
-    """The records of all parts; each column of `tables` is freed when it has been copied."""
-    categories: dict[str, list[str]] = {}
-    for footer in footers:
-        for column, names in footer.categories.items():
-            known = categories.setdefault(column, [])
-            known.extend(name for name in names if name not in known)
-    lengths = [table.num_rows for table in tables]
-    chunks = [dict(zip(table.column_names, table.columns, strict=True)) for table in tables]
-    tables.clear()
-    there = dict.fromkeys(name for part in chunks for name in part)
+@dataclasses.dataclass
+class _Part:
+    """The records of a part: its columns, and the names of the categorical ones, which have their codes."""
+
+    length: int
+    columns: dict[str, np.ndarray | pa.ChunkedArray]
+    categories: dict[str, list[str]]
+
+
+class _Parts:
+    """Parts in order; a column of numbers that all have is one array from the start, so that none is copied.
+
+    Args:
+        n_rows: the number of rows of the table, from which and from the first part the records are reckoned.
+    """
+
+    def __init__(self, n_rows: int) -> None:
+        self._n_rows, self._room = n_rows, 0
+        self._whole: dict[str, np.ndarray] = {}
+        self.parts: list[_Part] = []
+        self.length = 0
+
+    def add(self, table: pa.Table, footer: Footer, a_row: float = 1.0) -> None:
+        """Add the records of a part, of which a row has about `a_row`."""
+        self._room = self._room or math.ceil(a_row * self._n_rows)
+        columns: dict[str, np.ndarray | pa.ChunkedArray] = {}
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            if name in footer.categories:
+                columns[name] = self._placed(name, _codes(column, footer.categories[name]))
+            elif pa.types.is_floating(column.type) or (
+                pa.types.is_integer(column.type) and not column.null_count
+            ):
+                columns[name] = self._placed(name, column.to_numpy())
+            else:  # text, flags, and whole numbers of which some are missing
+                columns[name] = column
+        self.parts.append(_Part(table.num_rows, columns, footer.categories))
+        self.length += table.num_rows
+
+    def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
+        """The values in their place of the whole column, if they fit there."""
+        if name not in self._whole:
+            self._whole[name] = np.empty(self._room, values.dtype)
+        whole = self._whole[name]
+        place = whole[self.length : self.length + len(values)]
+        if whole.dtype != values.dtype or len(place) != len(values):
+            return np.array(values)
+        place[:] = values
+        return place
+
+    def whole(self, name: str) -> np.ndarray | None:
+        """The column of all parts, if each has its values there."""
+        whole = self._whole.get(name)
+        there = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
+        return None if whole is None or not there else whole[: self.length]
+
+
+def _frame(path: Path, parts: _Parts, columns: tuple[str, ...] | None) -> pd.DataFrame:
+    """The records of all parts."""
+    there = dict.fromkeys(name for part in parts.parts for name in part.columns)
     values: dict[str, Any] = {}
     for name in there if columns is None else dict.fromkeys(columns):
         if name not in there:
             raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
-        pieces = [
-            part.pop(name) if name in part else pa.chunked_array([pa.nulls(length)])
-            for part, length in zip(chunks, lengths, strict=True)
-        ]
         try:
-            values[name] = _joined(pieces, categories.get(name))
+            values[name] = _joined(name, parts)
         except pa.ArrowException as error:
             raise TableError(
                 f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
                 "they were written by different versions; run its job into another directory."
             ) from error
-    return pd.DataFrame(values, index=pd.RangeIndex(sum(lengths)), copy=False)
+    return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
 
 
 def _near_column(path: Path, name: str) -> str:
@@ -340,45 +387,56 @@ def _near_column(path: Path, name: str) -> str:
     return near_miss.suggestion(name, pq.read_schema(file).names)
 
 
-def _joined(pieces: list[pa.ChunkedArray], categories: list[str] | None) -> Any:
-    """A column of all parts, whose pieces are freed one by one; with categories, a categorical one."""
-    n = sum(len(piece) for piece in pieces)
-    kinds = {piece.type for piece in pieces}
-    whole = all(pa.types.is_integer(kind) for kind in kinds) and not any(piece.null_count for piece in pieces)
-    if categories is not None:
-        # as narrow as the codes of pandas
-        found = np.empty(n, np.min_scalar_type(-max(len(categories), 1)))
-    elif len(kinds) == 1 and (whole or all(pa.types.is_floating(kind) for kind in kinds)):
-        found = np.empty(n, pieces[0].type.to_pandas_dtype())
-    else:  # text, flags, missing whole numbers, or parts of different versions
-        fields = [pa.schema([pa.field("values", kind)]) for kind in kinds]
-        common = pa.unify_schemas(fields, promote_options="permissive").types[0]
-        chunks = [chunk.cast(common) for piece in pieces for chunk in piece.chunks]
-        return pa.chunked_array(chunks, common).to_pandas()
-    at = 0
-    for piece in _freed(pieces):
-        values = piece.to_numpy() if categories is None else _codes(piece, categories)
-        found[at : at + len(piece)] = values
-        at += len(piece)
-    return found if categories is None else pd.Categorical.from_codes(found, categories=categories)
+def _joined(name: str, parts: _Parts) -> Any:
+    """A column of all parts."""
+    whole = parts.whole(name)
+    if not any(name in part.categories for part in parts.parts):
+        return _promoted(name, parts.parts) if whole is None else whole
+    categories = list(dict.fromkeys(each for part in parts.parts for each in part.categories.get(name, ())))
+    if whole is None or any(part.categories[name] != categories for part in parts.parts):
+        whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
+    return pd.Categorical.from_codes(whole, categories=categories)
 
 
-def _freed(pieces: list[pa.ChunkedArray]) -> Iterator[pa.ChunkedArray]:
-    """The pieces in order, each removed from the list."""
-    pieces.reverse()
-    while pieces:
-        yield pieces.pop()
+def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
+    """The codes (n,) of a part's column among the categories of all parts."""
+    column = part.columns.get(name)
+    if column is None:
+        return np.full(part.length, -1, _narrow(categories))
+    if isinstance(column, pa.ChunkedArray):
+        return _codes(column, categories)
+    of = [*map(categories.index, part.categories[name]), -1]
+    return np.array(of, _narrow(categories))[column]
 
 
-def _codes(piece: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
+def _promoted(name: str, parts: list[_Part]) -> pd.Series:
+    """A column of text or flags, or one that differs between parts of different versions."""
+    pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
+    kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
+    common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
+    chunks = [chunk.cast(common) for piece in pieces for chunk in piece.chunks]
+    return pa.chunked_array(chunks, common).to_pandas()
+
+
+def _in_arrow(piece: Any) -> pa.ChunkedArray:
+    return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
+
+
+def _narrow(categories: list[str]) -> np.dtype[Any]:
+    """The type of codes of categories, as narrow as that of pandas."""
+    return np.min_scalar_type(-max(len(categories), 1))
+
+
+def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
     """The place of each name among the categories, -1 for none."""
     place = {name: number for number, name in enumerate(categories)}
-    codes = []
-    for chunk in piece.chunks:
+    codes = [np.zeros(0, _narrow(categories))]
+    for chunk in column.chunks:
         encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
-        of = np.array([*(place.get(name, -1) for name in encoded.dictionary.to_pylist()), -1])
+        names = encoded.dictionary.to_pylist()
+        of = np.array([*(place.get(name, -1) for name in names), -1], _narrow(categories))
         codes.append(of[encoded.indices.fill_null(-1).to_numpy()])
-    return np.concatenate([np.zeros(0, np.int64), *codes])
+    return np.concatenate(codes)
 
 
 def _warn(snapshot: Snapshot) -> None:
