@@ -1,17 +1,15 @@
 """XLA's compiled programs, kept on disk, so that a program is compiled once for a machine and not once a run.
 
-JAX does so itself, if it is told where. A folder holds the programs of one kind of processor, whose
-instructions they use. Entries that cannot be read or written are compiled again, without a word.
+JAX does so itself, if it is told where; the names of its files tell versions and the instruction sets of
+processors apart, so a home folder may be shared. Programs that cannot be read or written are compiled again,
+without a word.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import platform
 import sys
 import warnings
-from pathlib import Path
 
 from gaitsweep.cache_folder import cache_folder
 
@@ -20,7 +18,7 @@ def keep_compiled_programs() -> None:
     """Let JAX keep its programs in our cache, unless it has been imported or the user has set a folder."""
     if "jax" in sys.modules or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    folder = cache_folder(f"xla/{_processor()}")
+    folder = cache_folder("xla")
     if folder is None:
         return
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
@@ -30,14 +28,3 @@ def keep_compiled_programs() -> None:
     # programs only: no choices that XLA makes by timing
     os.environ.setdefault("JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES", "none")
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
-
-
-def _processor() -> str:
-    """What tells this kind of processor from others: its name and its instruction sets."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:  # not Linux
-        lines = []
-    told = {line for line in lines if line.startswith(("model name", "flags", "CPU part", "Features"))}
-    known = [platform.system(), platform.machine(), platform.processor(), *sorted(told)]
-    return hashlib.sha256("\n".join(known).encode()).hexdigest()[:16]
