@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import sys
@@ -16,6 +17,7 @@ from typing import Any
 import typer
 
 from gaitsweep.cli.commands import STOPPED, app
+from gaitsweep.cli.compiled_programs import keep_compiled_programs
 from gaitsweep.errors import FAILED, UserError
 
 
@@ -28,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    # imports and tracing make few cycles and many objects, which would be searched again and again
+    gc.set_threshold(50_000)
     for stream in (sys.stdout, sys.stderr):
         # characters outside the terminal's encoding are written as escapes
         if isinstance(stream, io.TextIOWrapper):
@@ -35,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
+            keep_compiled_programs()
             code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
     except KeyboardInterrupt as stop:
         return getattr(stop, "exit_code", STOPPED)

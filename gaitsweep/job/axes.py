@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+import scipy
 from pydantic import BeforeValidator, Field
-from scipy.stats import qmc
 
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.kinds.diagnostics import found
@@ -228,7 +228,7 @@ def _bits(seed: int, name: str, count: int) -> np.ndarray:
 
 def _sobol(seed: int, names: list[str], count: int) -> dict[str, np.ndarray]:
     """An unscrambled Sobol sequence under a digital shift of our own: SciPy's scrambling may change."""
-    sequence = qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
+    sequence = scipy.stats.qmc.Sobol(len(names), scramble=False, bits=_SOBOL_BITS)
     shifts = [_bits(seed, name, 1)[0] >> np.uint64(64 - _SOBOL_BITS) for name in names]
     points = np.empty((len(names), count))
     for first in range(0, count, _SOBOL_CHUNK):

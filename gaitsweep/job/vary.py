@@ -47,6 +47,14 @@ class Group:
     def length(self) -> int:
         return next(iter(self.points.values())).length
 
+    @property
+    def drawn(self) -> bool:
+        """Whether its points are random, or of a Sobol sequence."""
+        return any(
+            isinstance(points, Spread) and isinstance(points.fraction, Drawn)
+            for points in self.points.values()
+        )
+
 
 @dataclass
 class Vary:
@@ -104,12 +112,7 @@ def _check_size(vary: Vary) -> None:
     if rows > MOST_ROWS:
         made = f"{rows}" if rows < 10**30 else "more than 1e30"
         vary.refuse(("vary",), f"makes {made} rows; a job has at most {MOST_ROWS}.")
-    drawn = sum(
-        points.length
-        for group in vary.groups
-        for points in group.points.values()
-        if isinstance(points, Spread) and isinstance(points.fraction, Drawn)
-    )
+    drawn = sum(group.length * len(group.points) for group in vary.groups if group.drawn)
     if drawn > MOST_DRAWN:
         text = f"draws {drawn} numbers (points times names); a job draws at most {MOST_DRAWN}."
         vary.refuse(("vary",), text)

@@ -1,4 +1,4 @@
-"""Remarks on figures whose table is incomplete, or whose run's self-check warned."""
+"""Remarks on figures whose table is incomplete or thinned, or whose run's self-check warned."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LOOK: dict[str, Any] = {"fontsize": 7.5, "color": "#B00020", "weight": "bold", 
 def remarks(table: pd.DataFrame) -> list[str]:
     """The remarks on a table, such as `incomplete: 812 of 1000 rows`.
 
-    Read from `table.attrs`: `complete`, `rows_missing` and the manifest's `rows` and `self_check`.
+    Read from `table.attrs`: `complete`, `rows_missing`, `thinned` and the manifest's `rows` and `self_check`.
     """
     manifest = table.attrs.get("manifest")
     manifest = manifest if isinstance(manifest, Mapping) else {}
@@ -25,6 +25,8 @@ def remarks(table: pd.DataFrame) -> list[str]:
         there = _rows_there(table, manifest)
         rows = manifest.get("rows")
         found.append("incomplete" if there is None else f"incomplete: {there} of {rows} rows")
+    if "thinned" in table.attrs:
+        found.append(str(table.attrs["thinned"]))
     check = manifest.get("self_check")
     if isinstance(check, Mapping) and check.get("verdict") == "warned":
         found.append("self-check: warned")

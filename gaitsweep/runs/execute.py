@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -64,16 +66,19 @@ def run_job(
     with (
         naming_the_file(),
         ResultDirectory.open(path, resolved, ready.job_hash, work.n_rows, work.block) as directory,
+        _SelfCheck(ready, directory) as check,
     ):
         for note in directory.notes:
             tell(note)
         missing = directory.missing_blocks()
         if missing:
+            if _rows_leave_the_host_idle(ready):
+                check.begin()
             _run_missing(ready, directory, missing, progress)
         elif not summed_up(ready, directory):  # killed after its last part
             describe(ready, directory)
             sum_up(ready, directory, directory.manifest.get("timings", {}))
-        checked = _self_checked(ready, directory, progress)
+        checked = check.found(progress)
         if figures:
             draw_of_complete(directory, resolved["figures"], progress, tell)
     if checked.get("verdict") == "warned":
@@ -84,20 +89,65 @@ def run_job(
     return path
 
 
-def _self_checked(ready: Prepared, directory: ResultDirectory, progress: Progress) -> dict[str, Any]:
-    """What the self-check of a complete table found, now or when it was made."""
-    before = directory.manifest.get("self_check")
-    asked = min(ready.job.verify, ready.work.n_rows)
-    if isinstance(before, dict) and before.get("rows") == asked:
-        return before
-    total = ready.work.n_rows
+def _rows_leave_the_host_idle(ready: Prepared) -> bool:
+    """Whether the rows run on a card; a few rows more of the self-check then take no time of theirs."""
+    return ready.work.devices[0].platform != "cpu"
 
-    def tell(now: SweepProgress) -> None:
-        progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
-    found = self_check(ready, asked, tell)
-    directory.update_manifest(self_check=found)
-    return found
+class _SelfCheck:
+    """The self-check of a run: after the rows, or beside them in a thread if it has been begun before.
+
+    What it raises is raised by `found`. It reads no table, and its rows have lanes of their own.
+    """
+
+    def __init__(self, ready: Prepared, directory: ResultDirectory) -> None:
+        self._ready, self._directory = ready, directory
+        self._asked = min(ready.job.verify, ready.work.n_rows)
+        self._thread = ThreadPoolExecutor(1)
+        self._begun: Future[dict[str, Any]] | None = None
+        self._abandoned = threading.Event()
+
+    def __enter__(self) -> _SelfCheck:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._abandoned.set()
+        self._thread.shutdown()
+
+    def begin(self) -> None:
+        """Begin it now, beside what follows."""
+
+        def go_on(_: SweepProgress) -> None:
+            if self._abandoned.is_set():  # the rows have been stopped: nobody asks what it finds
+                raise InterruptedError
+
+        if self._known is None:
+            self._begun = self._thread.submit(self_check, self._ready, self._asked, go_on)
+
+    def found(self, progress: Progress) -> dict[str, Any]:
+        """What it finds of a complete table, now or when it was made."""
+        if self._known is not None:
+            return self._known
+        total = self._ready.work.n_rows
+
+        def tell(now: SweepProgress) -> None:
+            progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
+
+        if self._begun is None:
+            found = self_check(self._ready, self._asked, tell)
+        else:
+            while not self._begun.done():
+                progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
+                wait([self._begun], timeout=0.1)
+            found = self._begun.result()
+        self._directory.update_manifest(self_check=found)
+        return found
+
+    @property
+    def _known(self) -> dict[str, Any] | None:
+        """What an earlier one found, with as many rows."""
+        before = self._directory.manifest.get("self_check")
+        return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
 
 def _run_missing(ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress) -> None:

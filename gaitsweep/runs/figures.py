@@ -12,6 +12,7 @@ from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.job.yaml_document import read_document
 from gaitsweep.plot import draw
+from gaitsweep.runs.thinning import thinned
 from gaitsweep.table import (
     ResultDirectory,
     Snapshot,
@@ -22,7 +23,7 @@ from gaitsweep.table import (
     replace_file,
     writing,
 )
-from gaitsweep.table.manifest import FIGURES, JOB
+from gaitsweep.table.manifest import FIGURES, JOB, read_manifest
 from gaitsweep.version import version
 
 
@@ -105,7 +106,8 @@ def draw_figures(
 ) -> list[Path]:
     """Draw the figures of a result directory from its table, without simulating.
 
-    They are those of its `job.yaml`, where their titles and columns may be edited.
+    They are those of its `job.yaml`, where their titles and columns may be edited. Of a table of more than
+    `thinning.MOST_SHOWN` rows they show an even selection, and say so.
 
     Args:
         path: the directory.
@@ -120,7 +122,10 @@ def draw_figures(
         WriteError: a figure cannot be written; the old one stands.
         FigureError: the table does not give what some of them show; the others are drawn.
     """
-    snapshot, table = load_with_snapshot(path)
+    shown = thinned(read_manifest(Path(path)))
+    snapshot, table = load_with_snapshot(path, rows=None if shown is None else shown.rows)
+    if shown is not None:
+        table.attrs["thinned"] = shown.remark
     specs = _figures_of(snapshot)
     if not specs:
         return []

@@ -222,7 +222,7 @@ def _compare_ends(
     recorder = work.recorder
     if isinstance(recorder, SettleRecorder):
         # SETTLE_WINDOW tolerances, in each observable's unit
-        bound = np.asarray(jax.vmap(lambda last: recorder.bound(last[None, :]))(once.last[same]))
+        bound = np.asarray(jax.jit(jax.vmap(lambda last: recorder.bound(last[None, :])))(once.last[same]))
         check.moved += int(np.sum(np.any(change[same] > TOLERANCES / SETTLE_WINDOW * bound, axis=1)))
     return resting
 

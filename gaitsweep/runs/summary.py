@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,11 +15,15 @@ from gaitsweep.kinds.columns import Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared
-from gaitsweep.table import ResultDirectory, load
+from gaitsweep.table import ResultDirectory, load_parts
 
 
 def describe(ready: Prepared, directory: ResultDirectory) -> None:
-    """Say in the manifest with what the rows are run."""
+    """Say in the manifest what the rows are, and with what they are run.
+
+    `axes` are those of the rows, the last varying fastest: what moves together, the number of points, and
+    whether these are drawn as a sample.
+    """
     directory.update_manifest(
         engine=ready.engine,
         device=ready.device,
@@ -26,6 +31,10 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         precision=ready.work.numerics.precision,
         method=ready.work.numerics.method,
         dt=[float(np.min(ready.steps.dt)), float(np.max(ready.steps.dt))],
+        axes=[
+            {"names": list(group.points), "length": group.length, "drawn": group.drawn}
+            for group in ready.plan.groups
+        ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         versions=provenance.versions(),
         git_commit=provenance.git_commit(),
@@ -38,15 +47,37 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
     fields: dict[str, Any] = {"timings": timings, "counts": counts, "complete": complete}
     if complete:
         directory.tidy_digests()
-        if counts.get(Status.event_stall.name):
-            fields["stalls"] = stalls(load(directory.path))
-        if _counts_gaits(ready):
-            gaits = load(directory.path)["gait"].value_counts()
-            fields["gaits"] = {str(gait): int(n) for gait, n in gaits.items() if n}
-        if _has_distance(ready):
-            far = largest_distance(load(directory.path))
-            fields["largest_distance"] = {} if far is None else {"rad": far[0], "row": far[1]}
+        fields |= _of_records(ready, directory)
     directory.update_manifest(**fields)
+
+
+def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
+    """What the manifest says of the records of a complete table, which are read part by part."""
+    known, fields = table_columns(ready.plan, ready.job.run), {}
+    stalled = bool(directory.counts().get(Status.event_stall.name))
+    columns = {"stalled_by", "t_end", "t"} if stalled else set()
+    columns |= {"gait"} if _counts_gaits(ready) else set()
+    columns |= {"distance", "gait"} if _has_distance(ready) else set()
+    if not columns:
+        return {}
+    stalls: dict[str, dict[str, Any]] = {}
+    gaits: collections.Counter[str] = collections.Counter()
+    farthest: list[tuple[float, int]] = []
+    for part in load_parts(directory.path, ["row", "status", *sorted(columns & set(known))]):
+        if stalled:
+            _add_stalls(stalls, part)
+        if _counts_gaits(ready):
+            gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
+        far = largest_distance(part)
+        if far is not None and (not farthest or far[0] > farthest[0][0]):
+            farthest = [far]
+    if stalled:
+        fields["stalls"] = dict(sorted(stalls.items()))
+    if _counts_gaits(ready):
+        fields["gaits"] = dict(gaits.most_common())
+    if _has_distance(ready):
+        fields["largest_distance"] = {"rad": farthest[0][0], "row": farthest[0][1]} if farthest else {}
+    return fields
 
 
 def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
@@ -72,27 +103,23 @@ def _has_distance(ready: Prepared) -> bool:
     return ready.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
 
-def stalls(table: pd.DataFrame) -> dict[str, dict[str, Any]]:
-    """What stalled the rows that ended as `event_stall`: for each set of guards, how many rows and when.
+def _add_stalls(found: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:
+    """Add what stalled the rows of a part that ended as `event_stall`, by the guards that did.
 
-    `rows`, and `t` the earliest and the latest time (s) at which one of them stalled; of tables that have no
-    `t_end`, those of the rows' last records, `after` which they did.
+    `rows` is their number, and `t` the earliest and the latest time (s) at which one of them stalled; of
+    tables that have no `t_end`, those of the rows' last records, `after` which they did.
     """
-    if "stalled_by" not in table.columns:
-        return {}
-    stalled = table[table["stalled_by"].notna()]
-    time = "t_end" if "t_end" in table.columns else "t"
+    if "stalled_by" not in part.columns:
+        return
+    stalled = part[part["stalled_by"].notna()]
+    time, key = ("t_end", "t") if "t_end" in part.columns else ("t", "after")
     last = stalled.groupby("row").agg(by=("stalled_by", "last"), t=(time, "max"))
     by, at = np.asarray(last["by"].astype(str)), np.asarray(last["t"], np.float64)
-    found: dict[str, dict[str, Any]] = {}
     for names in np.unique(by):
-        when = at[(by == names) & np.isfinite(at)]
-        span = [float(when.min()), float(when.max())] if when.size else []
-        found[str(names)] = {
-            "rows": int(np.count_nonzero(by == names)),
-            "t" if time == "t_end" else "after": span,
-        }
-    return found
+        known = found.setdefault(str(names), {"rows": 0, key: []})
+        when = np.array([*known[key], *at[(by == names) & np.isfinite(at)]])
+        known["rows"] += int(np.count_nonzero(by == names))
+        known[key] = [float(when.min()), float(when.max())] if when.size else []
 
 
 def quantities_of(model: Model, columns: Sequence[Column] = ()) -> dict[str, dict[str, Any]]:

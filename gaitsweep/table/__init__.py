@@ -19,7 +19,7 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
-from gaitsweep.table.reading import Snapshot, load, load_with_snapshot
+from gaitsweep.table.reading import Snapshot, load, load_parts, load_with_snapshot
 
 __all__ = [
     "ResultDirectory",
@@ -27,6 +27,7 @@ __all__ = [
     "TableError",
     "WriteError",
     "load",
+    "load_parts",
     "load_with_snapshot",
     "not_written",
     "own_folder",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -77,8 +77,15 @@ class Examination:
                 self.strangers.append(Fault(self.folder / name, what, foreign=True))
         self.last_open = max(self._open_numbers, default=0)
 
-    def parts(self, records: bool = False) -> Iterator[tuple[int, pa.Table | None]]:
-        """Iterate over the valid parts in order, with their records if `records`."""
+    def parts(
+        self, records: bool = False, columns: Sequence[str] | None = None
+    ) -> Iterator[tuple[int, pa.Table | None]]:
+        """Iterate over the valid parts in order, with their records if `records`.
+
+        Args:
+            records: whether the records are read.
+            columns: the columns that are read, beside `row`; all by default.
+        """
         for number in self._numbers:
             file = self.folder / PARTS.name(number)
             name = f"{TABLE}/{file.name}"
@@ -99,7 +106,7 @@ class Examination:
                 if digest is None and self._needs_digests:
                     raise DamagedPart(f"{DIGESTS} has no line for it")
                 if records or digest is None:
-                    table = read_records(data, footer, start, stop)
+                    table = read_records(data, footer, start, stop, columns)
             except FileNotFoundError:
                 continue
             except (OSError, DamagedPart) as error:

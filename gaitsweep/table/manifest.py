@@ -122,6 +122,19 @@ def is_job(value: object) -> bool:
 
 
 _COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
+
+
+def _are_axes(value: object) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(axis, dict)
+        and isinstance(axis.get("names"), list)
+        and all(isinstance(name, str) for name in axis["names"])
+        and _is_count(axis.get("length"))
+        and isinstance(axis.get("drawn"), bool)
+        for axis in value
+    )
+
+
 # fields that are read: name, test, description
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "job_hash": (lambda value: isinstance(value, str), "text"),
@@ -132,6 +145,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "timings": (_by_name(_is_number), "seconds and attempts by name"),
     "counts": (_COUNTS, "numbers of rows by status"),
     "gaits": (_COUNTS, "numbers of rows by gait"),
+    "axes": (_are_axes, "names, number of points and drawn of each axis"),
     "figures_drawn": (_by_name(lambda value: isinstance(value, str)), "digests by name"),
     "complete": (lambda value: isinstance(value, bool), "true or false"),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,9 @@ class DamagedPart(Exception):
 
 def count_statuses(frame: pd.DataFrame) -> dict[str, int]:
     """Return the numbers of rows by status; the status of a row is that of its last record."""
-    last = frame.drop_duplicates("row", keep="last")["status"].astype(str)
-    return {str(status): int(number) for status, number in last.value_counts().sort_index().items()}
+    last = frame.drop_duplicates("row", keep="last")["status"]
+    counts = {str(status): int(number) for status, number in last.value_counts().items() if number}
+    return dict(sorted(counts.items()))
 
 
 def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
@@ -89,20 +90,19 @@ def part_bytes(
         quantities: `unit` and `meaning` by the name of the column, as in the manifest; of the columns that
             are not there, those that run kinds add have a unit.
     """
-    plain = frame.copy(deep=False)
     categories: dict[str, list[str]] = {}
+    fields = []
+    arrays = []
     for column in frame.columns:
         values = frame[column]
         if isinstance(values.dtype, pd.CategoricalDtype):
             categories[column] = [str(category) for category in values.cat.categories]
-            plain[column] = values.astype(object)
+            arrays.append(_text(values.cat.codes.to_numpy(), categories[column]))
         elif column in ("status", "gait"):
             categories[column] = sorted({str(value) for value in values.dropna()})
-    fields = []
-    arrays = []
-    for column in plain.columns:
-        text = pa.string() if column in categories else None
-        arrays.append(pa.Array.from_pandas(plain[column], type=text))
+            arrays.append(pa.Array.from_pandas(values, type=pa.string()))
+        else:
+            arrays.append(pa.Array.from_pandas(values))
         known = (quantities or {}).get(column) or ({"unit": _UNITS[column]} if column in _UNITS else {})
         said = {name: known[name] for name in ("unit", "meaning") if name in known}
         fields.append(pa.field(column, arrays[-1].type, metadata=said or None))
@@ -117,6 +117,12 @@ def part_bytes(
         write_page_checksum=True,
     )
     return file.getvalue(), footer
+
+
+def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
+    """The names of codes (n,), of which -1 has none."""
+    coded = pa.array(codes, mask=codes < 0)
+    return pa.DictionaryArray.from_arrays(coded, pa.array(names, pa.string())).cast(pa.string())
 
 
 def read_footer(data: bytes) -> Footer:
@@ -141,13 +147,16 @@ def read_footer(data: bytes) -> Footer:
     return footer
 
 
-def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table:
+def read_records(
+    data: bytes, footer: Footer, start: int, stop: int, columns: Sequence[str] | None = None
+) -> pa.Table:
     """Read the records of a part, with categorical columns dictionary-encoded.
 
     Args:
         data: the part's bytes.
         footer: their footer, from `read_footer`.
         start, stop: the first row of its block, and the row after its last.
+        columns: those that are decoded, beside `row`, as far as the part has them; all by default.
 
     Raises:
         DamagedPart: the records cannot be decoded, or belong to other rows.
@@ -156,7 +165,7 @@ def read_records(data: bytes, footer: Footer, start: int, stop: int) -> pa.Table
         file = pq.ParquetFile(
             pa.BufferReader(data), read_dictionary=list(footer.categories), page_checksum_verification=True
         )
-        table = file.read()
+        table = file.read(None if columns is None else list(dict.fromkeys(["row", *columns])))
         # parts of older versions have no units: without metadata all parts have one schema
         table = table.cast(pa.schema([field.remove_metadata() for field in table.schema]))
         rows = table.column("row").to_numpy()

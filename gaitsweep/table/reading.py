@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import math
 import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
+from numpy.typing import ArrayLike
 
+from gaitsweep import near_miss
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination, Fault
 from gaitsweep.table.files import TableError, read_file, reason
 from gaitsweep.table.former_names import renamed
-from gaitsweep.table.manifest import FIGURES, JOB, is_job, read_manifest
+from gaitsweep.table.manifest import FIGURES, JOB, TABLE, is_job, read_manifest
 from gaitsweep.table.parts import Footer
+
+Rows = slice | range | ArrayLike
 
 _LARGEST_JOB = 64 * 2**20  # bytes
 _DEEPEST, _MOST_EVENTS = 50, 400_000  # of an edited `job.yaml`
@@ -105,16 +112,68 @@ def add_counts(footers: dict[int, Footer]) -> dict[str, int]:
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
-def _look(path: Path, tables: dict[int, pa.Table] | None) -> Snapshot:
-    """Read a directory, and the records of its valid parts into `tables` if it is given."""
+@dataclasses.dataclass(frozen=True)
+class Wanted:
+    """The records that are read of a table: some columns, or all, of some rows, or all."""
+
+    columns: tuple[str, ...] | None = None
+    rows: range | np.ndarray | None = None  # in rising order
+
+    @classmethod
+    def of(cls, columns: Sequence[str] | None, rows: Rows | None, n_rows: int) -> Wanted:
+        """The wanted records of a table of `n_rows` rows; see `load`.
+
+        Raises:
+            TableError: rows that a table does not have, or that are no row numbers.
+        """
+        names = None if columns is None else tuple(columns)
+        if rows is None:
+            return cls(names)
+        if isinstance(rows, slice):
+            rows = range(*rows.indices(n_rows))
+        if isinstance(rows, range):
+            numbers = rows if rows.step > 0 else rows[::-1]
+        else:
+            numbers = np.unique(np.asarray(rows))
+            if numbers.size and numbers.dtype.kind not in "iu":
+                raise TableError(f"rows has {numbers[0]!s}, but takes a slice, or numbers of rows.")
+        if len(numbers) and not 0 <= numbers[0] <= numbers[-1] < n_rows:
+            wrong = numbers[0] if numbers[0] < 0 else numbers[-1]
+            raise TableError(f"rows has {wrong}, but the table has rows 0 to {n_rows - 1}.")
+        return cls(names, numbers)
+
+    def records_of(self, table: pa.Table) -> pa.Table:
+        """The wanted records of a part."""
+        row = table.column("row").to_numpy()
+        if self.rows is None or not row.size:
+            return self._columns_of(table)
+        if isinstance(self.rows, range):
+            first, stop, step = self.rows.start, self.rows.stop, self.rows.step
+            found = (row >= first) & (row < stop) & ((row - first) % step == 0)
+        else:
+            here = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
+            found = np.isin(row, self.rows[here])
+        table = self._columns_of(table)
+        return table if found.all() else table.filter(pa.array(found))
+
+    def _columns_of(self, table: pa.Table) -> pa.Table:
+        if self.columns is None:
+            return table
+        return table.select([name for name in table.column_names if name in self.columns])
+
+
+def _look(path: Path, parts: _Parts | None, wanted: Wanted | None = None) -> Snapshot:
+    """Read a directory, and the wanted records of its valid parts into `parts` if it is given."""
+    wanted = wanted or Wanted()
     manifest = read_manifest(path)
     examined = Examination(path, manifest)
     run, on_disk = _job_of(path, manifest, examined.digests.get(JOB))
     job = renamed(run)
     written = job if on_disk is run else renamed(on_disk)
-    for number, table in examined.parts(records=tables is not None):
-        if tables is not None and table is not None:
-            tables[number] = table
+    for number, table in examined.parts(parts is not None, wanted.columns):
+        if parts is not None and table is not None:
+            footer = examined.footers[number]
+            parts.add(wanted.records_of(table), footer, table.num_rows / footer.rows)
     opened = np.concatenate([np.zeros(0, np.int64), *(rows["row"] for _, rows in examined.open_rows())])
     done = np.array(sorted(examined.footers), np.int64)
     waiting = np.unique(opened[~np.isin(opened // examined.block, done)])
@@ -162,10 +221,15 @@ def _written_anew(path: Path) -> str:
     return f"Run the job of {path} again, which writes it anew."
 
 
-def load(path: str | Path) -> pd.DataFrame:
+def load(
+    path: str | Path,
+    columns: Sequence[str] | None = None,
+    rows: Rows | None = None,
+) -> pd.DataFrame:
     """Read the table of a result directory, complete or not, in the order of its rows.
 
-    An incomplete table is read with a warning; ended rows of incomplete blocks are not included.
+    An incomplete table is read with a warning; ended rows of incomplete blocks are not included. Parts are
+    read one after the other, so that memory holds the wanted columns and rows only.
 
     `.attrs` has `job` and `manifest` (dicts, as the run wrote them), `quantities` (unit, meaning and symbol
     by name), `path`, `complete` (whether all rows are present), `rows_missing` (their number) and `rows_open`
@@ -173,64 +237,206 @@ def load(path: str | Path) -> pd.DataFrame:
 
     Args:
         path: the directory.
+        columns: the names of the columns, in their order; all by default.
+        rows: the rows whose records are read: a slice of row numbers, or the numbers themselves, (n,); all by
+            default.
 
     Returns:
         One record for each row, crossing or sample; `status`, `gait` and other names are categories.
 
     Raises:
-        TableError: it is not a result directory, has no complete part yet, or has a damaged file.
+        TableError: it is not a result directory, has no complete part yet, has a damaged file, or does not
+            have a column or a row.
     """
-    _, table = load_with_snapshot(path)
+    _, table = load_with_snapshot(path, columns, rows)
     return table
 
 
-def load_with_snapshot(path: str | Path) -> tuple[Snapshot, pd.DataFrame]:
+def load_with_snapshot(
+    path: str | Path, columns: Sequence[str] | None = None, rows: Rows | None = None
+) -> tuple[Snapshot, pd.DataFrame]:
     """Read the table of a result directory as `load` does, with the snapshot of the directory."""
-    tables: dict[int, pa.Table] = {}
-    snapshot = _look(Path(path), tables)
-    snapshot.require_sound()
-    waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
-    if not snapshot.files.footers:
-        raise TableError(
-            f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
-        )
+    path = Path(path)
+    n_rows = read_manifest(path)["rows"]
+    wanted = Wanted.of(columns, rows, n_rows)
+    parts = _Parts(n_rows if wanted.rows is None else len(wanted.rows))
+    snapshot = _look(path, parts, wanted)
+    _require_parts(snapshot)
     _warn(snapshot)
-    frame = _frame(snapshot, [tables[number] for number in sorted(tables)])
-    rows = snapshot.manifest["rows"]
+    frame = _frame(snapshot.path, parts, wanted.columns)
     frame.attrs.update(
         job=snapshot.job,
         manifest=snapshot.manifest,
         quantities=snapshot.manifest.get("quantities", {}),
         path=str(snapshot.path),
         complete=snapshot.complete,
-        rows_missing=rows - snapshot.rows_done,
+        rows_missing=snapshot.manifest["rows"] - snapshot.rows_done,
         rows_open=snapshot.rows_open,
     )
     return snapshot, frame
 
 
-def _frame(snapshot: Snapshot, tables: list[pa.Table]) -> pd.DataFrame:
-    categories: dict[str, list[str]] = {}
-    for footer in snapshot.files.footers.values():
-        for column, names in footer.categories.items():
-            known = categories.setdefault(column, [])
-            known.extend(name for name in names if name not in known)
-    for i, table in enumerate(tables):
-        for column in categories:
-            place = table.schema.get_field_index(column)
-            if place >= 0 and not pa.types.is_dictionary(table.schema.field(place).type):
-                tables[i] = table = table.set_column(place, column, table.column(place).dictionary_encode())
-    try:
-        frame = pa.concat_tables(tables, promote_options="permissive").unify_dictionaries().to_pandas()
-    except pa.ArrowException as error:
+def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
+    """The records of a complete table part by part, so that memory holds one of them.
+
+    Args:
+        path: the directory.
+        columns: the names of the columns.
+
+    Raises:
+        TableError: as `load`; a damaged file is found when its part is read.
+    """
+    path, wanted = Path(path), Wanted(tuple(columns))
+    examined = Examination(path, read_manifest(path))
+    for number, table in examined.parts(True, wanted.columns):
+        if table is not None:
+            part = _Parts(table.num_rows)
+            part.add(wanted.records_of(table), examined.footers[number])
+            yield _frame(path, part, wanted.columns)
+    found = [*examined.faults.values(), *examined.strangers]
+    if found:
+        raise TableError(_refusal(found))
+
+
+def _require_parts(snapshot: Snapshot) -> None:
+    """Refuse a table that is not sound, or has no part yet."""
+    snapshot.require_sound()
+    waiting = f"; {snapshot.rows_open} rows of its open blocks have ended" if snapshot.rows_open else ""
+    if not snapshot.files.footers:
         raise TableError(
-            f"The parts of {snapshot.path} do not fit together ({' '.join(str(error).split())}): "
-            "they were written by different versions; run its job into another directory."
-        ) from error
-    for column, names in categories.items():
-        if column in frame:
-            frame[column] = pd.Categorical(frame[column], categories=names)
-    return frame
+            f"{snapshot.path} has no finished part yet: run its job until there is one{waiting}."
+        )
+
+
+@dataclasses.dataclass
+class _Part:
+    """The records of a part: its columns, and the names of the categorical ones, which have their codes."""
+
+    length: int
+    columns: dict[str, np.ndarray | pa.ChunkedArray]
+    categories: dict[str, list[str]]
+
+
+class _Parts:
+    """Parts in order; a column of numbers that all have is one array from the start, so that none is copied.
+
+    Args:
+        n_rows: the number of rows of the table, from which and from the first part the records are reckoned.
+    """
+
+    def __init__(self, n_rows: int) -> None:
+        self._n_rows, self._room = n_rows, 0
+        self._whole: dict[str, np.ndarray] = {}
+        self.parts: list[_Part] = []
+        self.length = 0
+
+    def add(self, table: pa.Table, footer: Footer, a_row: float = 1.0) -> None:
+        """Add the records of a part, of which a row has about `a_row`."""
+        self._room = self._room or math.ceil(a_row * self._n_rows)
+        columns: dict[str, np.ndarray | pa.ChunkedArray] = {}
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            if name in footer.categories:
+                columns[name] = self._placed(name, _codes(column, footer.categories[name]))
+            elif pa.types.is_floating(column.type) or (
+                pa.types.is_integer(column.type) and not column.null_count
+            ):
+                columns[name] = self._placed(name, column.to_numpy())
+            else:  # text, flags, and whole numbers of which some are missing
+                columns[name] = column
+        self.parts.append(_Part(table.num_rows, columns, footer.categories))
+        self.length += table.num_rows
+
+    def _placed(self, name: str, values: np.ndarray) -> np.ndarray:
+        """The values in their place of the whole column, if they fit there."""
+        if name not in self._whole:
+            self._whole[name] = np.empty(self._room, values.dtype)
+        whole = self._whole[name]
+        place = whole[self.length : self.length + len(values)]
+        if whole.dtype != values.dtype or len(place) != len(values):
+            return np.array(values)
+        place[:] = values
+        return place
+
+    def whole(self, name: str) -> np.ndarray | None:
+        """The column of all parts, if each has its values there."""
+        whole = self._whole.get(name)
+        there = all(getattr(part.columns.get(name), "base", None) is whole for part in self.parts)
+        return None if whole is None or not there else whole[: self.length]
+
+
+def _frame(path: Path, parts: _Parts, columns: tuple[str, ...] | None) -> pd.DataFrame:
+    """The records of all parts."""
+    there = dict.fromkeys(name for part in parts.parts for name in part.columns)
+    values: dict[str, Any] = {}
+    for name in there if columns is None else dict.fromkeys(columns):
+        if name not in there:
+            raise TableError(f"{name} is not a column of {path}{_near_column(path, name)}")
+        try:
+            values[name] = _joined(name, parts)
+        except pa.ArrowException as error:
+            raise TableError(
+                f"The parts of {path} do not fit together ({' '.join(str(error).split())}): "
+                "they were written by different versions; run its job into another directory."
+            ) from error
+    return pd.DataFrame(values, index=pd.RangeIndex(parts.length), copy=False)
+
+
+def _near_column(path: Path, name: str) -> str:
+    """The end of a sentence about a column that a table does not have."""
+    file = next(iter(sorted((path / TABLE).glob("part-*.parquet"))))
+    return near_miss.suggestion(name, pq.read_schema(file).names)
+
+
+def _joined(name: str, parts: _Parts) -> Any:
+    """A column of all parts."""
+    whole = parts.whole(name)
+    if not any(name in part.categories for part in parts.parts):
+        return _promoted(name, parts.parts) if whole is None else whole
+    categories = list(dict.fromkeys(each for part in parts.parts for each in part.categories.get(name, ())))
+    if whole is None or any(part.categories[name] != categories for part in parts.parts):
+        whole = np.concatenate([_recoded(name, part, categories) for part in parts.parts])
+    return pd.Categorical.from_codes(whole, categories=categories)
+
+
+def _recoded(name: str, part: _Part, categories: list[str]) -> np.ndarray:
+    """The codes (n,) of a part's column among the categories of all parts."""
+    column = part.columns.get(name)
+    if column is None:
+        return np.full(part.length, -1, _narrow(categories))
+    if isinstance(column, pa.ChunkedArray):
+        return _codes(column, categories)
+    of = [*map(categories.index, part.categories[name]), -1]
+    return np.array(of, _narrow(categories))[column]
+
+
+def _promoted(name: str, parts: list[_Part]) -> pd.Series:
+    """A column of text or flags, or one that differs between parts of different versions."""
+    pieces = [_in_arrow(part.columns.get(name, pa.nulls(part.length))) for part in parts]
+    kinds = [pa.schema([pa.field(name, piece.type)]) for piece in pieces]
+    common = pa.unify_schemas(kinds, promote_options="permissive").types[0]
+    chunks = [chunk.cast(common) for piece in pieces for chunk in piece.chunks]
+    return pa.chunked_array(chunks, common).to_pandas()
+
+
+def _in_arrow(piece: Any) -> pa.ChunkedArray:
+    return piece if isinstance(piece, pa.ChunkedArray) else pa.chunked_array([pa.array(piece)])
+
+
+def _narrow(categories: list[str]) -> np.dtype[Any]:
+    """The type of codes of categories, as narrow as that of pandas."""
+    return np.min_scalar_type(-max(len(categories), 1))
+
+
+def _codes(column: pa.ChunkedArray, categories: list[str]) -> np.ndarray:
+    """The place of each name among the categories, -1 for none."""
+    place = {name: number for number, name in enumerate(categories)}
+    codes = [np.zeros(0, _narrow(categories))]
+    for chunk in column.chunks:
+        encoded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        names = encoded.dictionary.to_pylist()
+        of = np.array([*(place.get(name, -1) for name in names), -1], _narrow(categories))
+        codes.append(of[encoded.indices.fill_null(-1).to_numpy()])
+    return np.concatenate(codes)
 
 
 def _warn(snapshot: Snapshot) -> None:

@@ -75,6 +75,14 @@ def test_the_import_is_light() -> None:
     assert shown.strip() == "[]"
 
 
+def test_reading_a_job_is_light() -> None:
+    """A job needs every kind of figure, but neither SciPy's parts nor MuJoCo, which are as slow as JAX."""
+    heavy = ("scipy.stats", "scipy.optimize", "scipy.signal", "scipy.ndimage", "scipy.spatial", "mujoco")
+    code = f"import sys, gaitsweep.job, gaitsweep.plot; print([m for m in {heavy} if m in sys.modules])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert shown.strip() == "[]"
+
+
 @pytest.mark.slow
 def test_types_from_a_users_side(tmp_path: Path) -> None:
     """The package is typed (`py.typed`): calls give known types, and wrong ones are found by pyright."""

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.job import Job
+from gaitsweep.runs import execute
+from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.self_check import sample_rows
 from gaitsweep.runs.self_check_report import sentence
 
@@ -83,6 +89,56 @@ def test_strict_runs_fail_where_others_warn(tmp_path: Path, capsys: pytest.Captu
     assert main(options) == 0
     assert "Warning: Self-check: 1 row" in capsys.readouterr().err
     assert main([*options, "--strict"]) == 3
+
+
+@pytest.fixture
+def beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The self-check runs beside the rows, as on a card."""
+    monkeypatch.setattr(execute, "_rows_leave_the_host_idle", lambda _: True)
+
+
+def test_beside_the_rows_it_finds_the_same(tmp_path: Path, beside: None) -> None:
+    fields: dict[str, Any] = {"vary": {"x_0": [-1e-4, -4e-5, -3e-5, 1e-4]}, "params": {"lean": 1e-3}}
+    found = checked(tmp_path / "beside", warns=True, **fields)
+    table = gs.load(tmp_path / "beside/out")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(execute, "_rows_leave_the_host_idle", lambda _: False)
+        assert checked(tmp_path / "after", warns=True, **fields) == found
+    assert found["gait_differs"] == 2
+    pd.testing.assert_frame_equal(gs.load(tmp_path / "after/out"), table, check_exact=True)
+
+
+def test_its_failure_beside_the_rows_is_raised_and_the_table_stands(
+    tmp_path: Path, beside: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> dict[str, Any]:
+        raise RuntimeError("no check")
+
+    monkeypatch.setattr(execute, "self_check", fails)
+    with pytest.raises(RuntimeError, match="no check"):
+        gs.run(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out")
+    assert gs.load(tmp_path / "out").attrs["complete"]
+    monkeypatch.undo()
+    again = gs.run(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out")
+    assert again.manifest["self_check"]["verdict"] == "passed"
+
+
+def test_stopped_rows_stop_it(tmp_path: Path, beside: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = threading.Event()
+
+    def endless(_ready: Any, _count: int, progress: Callable[[Any], None]) -> dict[str, Any]:
+        while True:
+            told.set()
+            progress(None)
+            time.sleep(0.001)
+
+    def stop(*_: Any, **__: Any) -> None:
+        assert told.wait(10.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(execute, "self_check", endless)
+    with pytest.raises(KeyboardInterrupt):
+        run_job(job(vary={"x_0": [0.5, 0.8]}), tmp_path / "out", progress=stop)
 
 
 def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None:

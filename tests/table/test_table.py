@@ -11,7 +11,9 @@ import subprocess
 import sys
 import textwrap
 import time
+import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,7 +23,16 @@ import pytest
 import yaml
 from toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
-from gaitsweep.table import ResultDirectory, Snapshot, TableError, WriteError, load
+from gaitsweep.table import (
+    ResultDirectory,
+    Snapshot,
+    TableError,
+    WriteError,
+    examination,
+    load,
+    load_parts,
+    parts,
+)
 from gaitsweep.table.parts import part_bytes
 
 
@@ -81,6 +92,102 @@ def test_a_partial_table_loads_and_says_so(tmp_path: Path) -> None:
     table = load(tmp_path / "toy")
     assert list(table["row"]) == [0, 1, 2, 3, 8, 9]
     assert not table.attrs["complete"]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [slice(3, 9), slice(None, None, 3), slice(9, 2, -2), range(1, 10, 4), [8, 2, 2, 5], np.array([0]), []],
+    ids=str,
+)
+def test_chosen_rows_and_columns_are_those_of_the_whole_table(tmp_path: Path, rows: Any) -> None:
+    path = tmp_path / "toy"
+    with open_toy(path) as directory:
+        fill(directory)
+    whole = load(path)
+    chosen = np.arange(10)[rows] if isinstance(rows, slice) else np.array(rows, int)
+    expected = whole[whole["row"].isin(chosen)].reset_index(drop=True)
+    pd.testing.assert_frame_equal(load(path, rows=rows), expected, check_exact=True)
+    columns = ["gait", "psi_2_end"]
+    found = load(path, columns, rows)
+    pd.testing.assert_frame_equal(found, expected[columns], check_exact=True)
+    assert found.attrs["manifest"]["rows"] == 10
+
+
+def test_all_records_of_a_chosen_row_are_read(tmp_path: Path) -> None:
+    frame = block_frame(0, 10).loc[np.repeat(np.arange(10), 3)].reset_index(drop=True)
+    with open_toy(tmp_path / "toy") as directory:
+        for number in range(3):
+            start, stop = directory.rows_of(number)
+            directory.write_part(number, frame[frame["row"].between(start, stop - 1)])
+    assert load(tmp_path / "toy", ["row"], [2, 7])["row"].tolist() == [2, 2, 2, 7, 7, 7]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "sentence"),
+    [
+        ({"columns": ["gate"]}, r"gate is not a column of .*toy; did you mean gait\? Allowed: row, a"),
+        ({"rows": [3, 10]}, "rows has 10, but the table has rows 0 to 9."),
+        ({"rows": range(-2, 3)}, "rows has -2, but the table has rows 0 to 9."),
+        ({"rows": [0.5]}, "rows has 0.5, but takes a slice, or numbers of rows."),
+    ],
+)
+def test_columns_and_rows_that_a_table_does_not_have_are_refused(
+    tmp_path: Path, wanted: dict[str, Any], sentence: str
+) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+    with pytest.raises(TableError, match=sentence):
+        load(tmp_path / "toy", **wanted)
+
+
+def test_parts_of_different_versions_are_joined(tmp_path: Path) -> None:
+    """Columns that only some have, other types, other categories, and text that is none."""
+    frames = [block_frame(start, stop) for start, stop in ((0, 4), (4, 8), (8, 10))]
+    names = pd.Categorical(["direct", "new", "direct", None], categories=["new", "direct"])
+    frames[1] = frames[1].assign(cycles=np.arange(4) + 0.5, gait=names, speed=1.5, note="x", flag=True)
+    frames[2] = frames[2].assign(gait=frames[2]["gait"].astype(object), count=3)
+    with open_toy(tmp_path / "toy") as directory:
+        for number, frame in enumerate(frames):
+            directory.write_part(number, frame)
+    table = load(tmp_path / "toy")
+    assert table["cycles"].tolist() == [0, 1, 2, 3, 0.5, 1.5, 2.5, 3.5, 8, 9]
+    assert list(table["gait"].cat.categories) == [*GAITS, "new"]
+    told = [str(gait) for frame in frames for gait in frame["gait"].astype(object).fillna("nan")]
+    assert table["gait"].astype(object).fillna("nan").tolist() == told
+    for name, known in {"speed": [1.5] * 4, "note": ["x"] * 4, "flag": [True] * 4}.items():
+        assert table[name][4:8].tolist() == known
+        assert table[name].drop(range(4, 8)).isna().all()
+    assert table["count"].dropna().tolist() == [3, 3]
+
+
+def test_memory_holds_the_wanted_columns_and_one_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows, block = 200_000, 10_000
+    with open_toy(tmp_path / "toy", rows, block) as directory:
+        fill(directory)
+    held: list[int] = []  # bytes of Arrow's columns, after each part
+
+    def read(*part: Any) -> pa.Table:
+        table = parts.read_records(*part)
+        held.append(pa.total_allocated_bytes())
+        return table
+
+    monkeypatch.setattr(examination, "read_records", read)
+    before = pa.total_allocated_bytes()
+    a_part = 100 * block  # bytes of all columns of a part, with room for copies
+
+    assert sum(len(part) for part in load_parts(tmp_path / "toy", ["row", "a", "gait"])) == rows
+    assert max(held) - before < a_part
+
+    held.clear()
+    tracemalloc.start()
+    table = load(tmp_path / "toy", ["a"])
+    _, arrays = tracemalloc.get_traced_memory()  # NumPy's, into which Arrow's are copied
+    tracemalloc.stop()
+    assert len(table) == rows
+    assert max(held) - before < a_part
+    assert arrays < 8 * rows + a_part
 
 
 def test_a_directory_without_parts_is_refused_by_load(tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from gaitsweep.analysis.attractors.state_space import Space
 
@@ -96,5 +95,7 @@ def linking_distance(lengths: np.ndarray, grain: float, rows: int) -> float:
 
 def components(count: int, links: np.ndarray) -> np.ndarray:
     """The component (count,) of each of `count` nodes joined by links (k, 2), numbered in their order."""
-    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(count, count)
+    )
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)

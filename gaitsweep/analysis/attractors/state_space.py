@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.spatial import KDTree
+import scipy
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
@@ -59,9 +59,9 @@ class Space:
         """Distances (...) between states (..., d)."""
         return np.sqrt(np.sum(self.difference(one, other) ** 2, axis=-1))
 
-    def tree(self, points: np.ndarray) -> KDTree:
+    def tree(self, points: np.ndarray) -> scipy.spatial.KDTree:
         """A k-d tree of states (n, d), periodic in angles."""
-        return KDTree(points, boxsize=self.periods)
+        return scipy.spatial.KDTree(points, boxsize=self.periods)
 
     def nearest_distance(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
         """The distance (n,) of each state (n, d) to the nearest of `others` (m, d); inf if there is none."""

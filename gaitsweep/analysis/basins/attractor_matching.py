@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from gaitsweep.analysis.attractors.attractors import attractors
 from gaitsweep.analysis.attractors.state_space import Space, state_columns
@@ -131,7 +131,7 @@ def _named(
         )
         if not cost.size:
             continue
-        rows, columns = linear_sum_assignment(np.where(cost <= within, cost, _FAR))
+        rows, columns = scipy.optimize.linear_sum_assignment(np.where(cost <= within, cost, _FAR))
         for row, column in zip(rows, columns, strict=True):
             if cost[row, column] <= within:
                 names[left[row]], moved[left[row]] = candidates[column], float(cost[row, column])

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import linregress
+import scipy
 
 from gaitsweep.analysis.basins.grid import BasinGrid
 
@@ -108,5 +108,5 @@ def uncertainty_exponent(uncertain: pd.DataFrame) -> Exponent:
     if len(used) < FEWEST:
         return Exponent(float("nan"), float("nan"), len(used))
     x, y = (np.log(np.asarray(used[name], float)) for name in ("eps", "uncertain"))
-    fit: Any = linregress(x, y)
+    fit: Any = scipy.stats.linregress(x, y)
     return Exponent(float(fit.slope), float(fit.stderr), len(used))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, norm
+import scipy
 
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.records import AnalysisError, axes_of, in_order, outcome_labels, require
@@ -84,7 +84,7 @@ def proportion_interval(
     hits: int, of: int, level: float = LEVEL, kind: str = "wilson"
 ) -> tuple[float, float]:
     """The wilson or clopper_pearson interval of a proportion: `hits` out of `of` independent draws."""
-    found = binomtest(hits, of).proportion_ci(level, _METHODS[kind])
+    found = scipy.stats.binomtest(hits, of).proportion_ci(level, _METHODS[kind])
     return float(found.low), float(found.high)
 
 
@@ -96,7 +96,9 @@ def one_a_cell(shares: np.ndarray, level: float = LEVEL) -> float:
     Source: stratified sampling, Cochran 1977, sec. 5.3.
     """
     shares = np.asarray(shares, float).ravel()
-    return float(norm.ppf(0.5 + 0.5 * level) * np.sqrt(np.sum(shares * (1.0 - shares))) / shares.size)
+    return float(
+        scipy.stats.norm.ppf(0.5 + 0.5 * level) * np.sqrt(np.sum(shares * (1.0 - shares))) / shares.size
+    )
 
 
 def _check(level: float, interval: str | None) -> None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
+import scipy
 
 from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in, onsets_of
@@ -149,7 +149,7 @@ def wilson(share: float, draws: int, level: float = LEVEL) -> tuple[float, float
 
     Source: Wilson 1927, J. Am. Stat. Assoc. 22:209.
     """
-    z = norm.ppf(0.5 + 0.5 * level)
+    z = scipy.stats.norm.ppf(0.5 + 0.5 * level)
     middle = (share + z**2 / (2 * draws)) / (1 + z**2 / draws)
     half = z / (1 + z**2 / draws) * np.sqrt(share * (1 - share) / draws + z**2 / (4 * draws**2))
     # rounding would put the ends beside 0 and 1

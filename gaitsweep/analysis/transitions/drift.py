@@ -10,7 +10,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from gaitsweep.analysis.circular import on_line
 from gaitsweep.analysis.transitions.map_pieces import breaks
@@ -356,7 +356,9 @@ def ghosts_of(drift: Drift, near: float) -> list[tuple[float, float, float]]:
     at, value, error = drift.smooth.at, drift.smooth.value, drift.smooth.value_error
     found = []
     for sign in (1.0, -1.0):
-        peaks, known = find_peaks(np.where(np.isfinite(value), -sign * value, -np.inf), prominence=0.0)
+        peaks, known = scipy.signal.find_peaks(
+            np.where(np.isfinite(value), -sign * value, -np.inf), prominence=0.0
+        )
         for k, height in zip(peaks, known["prominences"], strict=True):
             within = 0.0 < sign * value[k] <= near and height > SURE * error[k]
             if within and np.isfinite(value[[k - 1, k + 1]]).all():

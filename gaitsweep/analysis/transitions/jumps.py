@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import require, section_column, sound
@@ -58,7 +58,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         if stairs:
             settled = np.ones(len(value), bool) if settled is None else settled
         else:
-            value = uniform_filter1d(value, SMOOTH, mode="nearest")
+            value = scipy.ndimage.uniform_filter1d(value, SMOOTH, mode="nearest")
         parameters, passes = part[parameter].to_numpy(float)[begin:], part["pass"].to_numpy(int)[begin:]
         yield Course(part.iloc[0], parameters, passes, value, settled)
 

@@ -7,7 +7,7 @@ smoothed, and searched for fixed points, on each piece separately.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter
+import scipy
 
 _NEIGHBOURS = 12  # spacings on either side that tell how densely the points lie at a place
 _WIDER = 4.0  # times as wide as those spacings, or
@@ -72,8 +72,8 @@ def _jumps(
     found = np.zeros(len(value) - 1, bool)
     difference = np.abs(np.diff(change))
     # a jump is far larger than what the points around it differ by, from one to the next
-    usual = median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
-    largest = maximum_filter1d(difference, 3, mode="nearest")
+    usual = scipy.ndimage.median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
+    largest = scipy.ndimage.maximum_filter1d(difference, 3, mode="nearest")
     for k in map(
         int, np.flatnonzero((difference > 3.0 * usual) & (difference >= largest) & (difference > 0.0))
     ):

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.lanes import KernelLanes
+from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+
+
+# cached, since each group of lanes, and those of a self-check, would print it again
+@lru_cache(maxsize=16)
+def _running(kernel: Kernel, varying: frozenset[int]) -> str:
+    """The source of the kernel that advances trajectories."""
+    return gpu_program.running(kernel.chunk, varying, kernel.title)
 
 
 class CudaLanes(KernelLanes):
@@ -52,7 +61,7 @@ class CudaLanes(KernelLanes):
             lane, n_slots = int(self._staged[0, 0]), self.chunk.n_slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, lane, self._output)
             slots = self._output.from_card(n_slots)
-            source = gpu_program.running(self.chunk, self._steady.varying, self.kernel.title)
+            source = _running(self.kernel, self._steady.varying)
             module = self.card.module(source, contraction=self._contraction)
             same = gpu_program.packed(self.chunk, self._steady.varying, slots)
             if same:

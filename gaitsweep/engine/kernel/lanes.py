@@ -23,9 +23,9 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 CACHE_LINE = 64  # bytes, also the size of the widest vector
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Kernel:
-    """The scalar program of a chunk, and the function that opens rows."""
+    """The scalar program of a chunk, and the function that opens rows; equal to none but itself."""
 
     chunk: Chunk
     open: Any
@@ -125,6 +125,16 @@ def _aligned(shape: tuple[int, ...]) -> np.ndarray:
     return room[first : first + size].reshape(shape)
 
 
+# cached, since its source is printed for each core, and for each sweep of a self-check, else
+@lru_cache(maxsize=16)
+def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, int], None], int]:
+    """The kernel on a CPU, and the slots of its lanes."""
+    from gaitsweep.engine.kernel import cpu_program
+
+    run = cpu_program.compiled(kernel.chunk, kernel.title, contraction=contraction)
+    return run, cpu_program.slots(kernel.chunk)
+
+
 class CpuLanes(KernelLanes):
     """Lanes on one core, in tiles that fill vector registers; each core has its own lanes."""
 
@@ -132,12 +142,12 @@ class CpuLanes(KernelLanes):
         super().__init__(spec)
         from gaitsweep.engine.kernel import cpu_program
 
+        self._run, slots = _compiled(self.kernel, spec.numerics.contraction)
         self._tile = cpu_program.TILE
         tiles = -(-self.size // self._tile)
-        self._slots = _aligned((tiles, cpu_program.slots(self.chunk), self._tile))
+        self._slots = _aligned((tiles, slots, self._tile))
         self._slots[:, self.chunk.record.status.first] = Status.complete
         self._kept = np.zeros((tiles * self._tile, BUFFER if self.chunk.width else 0, self.chunk.width))
-        self._run = cpu_program.compiled(self.chunk, self.kernel.title, contraction=spec.numerics.contraction)
 
     def put(self, lanes: np.ndarray, opened: np.ndarray, rows: np.ndarray, kept: np.ndarray) -> None:
         tile, lane = np.divmod(lanes, self._tile)

@@ -6,14 +6,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from gaitsweep.models.planar_quadruped.bodies import edited
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.skeleton import Limb, LimbLook, Skeleton
+
+if TYPE_CHECKING:
+    import mujoco
 
 NAMES = {"LF": "left fore", "LH": "left hind", "RF": "right fore", "RH": "right hind"}
 LIMBS = tuple(LimbLook(NAMES[leg], pair=int(leg[1] == "H"), far=leg[0] == "L") for leg in LEGS)
@@ -22,6 +25,8 @@ _CORNERS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z i
 
 def of_values(values: Mapping[str, float]) -> mujoco.MjSpec:
     """The MJCF with a row's masses and lengths, compiled."""
+    import mujoco  # only where a body is drawn
+
     spec = mujoco.MjSpec.from_string(mjcf())
     edited(spec, values)
     spec.compile()
@@ -45,6 +50,8 @@ class PlanarDrawing:
             values: the parameters, with masses and lengths.
             signals: q_0 to q_10, (n,) each.
         """
+        import mujoco
+
         model = of_values(values).compile()
         data = mujoco.MjData(model)
         qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)

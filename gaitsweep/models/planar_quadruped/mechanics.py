@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree
-from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.spatial import Array, Scalar
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 
@@ -160,4 +159,6 @@ def mjcf() -> str:
 @cache
 def body() -> tuple[Tree, Geometry]:
     """The tree, and its geometry with the values of the MJCF."""
+    from gaitsweep.dynamics.tree.from_mjcf import tree_of  # MuJoCo, only for a job of this body
+
     return tree_of(mjcf())

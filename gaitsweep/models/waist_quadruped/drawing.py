@@ -8,7 +8,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 
-import mujoco
 import numpy as np
 
 from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
@@ -69,6 +68,8 @@ class WaistDrawing:
             values: the parameters, as for `scaled_mjcf`.
             signals: q_0 to q_15, (n,) each.
         """
+        import mujoco  # only where a body is drawn
+
         model = mujoco.MjModel.from_xml_string(scaled_mjcf(values))
         data = mujoco.MjData(model)
         qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)

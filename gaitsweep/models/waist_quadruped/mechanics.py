@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree, rescaled
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.external_force import PointForce
-from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
 
 LIMBS = range(4)
@@ -218,4 +217,6 @@ def mjcf() -> str:
 @cache
 def body() -> tuple[Tree, Geometry]:
     """The tree, and its geometry with the numbers of Table I."""
+    from gaitsweep.dynamics.tree.from_mjcf import tree_of  # MuJoCo, only for a job of this body
+
     return tree_of(mjcf())

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from scipy.spatial import KDTree
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.chain.chain_of_table import chains_of, has_profile, parameters_of
@@ -114,7 +114,7 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
     middles = (np.arange(_PLACES) + 0.5) / _PLACES
     places = np.stack(np.meshgrid(middles, middles), axis=-1)
-    away, nearest = KDTree((points - low) / size).query(places)
+    away, nearest = scipy.spatial.KDTree((points - low) / size).query(places)
     # points far from every set stay empty
     known = np.where(away < 3.0 / np.sqrt(len(points)), shares[gait].to_numpy(float)[nearest], np.nan)
     edges = np.linspace(0.0, 1.0, _PLACES + 1)[:, None] * size + low

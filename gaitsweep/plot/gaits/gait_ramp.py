@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from scipy.optimize import isotonic_regression
 
 from gaitsweep.analysis.transitions.gait_bouts import gaits_along
 from gaitsweep.kinds.numbers import Count, word
@@ -108,7 +108,7 @@ def _panel(
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
             at = part["speed" if measured else parameter].to_numpy(float)
             if measured and len(at):
-                at = isotonic_regression(at, increasing=not falls).x
+                at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height)
             if len(part):
                 arrow = "\u2190" if falls else "\u2192"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -52,6 +53,7 @@ def gait_of(branch: Branch) -> int:
     return RETROGRADE if branch.k == 2 else SOURCE
 
 
+@functools.partial(jax.jit, static_argnums=0)
 def segments(N: int, chain: Chain = TABLE_1) -> Segments:
     """All solution sets of a chain of N + 1 legs on section 1, cut at their jumps."""
     return jax.vmap(lambda rule: pieces(rule, touchdown_phase(chain)))(lag_rules(N, chain))

@@ -9,7 +9,7 @@ matrices in touchdown order. Differences of u are the perturbations of psi.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.models.multilegged.theory.chain import TABLE_1, Chain, amplitudes, springs, touchdown_phase
@@ -56,7 +56,9 @@ def eigenvalues(matrix: np.ndarray) -> np.ndarray:
     rows, with blocks of one or two rows. The eigenvalues are those of the blocks, which do not scatter as
     those of the whole matrix do, whose 2/3 is defective.
     """
-    _, block = connected_components(np.abs(matrix) > NOTHING, directed=True, connection="strong")
+    _, block = scipy.sparse.csgraph.connected_components(
+        np.abs(matrix) > NOTHING, directed=True, connection="strong"
+    )
     found = [np.linalg.eigvals(matrix[np.ix_(block == i, block == i)]) for i in np.unique(block)]
     values = np.concatenate(found)
     return values[np.argsort(-np.abs(values), kind="stable")]
