@@ -13,15 +13,18 @@ from typing import Any
 import jax
 import numpy as np
 
+from gaitsweep.contract import Status
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
+from gaitsweep.engine.sweep.labels import labels_of
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job, Plan
 from gaitsweep.job.axes import Drawn, Spread
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.runs.prepare import prepare
+from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.table.parts import part_bytes
 
 # Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
 EVENTS_SHARE = 1.05
@@ -62,9 +65,9 @@ def estimate(job: Job) -> Estimate:
     """
     ready = prepare(job)
     work = ready.work
-    pace = _measured(work, float(np.min(ready.steps.dt)))
+    pace = _measured(ready)
     cost = job.run.cost(ready.plan, pace.attempts / pace.crossings, 1.0 / pace.crossings)
-    slots = work.lanes * len(work.devices)
+    slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
     simulated = (
         math.ceil(REFINED_SHARE * work.n_rows) if job.run.refined(ready.plan) is not None else work.n_rows
@@ -83,8 +86,8 @@ def estimate(job: Job) -> Estimate:
         blocks=blocks,
         memory_bytes=int(peak + 2 * kept),
         disk_bytes=int(written + blocks * (BYTES_A_PART + BYTES_A_COLUMN * len(columns))),
-        seconds=pace.compile_s + rounds * slots * cost.likely / pace.rate,
-        seconds_most=pace.compile_s + rounds_most * slots * cost.most / pace.rate,
+        seconds=pace.compile_s + pace.seconds(rounds * slots, cost.likely, work),
+        seconds_most=pace.compile_s + pace.seconds(rounds_most * slots, cost.most, work),
         lanes=work.lanes,
         device=ready.device,
         engine=ready.engine,
@@ -109,17 +112,28 @@ def _bytes_of_record(plan: Plan, job: Job) -> float:
 class Measured:
     """What the first rows tell: attempts of all lanes a second, and attempts and crossings of one simulated.
 
-    `rate` is the first, `attempts` and `crossings` the others; `compile_s` was spent before.
+    `rate` is the first, `attempts` and `crossings` the others; `compile_s` was spent before. `at_a_time`:
+    rows that run at a time; `host_s`: the host's work for a row, s.
     """
 
+    at_a_time: int
+    host_s: float
     rate: float
     compile_s: float
     attempts: float
     crossings: float
 
+    def seconds(self, rows: float, attempts: float, work: SweepSpec) -> float:
+        """The time (s) of so many rows, with so many attempts each."""
+        steps, host = rows * attempts / self.rate, min(rows, work.n_rows) * self.host_s
+        # on a CPU the host's work takes cores from the rows
+        cores = work.devices[0].platform == "cpu"
+        return steps + host / len(work.devices) if cores else max(steps, host)
 
-def _measured(work: SweepSpec, dt: float) -> Measured:
+
+def _measured(ready: Prepared) -> Measured:
     """Run a chunk of the first rows, for how fast it goes and how far it comes."""
+    work = ready.work
     began = time.perf_counter()
     pool = LaneScheduler(work, range(math.ceil(work.n_rows / work.block)))
     pool.begin()
@@ -127,8 +141,9 @@ def _measured(work: SweepSpec, dt: float) -> Measured:
     began = time.perf_counter()
     given = pool.together(polls_per_chunk(work))
     spent = time.perf_counter() - began
-    slots = work.lanes * len(work.devices)
-    rate = slots * POLL_INTERVAL * polls_per_chunk(work) / spent
+    at_a_time = sum(group.at_a_time for group in pool.groups)
+    rate = at_a_time * POLL_INTERVAL * polls_per_chunk(work) / spent
+    host_s = _host_s(ready, pool)
     pool.end()
     ran = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in given)
 
@@ -142,6 +157,23 @@ def _measured(work: SweepSpec, dt: float) -> Measured:
     if crossings < 2.0 * ran:  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:
-        return Measured(rate, compile_s, EVENTS_SHARE / dt, nominal)
+        return Measured(
+            at_a_time, host_s, rate, compile_s, EVENTS_SHARE / float(np.min(ready.steps.dt)), nominal
+        )
     attempts = total(lambda output: output.attempts) / simulated
-    return Measured(rate, compile_s, attempts, crossings / simulated)
+    return Measured(at_a_time, host_s, rate, compile_s, attempts, crossings / simulated)
+
+
+def _host_s(ready: Prepared, pool: LaneScheduler) -> float:
+    """The host's work for a row (s): to open it, to label it and to write its record."""
+    group, block = pool.groups[0], next(iter(pool.open.values()))
+    block.status[:] = Status.settled
+    spent = []
+    for _ in range(2):  # the first time programs are compiled
+        began = time.perf_counter()
+        group.open_again()
+        opened = time.perf_counter()
+        frame = ready.table(block.result(labels_of(ready.work, block)))
+        part_bytes(frame, block.number, ready.job_hash, {})
+        spent.append((opened - began) / group.size + (time.perf_counter() - opened) / block.rows)
+    return spent[-1]

@@ -50,6 +50,11 @@ class Group:
     def busy(self) -> bool:
         return bool(np.any(self.block_of >= 0))
 
+    @property
+    def at_a_time(self) -> int:
+        """The number of lanes that run at a time."""
+        return self.lanes.at_a_time
+
     def place(self, block: Block, rows: np.ndarray, lanes: np.ndarray) -> None:
         """Put rows of a block into lanes; the next chunk opens them."""
         self.block_of[lanes], self.row_of[lanes], self._fresh[lanes] = block.number, rows, True
@@ -62,6 +67,10 @@ class Group:
         for held, each in zip(self._values, given, strict=True):
             for name, column in held.items():
                 column[lanes] = each[name][rows]
+
+    def open_again(self) -> None:
+        """Open the rows of all lanes anew, as if none of them had begun."""
+        self.lanes.fill(*self._values, np.ones(self.size, bool))
 
     def chunk(self, polls: int | None = None) -> _Chunk:
         """Open fresh rows and advance all by `polls`, by default the number that the sizer chooses."""
@@ -218,7 +227,7 @@ class LaneScheduler:
         if self.spec.engine == "kernel":
             of_ended = self.attempts / self.done if self.done else 0.0
             of_running = float(np.mean(attempts[running])) if running.any() else 0.0
-            waiting = group.size / group.lanes.at_a_time - 1.0
+            waiting = group.size / group.at_a_time - 1.0
             group.sizer.choose(max(of_ended, of_running), int(record.filled.max(initial=0)), waiting)
         else:
             group.sizer.limit()

@@ -66,7 +66,7 @@ class XlaLanes:
     """The trajectories of a sweep that one device runs at a time."""
 
     def __init__(self, spec: SweepSpec, device: Device) -> None:
-        self.size = spec.lanes
+        self.size = self.at_a_time = spec.lanes
         self._dtype = np.dtype(spec.numerics.carried)
         self._device = device
         self._open, self._merge, self._chunk = _programs(spec.model, spec.recorder, spec.numerics, spec.drive)
