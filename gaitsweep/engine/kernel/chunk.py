@@ -59,6 +59,25 @@ class Chunk:
         return len(self.row)
 
     @property
+    def changed(self) -> dict[int, int]:
+        """The nodes of `plain` that differ from what the slots have already."""
+        return {slot: at for slot, at in self.plain.items() if not self._unchanged(slot, at)}
+
+    def _unchanged(self, slot: int, at: int) -> bool:
+        program = self.program
+        if program.is_input(at, slot):
+            return True
+        # a slot that has its usual value, where that is a condition of a plain attempt
+        same = [
+            node
+            for node, usual in program.usual.items()
+            if usual and program.nodes[node].op == "eq" and at in program.nodes[node].args
+        ]
+        return program.value(at) is not None and any(
+            program.is_input(a, slot) for node in same for a in program.nodes[node].args
+        )
+
+    @property
     def first_of_carry(self) -> int:
         return min(leaf.first for leaf in jax.tree.leaves(self.carry))
 

@@ -100,6 +100,8 @@ class _Writer:
                     self.builder.store(self._double(self.value(value)), self._element(place), align=8)
                 case ast.If(test=ast.Call(func=ast.Name(id="any"), args=[flag]), body=yes, orelse=no):
                     self._branch(self.value(flag), yes, no)
+                case ast.Expr(value=ast.Call(func=ast.Name(id="barrier"))):
+                    self._barrier()
                 case ast.Pass():
                     pass
                 case _:
@@ -184,6 +186,11 @@ class _Writer:
                 with branch:
                     self.body(lines)
         self.names = before
+
+    def _barrier(self) -> None:
+        """Elements that are loaded after this line are loaded again, and none is stored later."""
+        nothing = ir.FunctionType(ir.VoidType(), [])
+        self.builder.asm(nothing, "", "~{memory}", [], True)
 
     def _double(self, value: Any) -> Any:
         return self.builder.fpext(value, self.double) if value.type == self.single else value
