@@ -60,22 +60,20 @@ class Chunk:
 
     @property
     def changed(self) -> dict[int, int]:
-        """The nodes of `plain` that differ from what the slots have already."""
-        return {slot: at for slot, at in self.plain.items() if not self._unchanged(slot, at)}
-
-    def _unchanged(self, slot: int, at: int) -> bool:
+        """The nodes of `plain` whose slots do not have their values already."""
         program = self.program
-        if program.is_input(at, slot):
-            return True
-        # a slot that has its usual value, where that is a condition of a plain attempt
-        same = [
-            node
-            for node, usual in program.usual.items()
-            if usual and program.nodes[node].op == "eq" and at in program.nodes[node].args
+        # conditions that a slot has a value, which it has in every plain attempt
+        equal = [
+            program.nodes[at].args
+            for at in program.needed(self.attempt.values())
+            if program.usual.get(at) and program.nodes[at].op == "eq"
         ]
-        return program.value(at) is not None and any(
-            program.is_input(a, slot) for node in same for a in program.nodes[node].args
-        )
+        return {
+            slot: at
+            for slot, at in self.plain.items()
+            if not program.is_input(at, slot)
+            and not any(at in pair and any(program.is_input(a, slot) for a in pair) for pair in equal)
+        }
 
     @property
     def first_of_carry(self) -> int:

@@ -2,43 +2,43 @@
 
 One flat array holds a tile, the lanes of one vector, slot by slot. Each stage is straight-line code on
 vectors. An attempt in which no lane meets an event computes only what it needs: what happens at events, and
-what depends on modes alone, is computed where a lane meets one. Rare operations, such as keeping a row, have
-a loop over lanes. Each core runs its own tiles, in a thread.
+what depends on modes alone, is computed where a lane meets one. Such an attempt writes its results beside the
+state that it began with, and the rest reads both. Rare operations, such as keeping a row, have a loop over
+lanes. Each core runs its own tiles, in a thread.
 """
 
 from __future__ import annotations
 
 import os
+import platform
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import llvmlite.binding as llvm
 
 from gaitsweep.engine.kernel.cache import module_of
 from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.contraction import contracted
 from gaitsweep.engine.kernel.python_source import Python, loaded, stored
-from gaitsweep.engine.kernel.registers import depth_first, steps
+from gaitsweep.engine.kernel.registers import steps
+from gaitsweep.engine.kernel.schedule import from_the_end
 from gaitsweep.engine.kernel.source import name_all
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
-
-def _vector_width() -> int:
-    """Numbers of float64 in a vector register of this processor."""
-    has = llvm.get_host_cpu_features()
-    return 8 if has.get("avx512f") else 4 if has.get("avx") else 2
-
-
-TILE = _vector_width()  # lanes of a tile
-import os as _os
-REGISTERS = int(_os.environ.get("REGS", {8: 28, 4: 14, 2: 14}[TILE]))
+_HAS = llvm.get_host_cpu_features()
+_ARM = platform.machine().lower() in ("arm64", "aarch64")
+TILE = 8 if _HAS.get("avx512f") else 4 if _HAS.get("avx") else 2  # lanes of a tile: float64 in a vector
+FUSES = _ARM or bool(_HAS.get("fma"))  # whether a product and a sum can be one instruction
+# Values in registers at a time, four less than a processor of 32 vector registers has. With 16 registers the
+# compiler chooses: it does better there for long steps (the chain's propagator6).
+REGISTERS = 28 if TILE == 8 or _ARM else None
 
 _PREAMBLE = """# Written by gaitsweep: {title}
 from numba import njit
 
 from gaitsweep.engine.kernel.llvm_code import straight_line
 
-CONTRACTION = {contraction}
 compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 """
 
@@ -66,10 +66,10 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
     `contraction`: whether a product and a sum may become one instruction.
     """
-    tile = _Tile(chunk, lanes)
+    tile = _Tile(chunk, lanes, contraction)
     parts = [
-        _PREAMBLE.format(title=title, contraction=contraction),
-        *tile.stages(),
+        _PREAMBLE.format(title=title),
+        *tile.stages,
         _KEEP.format(
             lanes=lanes,
             keep=tile.keep * lanes,
@@ -82,174 +82,145 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
         _RUN.format(
             lanes=lanes,
             interval=POLL_INTERVAL,
-            apart=tile.apart * lanes if tile.splits else 0,
             status=chunk.record.status.first * lanes,
             halt=chunk.carry.halt.first * lanes,
+            apart=tile.apart * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
     ]
     return "\n\n".join(part for part in parts if part)
 
 
-def slots(chunk: Chunk) -> int:
+def slots(chunk: Chunk, *, contraction: bool = True) -> int:
     """The number of slots of a lane: those of `_Tile`."""
-    return _Tile(chunk, 1).slots
+    return _Tile(chunk, TILE, contraction).slots
 
 
 class _Tile:
     """The stages of a tile, and its slots.
 
     After the program's slots come a flag and a row for the loop that keeps rows, what plain attempts share,
-    and values that a stage loads again. The slots that every plain attempt changes are there twice, `apart`
-    slots from each other: an attempt reads one side, `i`, and writes the other, `j`.
+    and room for values that a stage loads again. The slots that plain attempts change are there twice, `apart`
+    slots from each other: an attempt reads those of one side, `i`, and writes those of the other, `j`.
     """
 
-    def __init__(self, chunk: Chunk, lanes: int) -> None:
-        self.chunk, self.lanes = chunk, lanes
-        program = chunk.program
+    def __init__(self, chunk: Chunk, lanes: int, contraction: bool) -> None:
+        self.chunk = chunk = contracted(chunk) if contraction and FUSES else chunk
+        self.lanes = lanes
         self.keep = chunk.n_slots
         self.row = self.keep + 1
         self.shared = {self.row + chunk.width + i: at for i, at in enumerate(chunk.shared)}
-        self._steady = {at: slot for slot, at in chunk.steady.items()}
-        self.splits = program.value(chunk.unusual) is not False
-        self.plain = chunk.changed if self.splits else {}
+        # an attempt without conditions that are seldom true has one part, and changes slots where they are
+        self._whole = chunk.program.value(chunk.unusual) is False
+        self.twice = {} if self._whole else chunk.changed
         end = self.row + chunk.width + len(self.shared)
-        self.apart = end - min(self.plain, default=end)
-        self._scratch = end + max(self.plain, default=0) - min(self.plain, default=0) + 1
-        self.slots = self._scratch
-        self._stages = self._written()
-
-    def stages(self) -> list[str]:
-        return self._stages
-
-    def _written(self) -> list[str]:
-        chunk = self.chunk
+        self.apart = end - min(self.twice, default=end)
+        self.slots = self._room = max(self.twice, default=end - 1) + self.apart + 1
+        self._steady = {at: self._place(slot) for slot, at in chunk.steady.items()}
         poll = {**chunk.poll, self.keep: chunk.keep, **{self.row + i: at for i, at in enumerate(chunk.row)}}
-        back = [f"{self._place(slot)} = {self._place(slot, self.apart)}" for slot in self.plain]
-        return [
-            self._stage("prepare", self._stored(chunk.steady, {})),
-            self._stage("share", self._stored(self.shared, self._steady)),
-            self._stage("attempt", self._attempt(), "s, i, j"),
-            self._stage("poll", self._stored(poll, self._steady, "i"), "s, i"),
-            self._stage("back", back),
+        self.stages = [
+            self._stage("prepare", "s", self._lines(chunk.steady, {})),
+            self._stage("share", "s", self._lines(self.shared, self._steady)),
+            self._stage("attempt", "s, i, j", self._attempt()),
+            self._stage("poll", "s, i", self._lines(poll, self._steady, "i", "i")),
+            self._stage(
+                "back", "s", [f"{self._place(k)} = {self._place(k + self.apart)}" for k in self.twice]
+            ),
         ]
 
     def _attempt(self) -> list[str]:
         """An attempt: what happens at an event is computed only if a lane of the tile needs it."""
-        chunk, program = self.chunk, self.chunk.program
-        at_hand = self._steady | {at: slot for slot, at in self.shared.items()}
-        places = {at: self._place(slot) for at, slot in at_hand.items()}
-        if not self.splits:
-            return self._computed(chunk.attempt, [], places, "")
-        lines = self._computed(self.plain, [chunk.unusual], places, "i", "j")
-        flag = self._flag
-        written = {at: self._place(slot, "j") for slot, at in self.plain.items() if program.nodes[at].args}
-        others = {slot: at for slot, at in chunk.attempt.items() if self.plain.get(slot) != at}
-        unusual = [
-            *self._computed(others, [], places | written, "i", "j"),
+        chunk = self.chunk
+        at_hand = self._steady | {at: self._place(slot) for slot, at in self.shared.items()}
+        if self._whole:
+            return self._lines(chunk.attempt, at_hand)
+        plain = self._lines(self.twice, at_hand, "i", "j", flag=chunk.unusual, registers=REGISTERS)
+        computed = {
+            at: self._place(slot, "j") for slot, at in self.twice.items() if chunk.program.nodes[at].args
+        }
+        others = {slot: at for slot, at in chunk.attempt.items() if self.twice.get(slot) != at}
+        rest = [
             "barrier()",
-            *self._stored(self.shared, self._steady),
+            *self._lines(others, at_hand | computed, "i", "j", registers=REGISTERS),
+            "barrier()",
+            *self._lines(self.shared, self._steady),
         ]
-        return [*lines, f"if any({flag}):", "    barrier()", *(f"    {line}" for line in unusual), "else:", "    pass"]
+        return [*plain, "if any(unusual):", *(f"    {line}" for line in rest), "else:", "    pass"]
 
-    def _computed(
+    def _lines(
         self,
         outputs: Mapping[int, int],
-        wanted: Sequence[int],
-        places: Mapping[int, str],
-        old: str,
+        at_hand: Mapping[int, str],
+        old: str = "",
         new: str = "",
+        *,
+        flag: int | None = None,
+        registers: int | None = None,
     ) -> list[str]:
-        """Lines that compute the nodes `outputs`, by slot, and `wanted`, with few values in registers.
-
-        Args:
-            outputs: the nodes to write, by slot.
-            wanted: nodes that are needed in registers at the end.
-            places: where nodes are in memory; inputs are in their slots.
-            old, new: the sides from which inputs are read and to which outputs are written.
-        """
-        program = self.chunk.program
-        nodes = program.nodes
-        order = depth_first(program, [*outputs.values(), *wanted], places.keys())
-        reached = program.needed([*outputs.values(), *wanted], places.keys())
-        places = dict(places)
-        for at in reached:
-            if nodes[at].op == "input" and at not in places:
-                places[at] = self._place(self.chunk.slot_of(at), old)
-        content = {place: at for at, place in places.items()}
-        targets: dict[int, list[str]] = {}
-        for slot, at in outputs.items():
-            targets.setdefault(at, []).append(self._place(slot, new))
-        overwrites = {at: [content[place] for place in found if place in content] for at, found in targets.items()}
-        names: dict[int, str] = {}
-        lines: list[str] = []
-        known = set()  # what has been loaded or stored since the last barrier
-        scratch = self._scratch
-        for what, at in steps(program, order, places.keys(), overwrites, REGISTERS, flags=self.lanes < 8):
-            kind = nodes[at].kind
-            if what == "compute":
-                lines += name_all(Python(), program, [at], names)
-            elif what == "load":
-                if at in known:
-                    lines.append("barrier()")
-                    known.clear()
-                known.add(at)
-                names[at] = f"x{at}"
-                lines.append(f"{names[at]} = {loaded(kind, places[at])}")
-            elif what == "store":
-                places[at] = f"s[{scratch * self.lanes}]"
-                scratch += 1
-                known.add(at)
-                lines.append(f"{places[at]} = {stored(kind, names[at])}")
-            else:
-                if at not in names:
-                    name_all(Python(), program, [at], names)
-                lines += [f"{place} = {stored(kind, names[at])}" for place in targets[at]]
-                if at in order:
-                    places[at] = targets[at][0]
-                    known.add(at)
-        self.slots = max(self.slots, scratch)
-        for at in wanted:
-            self._flag = names[at]
-        return lines
-
-    def _stored(self, outputs: Mapping[int, int], at_hand: Mapping[int, int], side: str = "") -> list[str]:
-        """Lines that compute the nodes `outputs` and store each in its slot; the compiler orders them.
+        """Lines that compute nodes and write them to slots.
 
         Args:
             outputs: the nodes, by slot.
-            at_hand: nodes that are in memory, with their slots; inputs need not be named.
-            side: the side of slots that are there twice.
+            at_hand: where nodes are in memory already; inputs are in their slots.
+            old, new: the sides that are read and written, of slots that are there twice.
+            flag: a flag, which the lines name `unusual`.
+            registers: values in registers at a time; None if the compiler chooses them.
         """
-        program, names = self.chunk.program, {}
+        program = self.chunk.program
+        nodes, names = program.nodes, {}
+        wanted = [*outputs.values(), *([] if flag is None else [flag])]
+        places, order = dict(at_hand), []
+        for at in program.needed(wanted, at_hand):
+            if at not in at_hand and nodes[at].op == "input":
+                places[at] = self._place(self.chunk.slot_of(at), old)
+            elif at not in at_hand and nodes[at].op != "constant":
+                order.append(at)
+        if registers is not None:
+            order = from_the_end(program, order, wanted)
+        targets: dict[int, list[str]] = {}
+        for slot, at in outputs.items():
+            targets.setdefault(at, []).append(self._place(slot, new))
+        held = {place: at for at, place in places.items()}
+        overwrites = {at: [held[place] for place in found if place in held] for at, found in targets.items()}
         lines: list[str] = []
-        for at in program.needed(outputs.values(), at_hand):
-            slot = at_hand.get(at)
-            if slot is None and program.nodes[at].op == "input":
-                slot = self.chunk.slot_of(at)
-            if slot is not None:
+        touched: set[int] = set()  # loaded or stored since the last barrier
+        room = self._room
+        for what, at in steps(program, order, places, overwrites, registers, flag):
+            kind = nodes[at].kind
+            if what == "compute":
+                lines += name_all(Python(), program, [at], names)
+                continue
+            if what == "load":
+                if at in touched:
+                    lines.append("barrier()")
+                    touched.clear()
                 names[at] = f"x{at}"
-                lines.append(f"{names[at]} = {loaded(program.nodes[at].kind, self._place(slot, side))}")
-        lines += name_all(Python(), program, program.needed(outputs.values(), names), names)
-        kinds = program.nodes
-        return lines + [
-            f"{self._place(slot, side)} = {stored(kinds[at].kind, names[at])}" for slot, at in outputs.items()
-        ]
+                lines.append(f"{names[at]} = {loaded(kind, places[at])}")
+            else:
+                if what == "store":
+                    stores = [f"s[{room * self.lanes}]"]
+                    room += 1
+                else:
+                    stores = targets[at]
+                    name_all(Python(), program, [at], names)  # a constant
+                places[at] = stores[0]
+                lines += [f"{place} = {stored(kind, names[at])}" for place in stores]
+            touched.add(at)
+        self.slots = max(self.slots, room)
+        return lines if flag is None else [*lines, f"unusual = {names[flag]}"]
 
-    def _place(self, slot: int, side: str | int = "") -> str:
-        """The first lane of a slot; `side` is a number of slots, or a name of the numbers before it."""
-        if isinstance(side, int):
-            return f"s[{(slot + side) * self.lanes}]"
-        return f"s[{side} + {slot * self.lanes}]" if side and slot in self.plain else f"s[{slot * self.lanes}]"
+    def _place(self, slot: int, side: str = "") -> str:
+        """The element of the first lane of a slot; `side` names the elements before the side."""
+        return f"s[{side} + {slot * self.lanes}]" if side and slot in self.twice else f"s[{slot * self.lanes}]"
 
-    def _stage(self, name: str, lines: list[str], arguments: str = "s") -> str:
+    def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
         body = "\n".join(f"    {line}" for line in [*lines, "pass"])
-        return _STAGE.format(name=name, lanes=self.lanes, body=body, arguments=arguments)
+        return _STAGE.format(name=name, arguments=arguments, lanes=self.lanes, body=body)
 
 
 _STAGE = """{name}_of_vector = straight_line('''def {name}_of_vector({arguments}):
 {body}
-''', {lanes}, contraction=CONTRACTION)
+''', {lanes})
 
 
 @compiled

@@ -132,7 +132,7 @@ def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, in
     from gaitsweep.engine.kernel import cpu_program
 
     run = cpu_program.compiled(kernel.chunk, kernel.title, contraction=contraction)
-    return run, cpu_program.slots(kernel.chunk)
+    return run, cpu_program.slots(kernel.chunk, contraction=contraction)
 
 
 class CpuLanes(KernelLanes):

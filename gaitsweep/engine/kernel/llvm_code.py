@@ -5,7 +5,7 @@ not need: loops, branches, type inference. Here each expression becomes an instr
 compiles only the loop around it, a few lines.
 
 The language is that of `python_source`: assignments to names and to elements of flat arrays, arithmetic,
-single comparisons, `a if c else b`, calls of functions of one or two numbers, and `if any(c)` with `else`, in
+single comparisons, `a if c else b`, calls of functions of numbers, and `if any(c)` with `else`, in
 which names are not defined for later.
 """
 
@@ -28,10 +28,10 @@ _LINES = "assignments to a name or an element, and `if any(...)` with `else`"
 _EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
 # Functions that are LLVM's own; the others are those that Numba calls.
-_OWN = {"abs": "fabs", "floor32": "floor", "floor64": "floor", "sqrt32": "sqrt", "sqrt64": "sqrt"}
+_OWN = {"abs": "fabs", "floor32": "floor", "floor64": "floor", "sqrt32": "sqrt", "sqrt64": "sqrt", "fma": "fma"}
 
 
-def straight_line(source: str, lanes: int = 1, *, contraction: bool = True) -> Any:
+def straight_line(source: str, lanes: int = 1) -> Any:
     """The Numba intrinsic of a function given as source.
 
     With several lanes each name stands for a vector of that many numbers, and an element of an array for that
@@ -40,7 +40,6 @@ def straight_line(source: str, lanes: int = 1, *, contraction: bool = True) -> A
     Args:
         source: the function, of numbers, indices and flat arrays; it returns nothing.
         lanes: numbers in a vector.
-        contraction: whether a product and a sum may become one instruction, which rounds once.
     """
     head = source[: source.index(":")]
     names = head[head.index("(") + 1 : head.index(")")]
@@ -51,7 +50,8 @@ def straight_line(source: str, lanes: int = 1, *, contraction: bool = True) -> A
         assert isinstance(function, ast.FunctionDef)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            writer = _Writer(context, builder, lanes, contraction)
+            _align_stack(builder, lanes)
+            writer = _Writer(context, builder, lanes)
             writer.arguments(function, signature.args, args)
             writer.body(function.body)
             return context.get_dummy_value()
@@ -63,16 +63,27 @@ def straight_line(source: str, lanes: int = 1, *, contraction: bool = True) -> A
     return intrinsic(definition)
 
 
+def _align_stack(builder: Any, lanes: int) -> None:
+    """Let vectors that are spilled begin at a multiple of their size.
+
+    LLVM aligns the stack only for variables: a vector across two cache lines takes up to twice the time.
+    """
+    place = builder.alloca(_DOUBLE, lanes)
+    place.align = 8 * lanes
+    # an instruction that seems to use the variable, so that it is not removed
+    builder.asm(ir.FunctionType(ir.VoidType(), [place.type]), "", "r", [place], True)
+
+
 class _Writer:
     """Writes the instructions of one function at its call."""
 
-    def __init__(self, context: Any, builder: Any, lanes: int, contraction: bool) -> None:
+    def __init__(self, context: Any, builder: Any, lanes: int) -> None:
         self.context, self.builder, self.lanes = context, builder, lanes
         self.double, self.single, self.flag = (
             kind if lanes == 1 else ir.VectorType(kind, lanes) for kind in (_DOUBLE, _SINGLE, _FLAG)
         )
         # the sign of zero may be ignored
-        self.loose = ("contract", "nsz") if contraction else ("nsz",)
+        self.loose = ("nsz",)
         self.names: dict[str, Any] = {
             "inf": self._constant(self.double, math.inf),
             "nan": self._constant(self.double, math.nan),
@@ -121,7 +132,7 @@ class _Writer:
                 return self._constant(self.double, known)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 inner = self.value(operand)
-                return builder.fsub(self._constant(inner.type, -0.0), inner, flags=self.loose)
+                return builder.fneg(inner)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return builder.not_(self.value(operand))
             case ast.BinOp(left=left, op=op, right=right):
@@ -159,7 +170,7 @@ class _Writer:
         if name == "float64":
             return self._double(args[0])
         if name in _OWN:
-            return self.builder.call(_llvm_function(self.builder.module, _OWN[name], args[0].type), args)
+            return self.builder.call(_llvm_function(self.builder.module, _OWN[name], args[0].type, len(args)), args)
         return self._library(getattr(math, name.removeprefix("math.")), args)
 
     def _library(self, function: Any, args: list[Any]) -> Any:
@@ -201,9 +212,9 @@ class _Writer:
         return place if self.lanes == 1 else self.builder.bitcast(place, self.double.as_pointer())
 
 
-def _llvm_function(module: Any, name: str, kind: Any) -> Any:
-    """LLVM's own function of a number, or of a vector of numbers."""
+def _llvm_function(module: Any, name: str, kind: Any, count: int) -> Any:
+    """LLVM's own function of `count` numbers, or vectors of numbers."""
     one = getattr(kind, "element", kind)
     shape = "" if one is kind else f"v{kind.count}"
     full = f"llvm.{name}.{shape}{one.intrinsic_name}"
-    return module.globals.get(full) or ir.Function(module, ir.FunctionType(kind, [kind]), full)
+    return module.globals.get(full) or ir.Function(module, ir.FunctionType(kind, [kind] * count), full)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,12 @@ def _select(condition: Any, yes: Any, no: Any) -> Any:
     return yes if condition else no
 
 
+def _fused(a: Any, b: Any, c: Any) -> Any:
+    if not all(math.isfinite(x) for x in (a, b, c)):
+        return a * b + c
+    return type(c)(Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c)))
+
+
 def _sign(kind: str, evaluate: Callable[..., Any], source: str, *, commutes: bool = False) -> Operation:
     """An operation that Python and C write alike."""
     return Operation(kind, evaluate, source, source, commutes)
@@ -50,6 +57,10 @@ OPERATIONS: dict[str, Operation] = {
     "sub": _sign("same", lambda a, b: a - b, "{0} - {1}"),
     "mul": _sign("same", lambda a, b: a * b, "{0} * {1}", commutes=True),
     "div": _sign("same", lambda a, b: a / b, "{0} / {1}"),
+    # fused: rounded once
+    "fma": Operation("same", _fused, "fma({0}, {1}, {2})", "fma{f}({0}, {1}, {2})"),
+    "fms": Operation("same", lambda a, b, c: _fused(a, b, -c), "fma({0}, {1}, -{2})", "fma{f}({0}, {1}, -{2})"),
+    "fnma": Operation("same", lambda a, b, c: _fused(-a, b, c), "fma(-{0}, {1}, {2})", "fma{f}(-{0}, {1}, {2})"),
     "neg": _sign("same", lambda a: -a, "-{0}"),
     "abs": Operation("same", np.abs, "abs({0})", "fabs{f}({0})"),
     "floor": Operation("same", np.floor, "floor{bits}({0})", "floor{f}({0})"),

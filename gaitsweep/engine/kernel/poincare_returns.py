@@ -165,9 +165,11 @@ class _Kernel:
 
     def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
+        contraction = crossing.numerics.contraction
         self._run = cpu_program.compiled(
-            self._chunk, f"{crossing.model.name}, {title}", contraction=crossing.numerics.contraction
+            self._chunk, f"{crossing.model.name}, {title}", contraction=contraction
         )
+        self._slots = cpu_program.slots(self._chunk, contraction=contraction)
         self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
@@ -176,7 +178,7 @@ class _Kernel:
         tiles = -(-len(lanes) // cpu_program.TILE)
         # the last tile is filled up with its own last lane, which costs nothing
         order = np.minimum(np.arange(tiles * cpu_program.TILE), len(lanes) - 1)
-        room = np.zeros((tiles, cpu_program.slots(self._chunk), cpu_program.TILE))
+        room = np.zeros((tiles, self._slots, cpu_program.TILE))
         room[:, : lanes.shape[1]] = lanes[order].reshape(tiles, cpu_program.TILE, -1).transpose(0, 2, 1)
         kept = np.zeros((tiles * cpu_program.TILE, 0, 0))
         with ThreadPoolExecutor(usable_cores()) as pool:

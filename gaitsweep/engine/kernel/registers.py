@@ -1,36 +1,27 @@
 """Which values of a straight-line program stay in a CPU's registers, and which are loaded again.
 
-A compiler loads what it needs early and keeps it, so that it spills many values of a long program. Here the
-statements come in depth-first order, and the value whose next use is farthest away gives way (Belady's rule):
-it is loaded again from where it is in memory already, or stored once if it is nowhere.
+A compiler keeps what it has once loaded, and spills many values of a long program. Here the value whose next
+use is farthest away gives way (Belady's rule): it is loaded again from where it is in memory, or stored once
+if it is nowhere.
+
+Source: L. A. Belady, "A study of replacement algorithms for a virtual-storage computer", IBM Systems Journal 5
+(1966), 78-101.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Literal
 
 from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.schedule import arguments
 
-# load a value; compute it; store it to be loaded later; write it to its slots
+# load a value; compute it; store it, to be loaded later; write it to its slots
 Step = tuple[Literal["load", "compute", "store", "write"], int]
 
-# A value that is in memory already gives way before one whose next use is so many statements later.
+# A value that is in memory gives way before one that is not and whose next use is up to so many statements
+# farther away.
 CHEAP = 60
-
-
-def depth_first(program: Program, wanted: Iterable[int], given: Collection[int]) -> list[int]:
-    """The nodes, neither `given` nor constants, that `wanted` need, each with its arguments just before it."""
-    placed: dict[int, None] = {}
-    waiting = [(at, False) for at in reversed(list(wanted))]
-    while waiting:
-        at, ready = waiting.pop()
-        if ready:
-            placed[at] = None
-        elif at not in placed and at not in given and program.nodes[at].op not in ("constant", "input"):
-            waiting.append((at, True))
-            waiting.extend((a, False) for a in reversed(program.nodes[at].args))
-    return list(placed)
 
 
 def steps(
@@ -38,36 +29,34 @@ def steps(
     order: Sequence[int],
     in_memory: Collection[int],
     overwrites: Mapping[int, Collection[int]],
-    registers: int,
-    *,
-    flags: bool,
+    registers: int | None,
+    flag: int | None = None,
 ) -> list[Step]:
-    """The nodes `order` computed with few registers, and written where they belong.
+    """The nodes `order` computed with few values in registers at a time, and written to their slots.
+
+    Flags do not count, since processors with many vector registers have others for them.
 
     Args:
         program: the program.
         order: the nodes to compute.
-        in_memory: nodes that can be loaded, until they are overwritten.
-        overwrites: the nodes to write, each with those that cannot be loaded from then on.
-        registers: values that may be at hand at a time.
-        flags: whether flags need such registers too.
+        in_memory: the nodes that can be loaded, until they are overwritten.
+        overwrites: the nodes to write, each with the nodes of `in_memory` whose places it takes.
+        registers: values in registers at a time; None for all.
+        flag: a node that is needed at the end, but not written.
     """
-    uses = _uses(program, order)
-    end = len(order)
-    place_of = {at: place for place, at in enumerate(order)}
-
-    def later(at: int) -> bool:
-        """Whether what this node overwrites is needed after it is computed."""
-        return any(uses[a][0] > place_of[at] for a in overwrites[at] if a in uses)
-
-    # what is in memory already is written at the end
-    last = [at for at in overwrites if at not in place_of]
-    for at in last:
-        uses.setdefault(at, []).insert(0, end)
-    pending = [at for at in overwrites if at in place_of and later(at)]
-    for at in pending:
-        uses.setdefault(at, []).insert(0, end)
-    last += pending
+    uses: dict[int, list[int]] = {}  # the places in `order` that need a node, the first one last
+    for place in range(len(order) - 1, -1, -1):
+        for a in arguments(program, order[place]):
+            uses.setdefault(a, []).append(place)
+    computed = {at: place for place, at in enumerate(order)}
+    # written at the end: what is not computed here, or takes the place of what is needed later
+    last = [at for at in overwrites if at not in computed]
+    needed_at_end = set(last)
+    for at, taken in overwrites.items():
+        if at in computed and any(a in needed_at_end or uses.get(a, [-1])[0] > computed[at] for a in taken):
+            last.append(at)
+    for at in [*last, *([] if flag is None else [flag])]:
+        uses.setdefault(at, []).insert(0, len(order))
     memory, at_hand = set(in_memory), set()
     found: list[Step] = []
 
@@ -76,11 +65,11 @@ def steps(
             found.append(("load", at))
             at_hand.add(at)
 
-    for place, at in enumerate(order):
-        arguments = _arguments(program, at)
-        for a in arguments:
+    for at in order:
+        needed = arguments(program, at)
+        for a in needed:
             load(a)
-        for a in arguments:
+        for a in needed:
             uses[a].pop()
             if not uses[a]:
                 at_hand.discard(a)
@@ -90,8 +79,8 @@ def steps(
             memory.add(at)
         if uses.get(at):
             at_hand.add(at)
-        held = [a for a in at_hand if flags or program.nodes[a].kind != "bool"]
-        while len(held) > registers:
+        held = [a for a in at_hand if program.nodes[a].kind != "bool"]
+        while registers is not None and len(held) > registers:
             farthest = max(held, key=lambda a: (uses[a][-1] + (CHEAP if a in memory else 0), a))
             held.remove(farthest)
             at_hand.discard(farthest)
@@ -101,17 +90,3 @@ def steps(
     for at in last:
         load(at)
     return [*found, *(("write", at) for at in last)]
-
-
-def _uses(program: Program, order: Sequence[int]) -> dict[int, list[int]]:
-    """The places in `order` that need each node, the first one last."""
-    uses: dict[int, list[int]] = {}
-    for place in range(len(order) - 1, -1, -1):
-        for a in _arguments(program, order[place]):
-            uses.setdefault(a, []).append(place)
-    return uses
-
-
-def _arguments(program: Program, at: int) -> list[int]:
-    """The different arguments of a node that are not constants."""
-    return [a for a in dict.fromkeys(program.nodes[at].args) if program.nodes[a].op != "constant"]

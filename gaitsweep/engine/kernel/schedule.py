@@ -25,14 +25,14 @@ def scheduled(program: Program, wanted: Sequence[int], given: Container[int]) ->
     """
     needed = program.needed(wanted, given)
     own = [at for at in needed if at not in given and program.nodes[at].op != "constant"]
-    other = _from_the_end(program, own, wanted)
+    other = from_the_end(program, own, wanted)
     fewer = most_alive(program, other, wanted) < CLEARLY * most_alive(program, own, wanted)
     return other if fewer else own
 
 
 def most_alive(program: Program, order: Sequence[int], wanted: Sequence[int]) -> int:
     """The largest number of values that are needed at a time, constants left out."""
-    last = {a: place for place, at in enumerate(order) for a in _arguments(program, at)}
+    last = {a: place for place, at in enumerate(order) for a in arguments(program, at)}
     last |= dict.fromkeys(wanted, len(order))
     ends = [0] * (len(order) + 1)
     for place in last.values():
@@ -46,17 +46,17 @@ def most_alive(program: Program, order: Sequence[int], wanted: Sequence[int]) ->
     return most
 
 
-def _from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int]) -> list[int]:
+def from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int]) -> list[int]:
     """The nodes ordered backwards: next comes the one that adds the fewest values to those needed later."""
     inside = set(nodes)
-    arguments = {at: _arguments(program, at) for at in nodes}
+    of = {at: arguments(program, at) for at in nodes}
     readers: dict[int, list[int]] = {}
-    for at, args in arguments.items():
+    for at, args in of.items():
         for a in args:
             readers.setdefault(a, []).append(at)
     unplaced = {at: len(readers.get(at, [])) for at in nodes}
     alive = set(wanted)
-    added = {at: sum(a not in alive for a in args) for at, args in arguments.items()}
+    added = {at: sum(a not in alive for a in args) for at, args in of.items()}
     # an entry is out of date if its number is not the node's any more; of equals the program's last comes
     heap = [(added[at], -at) for at in nodes if unplaced[at] == 0]
     heapq.heapify(heap)
@@ -69,7 +69,7 @@ def _from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int])
             continue
         done.add(at)
         placed.append(at)
-        for a in arguments[at]:
+        for a in of[at]:
             if a not in alive:
                 alive.add(a)
                 for reader in readers[a]:
@@ -83,6 +83,6 @@ def _from_the_end(program: Program, nodes: Sequence[int], wanted: Sequence[int])
     return placed[::-1]
 
 
-def _arguments(program: Program, at: int) -> list[int]:
+def arguments(program: Program, at: int) -> list[int]:
     """The different arguments of a node that are not constants."""
     return [a for a in dict.fromkeys(program.nodes[at].args) if program.nodes[a].op != "constant"]

@@ -1,0 +1,66 @@
+"""Products and sums in one instruction, which rounds once: which of them, is decided here.
+
+A compiler decides by what else it finds around them, so that the same sum could be rounded differently in two
+places of a program, and with it the result of a row that shares a vector with a row at an event.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.program import Program
+
+# a + b * c, a - b * c, b * c - a: the operation with the arguments b, c, a
+_FUSED = {"add": ("fma", "fma"), "sub": ("fms", "fnma")}
+
+
+def contracted(chunk: Chunk) -> Chunk:
+    """The same chunk with fused operations where a product is an argument of sums alone.
+
+    What is computed once for a trajectory, or only at events, stays a value of its own.
+    """
+    program = chunk.program
+    wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual, *chunk.poll.values(), chunk.keep]
+    needed = program.needed([*wanted, *chunk.row])
+    apart = {*chunk.shared, *wanted, *chunk.row}
+    fusable = _only_in_sums(program, needed) - apart
+    now: dict[int, int] = {}
+    for at in needed:
+        node = program.nodes[at]
+        if program.steady[at] or not node.args:
+            now[at] = at
+            continue
+        args = tuple(now[a] for a in node.args)
+        op = node.op
+        if op in _FUSED:
+            for place in (1, 0):
+                product = node.args[place]
+                if product in fusable:
+                    factors = program.nodes[product].args
+                    op, args = _FUSED[op][place], (*(now[a] for a in factors), args[1 - place])
+                    break
+        now[at] = program.write(op, *args)
+
+    def slots(nodes: dict[int, int]) -> dict[int, int]:
+        return {slot: now[at] for slot, at in nodes.items()}
+
+    return dataclasses.replace(
+        chunk,
+        attempt=slots(chunk.attempt),
+        plain=slots(chunk.plain),
+        unusual=now[chunk.unusual],
+        poll=slots(chunk.poll),
+        keep=now[chunk.keep],
+        row=[now[at] for at in chunk.row],
+        shared=[now[at] for at in chunk.shared],
+    )
+
+
+def _only_in_sums(program: Program, needed: list[int]) -> set[int]:
+    """The products that are arguments of sums and differences alone, and not constant along a trajectory."""
+    found = {at for at in needed if program.nodes[at].op == "mul" and not program.steady[at]}
+    for at in needed:
+        if program.nodes[at].op not in _FUSED:
+            found.difference_update(program.nodes[at].args)
+    return found
