@@ -74,6 +74,7 @@ def test_every_operation_in_c_is_that_of_numpy(kind: Kind, tmp_path: Path) -> No
     condition = program.input(2, "bool")
     args = {"select": (condition, a, b), **dict.fromkeys(("add", "sub", "mul", "div", "pow"), (a, b))}
     args |= dict.fromkeys(("lt", "le", "eq", "ne", "and", "or"), (a, b))
+    args |= dict.fromkeys(("fma", "fms", "fnma"), (a, b, a))
     nodes = {name: program.write(name, *args.get(name, (a,))) for name in sorted(names)}
     compiled = Compiled(program, [a, b, condition], list(nodes.values()), tmp_path)
     number = _NUMPY[TYPES[kind]]

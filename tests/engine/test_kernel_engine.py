@@ -174,7 +174,7 @@ def test_lanes_run_in_vector_registers() -> None:
     run = cpu_program.compiled(kernel.chunk, kernel.title)
     module = sys.modules[run.py_func.__module__]
     tile = np.zeros(cpu_program.slots(kernel.chunk) * cpu_program.TILE)
-    module.attempt(tile)
+    module.attempt(tile, 0, 0)
     (assembly,) = module.attempt.inspect_asm().values()
     packed = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul)pd\t.*[yz]mm", assembly))
     single = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul|div)sd\t", assembly))
@@ -238,18 +238,20 @@ def test_what_a_kernel_cannot_express_runs_on_xla() -> None:
 
 @pytest.mark.skipif(not llvm.get_host_cpu_features().get("fma"), reason="no multiply-add here")
 def test_contraction_can_be_turned_off() -> None:
-    """The square of 1 + 2^-30 has a last bit that only a contracted difference sees."""
+    """The square of 1 + 2^-30 has a last bit that only a fused difference sees."""
     a = 1.0 + 2.0**-30
     results = []
-    for contraction in (True, False):
-        one = llvm_code.straight_line("def one(a, c, out):\n    out[0] = a * a - c", contraction=contraction)
+    for line in ("fma(a, a, -c)", "a * a - c"):
+        one = llvm_code.straight_line(f"def one(a, c, out):\n    out[0] = {line}")
         out = np.zeros(1)
         numba.njit(lambda a, c, out, one=one: one(a, c, out))(a, a * a, out)
         results.append(out[0])
     assert results == [2.0**-60, 0.0]
     model = Toy()
     chunk = kernel_of(model, CrossingRecorder(model, crossings=3), NUMERICS, None).chunk
-    assert "CONTRACTION = False" in cpu_program.source(chunk, 16, "toy", contraction=False)
+    fused, apart = (cpu_program.source(chunk, 16, "toy", contraction=each) for each in (True, False))
+    assert ("fma(" in fused) is cpu_program.FUSES
+    assert "fma(" not in apart
 
 
 @pytest.mark.parametrize(("line", "found"), [("y += x", r"line `y \+= x"), ("y = [x]", r"expression `\[x\]")])

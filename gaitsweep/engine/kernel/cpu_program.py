@@ -35,7 +35,7 @@ FUSES = _ARM or bool(_HAS.get("fma"))  # whether a product and a sum can be one 
 REGISTERS = 28 if TILE == 8 or _ARM else None
 
 _PREAMBLE = """# Written by gaitsweep: {title}
-from numba import njit
+from numba import int64, njit
 
 from gaitsweep.engine.kernel.llvm_code import straight_line
 
@@ -100,7 +100,7 @@ class _Tile:
     """The stages of a tile, and its slots.
 
     After the program's slots come a flag and a row for the loop that keeps rows, what plain attempts share,
-    and room for values that a stage loads again. The slots that plain attempts change are there twice, `apart`
+    and room for values that a stage loads again. Slots that plain attempts change are there twice, `apart`
     slots from each other: an attempt reads those of one side, `i`, and writes those of the other, `j`.
     """
 
@@ -211,7 +211,9 @@ class _Tile:
 
     def _place(self, slot: int, side: str = "") -> str:
         """The element of the first lane of a slot; `side` names the elements before the side."""
-        return f"s[{side} + {slot * self.lanes}]" if side and slot in self.twice else f"s[{slot * self.lanes}]"
+        return (
+            f"s[{side} + {slot * self.lanes}]" if side and slot in self.twice else f"s[{slot * self.lanes}]"
+        )
 
     def _stage(self, name: str, arguments: str, lines: list[str]) -> str:
         body = "\n".join(f"    {line}" for line in [*lines, "pass"])
@@ -241,7 +243,7 @@ _RUN = """@compiled
 def run(S, kept, polls):
     for tile in range(S.shape[0]):
         s = S[tile]
-        i, j = 0, {apart}
+        i, j = int64(0), int64({apart})
         prepare(s)
         share(s)
         for _ in range(polls):

@@ -28,7 +28,14 @@ _LINES = "assignments to a name or an element, and `if any(...)` with `else`"
 _EXPRESSIONS = "names, numbers, arithmetic, a comparison of two, `a if c else b`, elements and calls"
 _COMPARISONS = {ast.Lt: "<", ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!="}
 # Functions that are LLVM's own; the others are those that Numba calls.
-_OWN = {"abs": "fabs", "floor32": "floor", "floor64": "floor", "sqrt32": "sqrt", "sqrt64": "sqrt", "fma": "fma"}
+_OWN = {
+    "abs": "fabs",
+    "floor32": "floor",
+    "floor64": "floor",
+    "sqrt32": "sqrt",
+    "sqrt64": "sqrt",
+    "fma": "fma",
+}
 
 
 def straight_line(source: str, lanes: int = 1) -> Any:
@@ -170,7 +177,9 @@ class _Writer:
         if name == "float64":
             return self._double(args[0])
         if name in _OWN:
-            return self.builder.call(_llvm_function(self.builder.module, _OWN[name], args[0].type, len(args)), args)
+            return self.builder.call(
+                _llvm_function(self.builder.module, _OWN[name], args[0].type, len(args)), args
+            )
         return self._library(getattr(math, name.removeprefix("math.")), args)
 
     def _library(self, function: Any, args: list[Any]) -> Any:

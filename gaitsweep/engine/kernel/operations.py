@@ -32,9 +32,11 @@ def _select(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def _fused(a: Any, b: Any, c: Any) -> Any:
-    if not all(math.isfinite(x) for x in (a, b, c)):
+    """a * b + c, rounded once."""
+    try:
+        return type(c)(float(Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))))
+    except (OverflowError, ValueError):  # infinite or NaN
         return a * b + c
-    return type(c)(Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c)))
 
 
 def _sign(kind: str, evaluate: Callable[..., Any], source: str, *, commutes: bool = False) -> Operation:
@@ -57,10 +59,13 @@ OPERATIONS: dict[str, Operation] = {
     "sub": _sign("same", lambda a, b: a - b, "{0} - {1}"),
     "mul": _sign("same", lambda a, b: a * b, "{0} * {1}", commutes=True),
     "div": _sign("same", lambda a, b: a / b, "{0} / {1}"),
-    # fused: rounded once
     "fma": Operation("same", _fused, "fma({0}, {1}, {2})", "fma{f}({0}, {1}, {2})"),
-    "fms": Operation("same", lambda a, b, c: _fused(a, b, -c), "fma({0}, {1}, -{2})", "fma{f}({0}, {1}, -{2})"),
-    "fnma": Operation("same", lambda a, b, c: _fused(-a, b, c), "fma(-{0}, {1}, {2})", "fma{f}(-{0}, {1}, {2})"),
+    "fms": Operation(
+        "same", lambda a, b, c: _fused(a, b, -c), "fma({0}, {1}, -{2})", "fma{f}({0}, {1}, -{2})"
+    ),
+    "fnma": Operation(
+        "same", lambda a, b, c: _fused(-a, b, c), "fma(-{0}, {1}, {2})", "fma{f}(-{0}, {1}, {2})"
+    ),
     "neg": _sign("same", lambda a: -a, "-{0}"),
     "abs": Operation("same", np.abs, "abs({0})", "fabs{f}({0})"),
     "floor": Operation("same", np.floor, "floor{bits}({0})", "floor{f}({0})"),

@@ -4,8 +4,8 @@ A compiler keeps what it has once loaded, and spills many values of a long progr
 use is farthest away gives way (Belady's rule): it is loaded again from where it is in memory, or stored once
 if it is nowhere.
 
-Source: L. A. Belady, "A study of replacement algorithms for a virtual-storage computer", IBM Systems Journal 5
-(1966), 78-101.
+Source: L. A. Belady, "A study of replacement algorithms for a virtual-storage computer", IBM Systems
+Journal 5 (1966), 78-101.
 """
 
 from __future__ import annotations

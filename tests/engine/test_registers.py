@@ -1,0 +1,104 @@
+"""Programs with few values in registers, and with fused products and sums: the same numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sweeping import run_rows, same
+
+from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.kernel import cpu_program
+from gaitsweep.engine.kernel.contraction import contracted
+from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.kernel.operations import OPERATIONS
+from gaitsweep.engine.kernel.program import Program
+from gaitsweep.engine.kernel.registers import steps
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.models.multilegged.model import Multilegged
+
+STARTS = {f"psi_{i}": np.random.default_rng(i).uniform(0, 2 * np.pi, 11) for i in (1, 2, 3)}
+
+
+def random_program(seed: int) -> tuple[Program, list[int], list[int], list[int]]:
+    """Sums and products of six inputs; the program, its inputs, its order and what takes their places."""
+    random, program = np.random.default_rng(seed), Program()
+    inputs = [program.input(k, "f64") for k in range(6)]
+    nodes = list(inputs)
+    for _ in range(60):
+        a, b = random.choice(nodes[-20:], 2)
+        nodes.append(program.write(str(random.choice(["add", "sub", "mul"])), int(a), int(b)))
+    order = sorted(set(nodes) - set(inputs))
+    # among them inputs that change places
+    outputs = [*(int(at) for at in random.choice(order, 4, replace=False)), inputs[5], inputs[0]]
+    return program, inputs, order, outputs
+
+
+@pytest.mark.parametrize("registers", [3, 6, None])
+@pytest.mark.parametrize("seed", range(8))
+def test_slots_are_overwritten_when_they_are_no_longer_needed(seed: int, registers: int | None) -> None:
+    program, inputs, order, outputs = random_program(seed)
+    start = dict(enumerate(np.random.default_rng(seed).uniform(0.5, 1.5, 6)))
+    values = {at: start[k] for k, at in enumerate(inputs)}
+    for at in order:
+        node = program.nodes[at]
+        values[at] = OPERATIONS[node.op].evaluate(*(values[a] for a in node.args))
+    memory: dict[object, float] = {**start}
+    place: dict[int, object] = {**dict(zip(inputs, range(6), strict=True))}
+    hand: dict[int, float] = {}
+    overwrites = {at: [inputs[k]] for k, at in enumerate(outputs)}
+    for what, at in steps(program, order, inputs, overwrites, registers):
+        node = program.nodes[at]
+        if what == "load":
+            hand[at] = memory[place[at]]
+        elif what == "compute":
+            hand[at] = OPERATIONS[node.op].evaluate(*(hand[a] for a in node.args))
+        else:
+            place[at] = outputs.index(at) if what == "write" else ("room", at)
+            memory[place[at]] = hand[at]
+    assert [memory[k] for k in range(6)] == [values[at] for at in outputs]
+
+
+def test_fewer_registers_mean_more_loads() -> None:
+    program, inputs, order, outputs = random_program(0)
+    loads, stores = (
+        [
+            [what for what, _ in steps(program, order, inputs, {outputs[0]: []}, registers)].count(kind)
+            for registers in (None, 8, 4)
+        ]
+        for kind in ("load", "store")
+    )
+    assert loads[0] <= len(inputs)
+    assert loads[0] < loads[1] < loads[2]
+    assert stores[0] == 0 < stores[1] < stores[2]
+
+
+def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Equal to the bit, also alone and beside other rows, whose events come at other attempts."""
+    model = Multilegged()
+    recorder = CrossingRecorder(model, crossings=2)
+    found = []
+    for registers, lanes in ((None, 11), (6, 11), (6, 1)):
+        monkeypatch.setattr(cpu_program, "REGISTERS", registers)
+        numerics = Numerics(dt=4e-3, method="rk4")
+        found.append(run_rows(model, recorder, STARTS, numerics=numerics, lanes=lanes, engine="kernel"))
+    same(found[0], found[1])
+    same(found[0], found[2])
+
+
+def test_a_product_in_sums_alone_is_fused_in_all_of_them() -> None:
+    """What is written at an event and beside it is rounded alike: each sum is one node."""
+    numerics = Numerics(dt=4e-3, method="rk4")
+    model = Multilegged()
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=2), numerics, None).chunk
+    fused = contracted(chunk)
+    program = fused.program
+
+    def names(chunk, nodes) -> list[str]:
+        return [program.nodes[at].op for at in program.needed(nodes) if not program.steady[at]]
+
+    before, after = names(chunk, chunk.attempt.values()), names(fused, fused.attempt.values())
+    fewer = before.count("mul") - after.count("mul")
+    assert sum(after.count(op) for op in ("fma", "fms", "fnma")) >= fewer > 50
+    assert len(after) == len(before) - fewer
+    same_node = [slot for slot, at in chunk.plain.items() if chunk.attempt[slot] == at]
+    assert same_node == [slot for slot, at in fused.plain.items() if fused.attempt[slot] == at]
