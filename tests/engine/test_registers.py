@@ -73,13 +73,13 @@ def test_fewer_registers_mean_more_loads() -> None:
 
 
 def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Equal to the bit, also alone and beside other rows, whose events come at other attempts."""
+    """Equal to the bit, also alone, with shorter vectors, and beside rows whose events come earlier."""
     model = Multilegged()
-    recorder = CrossingRecorder(model, crossings=2)
+    recorder, numerics = CrossingRecorder(model, crossings=2), Numerics(dt=4e-3, method="rk4")
     found = []
-    for registers, lanes in ((None, 11), (6, 11), (6, 1)):
+    for registers, tile, lanes in ((None, cpu_program.TILE, 11), (6, cpu_program.TILE, 1), (28, 2, 11)):
         monkeypatch.setattr(cpu_program, "REGISTERS", registers)
-        numerics = Numerics(dt=4e-3, method="rk4")
+        monkeypatch.setattr(cpu_program, "TILE", tile)
         found.append(run_rows(model, recorder, STARTS, numerics=numerics, lanes=lanes, engine="kernel"))
     same(found[0], found[1])
     same(found[0], found[2])
