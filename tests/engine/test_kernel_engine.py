@@ -180,6 +180,8 @@ def test_lanes_run_in_vector_registers() -> None:
     single = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul|div)sd\t", assembly))
     assert packed > 300
     assert single < packed / 20
+    # what is spilled lies in one cache line
+    assert re.search(rf"\tandq\t\$-{8 * cpu_program.TILE}, %rsp", assembly)
 
 
 def test_a_second_process_finds_the_kernel(kernels: Path) -> None:

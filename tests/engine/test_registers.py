@@ -85,6 +85,20 @@ def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -
     same(found[0], found[2])
 
 
+def test_rows_that_wait_alone_are_polled_as_beside_others() -> None:
+    """With tsit5 every attempt may end a row, so that the reason to wait is there twice."""
+    model = Multilegged()
+    recorder, numerics = CrossingRecorder(model, crossings=2), Numerics(dt=4e-3, method="tsit5")
+    one, other = (
+        run_rows(model, recorder, STARTS, numerics=numerics, lanes=lanes, engine="kernel")
+        for lanes in (1, 11)
+    )
+    same(one, other)
+    xla = run_rows(model, recorder, STARTS, numerics=numerics, lanes=11, engine="xla")
+    np.testing.assert_array_equal(one.status, xla.status)
+    np.testing.assert_allclose(one.samples, xla.samples, rtol=0, atol=1e-7)
+
+
 def test_a_product_in_sums_alone_is_fused_in_all_of_them() -> None:
     """What is written at an event and beside it is rounded alike: each sum is one node."""
     numerics = Numerics(dt=4e-3, method="rk4")

@@ -83,7 +83,8 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
             lanes=lanes,
             interval=POLL_INTERVAL,
             status=chunk.record.status.first * lanes,
-            halt=chunk.carry.halt.first * lanes,
+            halt=("i + " if chunk.carry.halt.first in tile.twice else "")
+            + str(chunk.carry.halt.first * lanes),
             apart=tile.apart * lanes,
             keep="keep(s, kept, tile)" if chunk.width else "pass",
         ),
