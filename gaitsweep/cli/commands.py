@@ -71,6 +71,15 @@ def run(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with code 3 where the run's self-check warns.")
     ] = False,
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            "--rows",
+            metavar="A:B",
+            help="Only rows A to B-1, whole blocks, beside other processes that run the others in the same "
+            "directory; the last of them completes the table.",
+        ),
+    ] = None,
 ) -> None:
     """Run a job, or continue it where it stopped: its table and its figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
@@ -93,6 +102,7 @@ def run(
         print(show.estimate(estimate(job)))
         return
     from gaitsweep.runs.execute import run_job
+    from gaitsweep.runs.row_range import run_rows
 
     told: list[str] = []
 
@@ -102,12 +112,18 @@ def run(
 
     try:
         with _shown_progress() as progress:
-            path = run_job(job, out, progress=progress, tell=tell, strict=strict)
+            if rows is not None:
+                path = run_rows(job, rows, out, progress=progress, tell=tell, strict=strict)
+            else:
+                path = run_job(job, out, progress=progress, tell=tell, strict=strict)
     except KeyboardInterrupt as error:
         print(_stopped(job, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
-    outcome = show.outcome(Snapshot.of(path))
+    snapshot = Snapshot.of(path)
+    outcome = show.outcome(snapshot)
     print(outcome)
+    if not snapshot.complete:  # a share of the rows, whose table other processes complete
+        return
     # what was mended is not said again, and other tables or modules of the user's own may change
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in told)
     if lasting and not _leans_on_others(job):

@@ -27,6 +27,30 @@ from gaitsweep.table import ResultDirectory, load
 FOLDER = "refinement"
 
 
+@dataclasses.dataclass(frozen=True)
+class Round(Prepared):
+    """A job made ready of which some rows are simulated, numbered anew from 0.
+
+    `rows_in(first, stop)` gives the rows (stop - first,) of the job that have these new numbers.
+    """
+
+    rows_in: Callable[[int, int], np.ndarray]
+
+    @classmethod
+    def of(cls, ready: Prepared, n_rows: int, rows_in: Callable[[int, int], np.ndarray]) -> Round:
+        """`n_rows` rows of a job, those of `rows_in`."""
+        work = dataclasses.replace(
+            ready.work,
+            n_rows=n_rows,
+            values=lambda first, stop: ready.plan.values_in(rows_in(first, stop)),
+        )
+        return cls(ready.job, ready.plan, work, ready.note, ready.job_hash, ready.steps, rows_in)
+
+    def table(self, block: BlockResult) -> pd.DataFrame:
+        rows = self.rows_in(block.first, block.first + len(block.status))
+        return self.job.run.table(self.plan.model, self.plan.at(rows, self.plan.names), block)
+
+
 def refine(
     ready: Prepared,
     grid: Grid,
@@ -69,19 +93,15 @@ def _round(
     timings: Timings,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
-    plan = ready.plan
-    work = dataclasses.replace(
-        ready.work, n_rows=rows.size, values=lambda first, stop: plan.values_in(rows[first:stop])
-    )
+    this = Round.of(ready, rows.size, lambda first, stop: rows[first:stop])
+    work = this.work
     path = directory.path / FOLDER / f"round-{number:02d}"
     job = {"round": number, "of": ready.job.name}
     round_hash = hashlib.sha256(ready.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
     with ResultDirectory.open(path, job, round_hash, work.n_rows, work.block) as part:
 
         def write(block: int, result: BlockResult) -> None:
-            stop = result.first + len(result.status)
-            axes = plan.at(rows[result.first : stop], plan.names)
-            part.write_part(block, ready.job.run.table(plan.model, axes, result))
+            part.write_part(block, this.table(result))
 
         if missing := part.missing_blocks():
             spent = Timings()

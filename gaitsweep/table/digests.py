@@ -1,7 +1,9 @@
 """The digests of a directory's files, in `SHA256SUMS`, which `sha256sum -c` can read.
 
 The line of a file is on disk before the file gets its name, so every file has a line, even after a kill. If a
-name has several lines, the last one is valid.
+name has several lines, the last one is valid. Processes that write parts of one table at the same time append
+to files of their own, `SHA256SUMS.NAME`, since not every network file system lets two machines append to one
+file; they become one file when the table is complete.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from gaitsweep.table.files import TableError, read_file, reason, replace_file, sync_folder
@@ -30,23 +32,45 @@ def read_digests(folder: Path) -> dict[str, str]:
     Raises:
         TableError: the file exists but cannot be read.
     """
-    try:
-        text = read_file(folder / DIGESTS, _LARGEST).decode(errors="replace")
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise TableError(f"{folder / DIGESTS} cannot be read: {reason(error)}.") from error
-    found = (_LINE.fullmatch(line) for line in text.split("\n"))
-    return {match[2]: match[1] for match in found if match}
+    digests: dict[str, str] = {}
+    for file in (folder / DIGESTS, *of_writers(folder)):
+        try:
+            text = read_file(file, _LARGEST).decode(errors="replace")
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise TableError(f"{file} cannot be read: {reason(error)}.") from error
+        found = (_LINE.fullmatch(line) for line in text.split("\n"))
+        digests.update((match[2], match[1]) for match in found if match)
+    return digests
 
 
-def add_digest(folder: Path, name: str, digest: str) -> None:
+def of_writers(folder: Path) -> list[Path]:
+    """The files of processes that write parts at the same time, the last changed at the end."""
+
+    def changed(files: Iterator[Path]) -> Iterator[tuple[int, Path]]:
+        for file in files:
+            try:
+                yield file.stat().st_mtime_ns, file
+            except OSError:  # removed meanwhile, when the table was completed
+                continue
+
+    return [file for _, file in sorted(changed(folder.glob(f"{DIGESTS}.*")))]
+
+
+def add_digest(folder: Path, name: str, digest: str, *, writer: str = "") -> None:
     """Append the digest of a file that is about to be written.
+
+    Args:
+        folder: the result directory.
+        name: the file, from the directory.
+        digest: its digest.
+        writer: the name of this writer, where others write the same table at the same time.
 
     Raises:
         OSError: it cannot be written.
     """
-    path = folder / DIGESTS
+    path = folder / f"{DIGESTS}{writer and '.'}{writer}"
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     new = not path.exists()
     with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:

@@ -13,7 +13,15 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from gaitsweep.table.digests import DIGESTS, add_digest, digest_of, read_digests, write_digests
+from gaitsweep.table.block_locks import BLOCK_LOCKS
+from gaitsweep.table.digests import (
+    DIGESTS,
+    add_digest,
+    digest_of,
+    of_writers,
+    read_digests,
+    write_digests,
+)
 from gaitsweep.table.examination import FOREIGN, Examination, Fault
 from gaitsweep.table.files import (
     OPEN_ROWS,
@@ -40,7 +48,7 @@ from gaitsweep.table.manifest import (
     sealed,
 )
 from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes
-from gaitsweep.table.parts import Footer, check_frame, count_statuses, part_bytes
+from gaitsweep.table.parts import DamagedPart, Footer, checked_part, read_footer
 from gaitsweep.table.reading import add_counts
 
 _FIXED = ("format", "job_hash", "rows", "block")
@@ -237,14 +245,21 @@ class ResultDirectory:
         start, stop = self.rows_of(number)
         if not 0 <= number < self.n_blocks:
             raise ValueError(f"There is no block {number}: the blocks are 0 to {self.n_blocks - 1}.")
-        check_frame(frame, start, stop)
-        counts = count_statuses(frame)
-        if sum(counts.values()) != stop - start:
-            raise ValueError(
-                f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
-            )
         quantities = self.manifest.get("quantities")
-        data, footer = part_bytes(frame, number, self.manifest["job_hash"], counts, quantities)
+        data, _ = checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
+        self.write_part_bytes(number, data)
+
+    def write_part_bytes(self, number: int, data: bytes) -> None:
+        """Write a part that another process has encoded, by `checked_part`.
+
+        Raises:
+            WriteError: as for `write_part`.
+            DamagedPart: the bytes are not this part of this table.
+        """
+        start, stop = self.rows_of(number)
+        footer = read_footer(data)
+        if (footer.part, footer.job_hash, footer.rows) != (number, self.manifest["job_hash"], stop - start):
+            raise DamagedPart(f"it is not part {number} of this table")
         with writing(
             f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}",
             f"; {self.rows_done} of {self.n_rows} rows are safe there, "
@@ -305,16 +320,20 @@ class ResultDirectory:
             raise
 
     def tidy_digests(self) -> None:
-        """Reduce `SHA256SUMS` to one line for each existing file.
+        """Reduce `SHA256SUMS` to one line for each existing file, and remove what other writers have left.
 
         Raises:
             WriteError: it cannot be written; the old file is unchanged.
         """
+        others = of_writers(self.path)
         names = {JOB, *(f"{TABLE}/{PARTS.name(number)}" for number in self._footers)}
         names |= {f"{TABLE}/{file.name}" for file in self._open_files}
         known = read_digests(self.path)
         with writing(f"{self.path / DIGESTS} could not be written"):
             write_digests(self.path, {name: known[name] for name in names if name in known})
+            for file in (*others, self.path / BLOCK_LOCKS):
+                file.unlink(missing_ok=True)
+            remove_partials(self.path / TABLE)
 
     def _write_manifest(self) -> None:
         plain = json.loads(json.dumps(self.manifest, default=_plain))

@@ -50,7 +50,6 @@ class Examination:
         self.path, self.folder = path, path / TABLE
         self.manifest, self.rows, self.block = manifest, manifest["rows"], manifest["block"]
         self.job_hash: str = manifest["job_hash"]
-        self._needs_digests = manifest["format"] > 1
         self.footers: dict[int, Footer] = {}
         self.faults: dict[int, Fault] = {}
         self.strangers: list[Fault] = []
@@ -93,18 +92,7 @@ class Examination:
             start, stop = rows_of(self.manifest, number)
             try:
                 data = read_file(file)
-                footer, table = None, None
-                if digest is not None and digest_of(data) != digest:
-                    self._say_whose(data, number)
-                    raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
-                footer = read_footer(data)
-                self._check_job(footer)
-                if footer.part != number or footer.rows != stop - start:
-                    raise DamagedPart(
-                        f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
-                    )
-                if digest is None and self._needs_digests:
-                    raise DamagedPart(f"{DIGESTS} has no line for it")
+                footer, table = examined_part(data, digest, self.manifest, number), None
                 if records or digest is None:
                     table = read_records(data, footer, start, stop, columns)
             except FileNotFoundError:
@@ -118,20 +106,6 @@ class Examination:
                 self.without_digest.append(number)
             self.footers[number] = footer
             yield number, table
-
-    def _say_whose(self, data: bytes, number: int) -> None:
-        """Raise the reason if a part with a wrong digest is a valid part of another job or block."""
-        try:
-            footer = read_footer(data)
-        except DamagedPart:
-            return
-        self._check_job(footer)
-        if footer.part != number:
-            raise DamagedPart(f"it holds part {footer.part}, not {number}")
-
-    def _check_job(self, footer: Footer) -> None:
-        if footer.job_hash != self.job_hash:
-            raise _ForeignPart(f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})")
 
     def open_rows(self) -> Iterator[tuple[Path, dict[str, np.ndarray]]]:
         """Iterate over the files of ended rows of incomplete blocks."""
@@ -152,3 +126,46 @@ class Examination:
 
 class _ForeignPart(DamagedPart):
     """A valid part of another job."""
+
+
+def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], number: int) -> Footer:
+    """Compare a part with its digest and with the manifest.
+
+    Args:
+        data: the part's bytes.
+        digest: their digest as it was noted, if it was.
+        manifest: the manifest, of which the format, the job's hash, the rows and the block count.
+        number: the block.
+
+    Raises:
+        DamagedPart: it is not the part that was written.
+    """
+    start, stop = rows_of(manifest, number)
+    if digest is not None and digest_of(data) != digest:
+        _say_whose(data, manifest["job_hash"], number)
+        raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
+    footer = read_footer(data)
+    _check_job(footer, manifest["job_hash"])
+    if footer.part != number or footer.rows != stop - start:
+        raise DamagedPart(
+            f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
+        )
+    if digest is None and manifest["format"] > 1:
+        raise DamagedPart(f"{DIGESTS} has no line for it")
+    return footer
+
+
+def _say_whose(data: bytes, job_hash: str, number: int) -> None:
+    """Raise the reason if a part with a wrong digest is a valid part of another job or block."""
+    try:
+        footer = read_footer(data)
+    except DamagedPart:
+        return
+    _check_job(footer, job_hash)
+    if footer.part != number:
+        raise DamagedPart(f"it holds part {footer.part}, not {number}")
+
+
+def _check_job(footer: Footer, job_hash: str) -> None:
+    if footer.job_hash != job_hash:
+        raise _ForeignPart(f"it belongs to another job (hash {footer.job_hash[:12]}, part {footer.part})")

@@ -1,4 +1,4 @@
-"""Atomic replacement of files, and a lock that restricts a directory to one writer."""
+"""Atomic replacement of files, and the lock of a directory."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def read_file(path: Path, most: int | None = None) -> bytes:
         return file.read()
 
 
-def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def replace_file(path: Path, write: Callable[[BinaryIO], object], *, writer: str = "") -> None:
     """Write a file to a hidden temporary name in the folder of `path`, flush it to disk, and rename it.
 
     A kill at any point leaves the old or the new file, and at most a temporary file, which `remove_partials`
@@ -94,11 +94,12 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Args:
         path: the path of the file; its folder exists.
         write: writes the content to the open file.
+        writer: the name of this writer, where others may write the same file at the same time.
 
     Raises:
         OSError: the file could not be written; `path` is unchanged, and the temporary file is removed.
     """
-    temporary = path.with_name(f".{path.name}{PARTIAL}")
+    temporary = path.with_name(f".{path.name}{writer and '.'}{writer}{PARTIAL}")
     with contextlib.suppress(FileNotFoundError):
         temporary.unlink()
     try:
@@ -173,17 +174,31 @@ class Numbered(NamedTuple):
 PARTS, OPEN_ROWS = Numbered("part"), Numbered("open")
 
 
-class Lock:
-    """The exclusive right to write a directory, released by the operating system when the process ends."""
+def this_process() -> str:
+    """The name of this process in sentences."""
+    return f"process {os.getpid()} on {socket.gethostname()}"
 
-    def __init__(self, folder: Path) -> None:
+
+class BusyDirectory(TableError):
+    """Another run is writing the directory."""
+
+
+class Lock:
+    """The right to write a directory, released by the operating system when the process ends."""
+
+    def __init__(self, folder: Path, *, shared: bool = False) -> None:
         """Take the lock of a folder.
 
+        Args:
+            folder: the directory.
+            shared: share the right with other processes that share it, each of which writes parts only.
+
         Raises:
-            TableError: another run holds it, or the lock file is not a regular file.
+            BusyDirectory: another run holds it.
+            TableError: the lock file is not a regular file.
             OSError: the lock file cannot be created.
         """
-        self.exclusive = True
+        self.exclusive = True  # or shared: whether the file system has locks
         path = folder / LOCK_NAME
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
         try:
@@ -198,12 +213,12 @@ class Lock:
             self.release()
             raise TableError(f"{path} is no lock file of gaitsweep: remove it.")
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(self._descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except OSError as error:
             holder = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
                 self.release()
-                raise TableError(
+                raise BusyDirectory(
                     f"Another run ({holder or 'of unknown process'}) is writing {folder}: "
                     "wait until it ends, stop it, or choose another directory with --out."
                 ) from None
@@ -212,7 +227,7 @@ class Lock:
                 raise
             self.exclusive = False
         os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+        os.pwrite(self._descriptor, f"{this_process()}\n".encode(), 0)
 
     def release(self) -> None:
         """Release the lock; a second call does nothing."""

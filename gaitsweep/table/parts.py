@@ -69,6 +69,32 @@ def check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
         raise ValueError(f"The rows of a part stand in order, from {start} to {stop - 1}.")
 
 
+def checked_part(
+    frame: pd.DataFrame,
+    number: int,
+    rows: tuple[int, int],
+    job_hash: str,
+    quantities: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[bytes, Footer]:
+    """Encode a block's records as `part_bytes` does, after a check that all its rows are there.
+
+    Args:
+        frame, number, job_hash, quantities: as for `part_bytes`.
+        rows: the first row of the block, and the row after its last.
+
+    Raises:
+        ValueError: the frame does not belong to the block.
+    """
+    start, stop = rows
+    check_frame(frame, start, stop)
+    counts = count_statuses(frame)
+    if sum(counts.values()) != stop - start:
+        raise ValueError(
+            f"The statuses of part {number} count {sum(counts.values())} rows, not {stop - start}."
+        )
+    return part_bytes(frame, number, job_hash, counts, quantities)
+
+
 def part_bytes(
     frame: pd.DataFrame,
     number: int,

@@ -1,0 +1,172 @@
+"""Some rows of a job, computed beside other processes that compute others: an array of jobs.
+
+Each process writes the parts of its rows into the same result directory; the one that finds all parts there
+completes the table.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import pandas as pd
+
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.job import Job
+from gaitsweep.runs.execute import RESULTS, run_job
+from gaitsweep.runs.figures import Progress
+from gaitsweep.runs.prepare import Prepared, RunError, naming_the_file, prepare
+from gaitsweep.runs.some_blocks import run_blocks
+from gaitsweep.runs.summary import describe, quantities_of
+from gaitsweep.table import ResultDirectory
+from gaitsweep.table.block_locks import BlockLocks
+from gaitsweep.table.files import PARTS, BusyDirectory, Lock, TableError, this_process
+from gaitsweep.table.manifest import MANIFEST, TABLE, claim
+from gaitsweep.table.part_writer import PartWriter
+
+# Others hold a directory for a moment when they make it, and while the last of them completes it (s).
+PATIENCE = 20.0
+T = TypeVar("T")
+
+
+def run_rows(
+    job: Job,
+    rows: str,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+    strict: bool = False,
+) -> Path:
+    """Run some rows of a job; if all parts of its table are there then, complete the table.
+
+    Args:
+        job: the job; every process has the same.
+        rows: the first row and the row after the last, "A:B", multiples of the block.
+        out: the result directory, the same for every process; `results/NAME` by default.
+        progress, tell, strict: as for `run_job`.
+
+    Returns:
+        The result directory.
+
+    Raises:
+        RunError: the rows are none of this job's, or are no whole blocks.
+        TableError: the directory is another job's, or another process runs some of these rows.
+    """
+    path = RESULTS / job.name if out is None else Path(out)
+    ready = prepare(job)
+    if job.run.refined(ready.plan) is not None:
+        raise RunError(
+            "run.refine is boundary, so which rows are simulated follows from others: use --cluster."
+        )
+    blocks = blocks_of(rows, ready.work.n_rows, ready.work.block)
+    with naming_the_file():
+        _make(path, ready)
+        writer = PartWriter(
+            path,
+            ready.job_hash,
+            ready.work.n_rows,
+            ready.work.block,
+            quantities_of(ready.work.model, job.run.columns(ready.work.model)),
+        )
+        missing = [number for number in blocks if not writer.has(number)]
+        if missing:
+            lock = _patiently(lambda: Lock(path, shared=True))
+            try:
+                _run_missing(ready, writer, missing, progress or (lambda *_, **__: None))
+            finally:
+                lock.release()
+        if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(ready))):
+            return path
+        # several processes may find the last part there: one of them completes the table, the others wait
+        return _patiently(lambda: run_job(job, path, progress=progress, tell=tell, strict=strict))
+
+
+def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:
+    """The blocks of rows "A:B".
+
+    Raises:
+        RunError: they are no whole blocks of a job with so many rows.
+    """
+    what = f"--rows {rows}"
+    found = re.fullmatch(r"\s*(\d{1,18})\s*:\s*(\d{1,18})\s*", rows)
+    if found is None:
+        raise RunError(
+            f"{what} is not read: write the first row and the row after the last, --rows 0:{block}."
+        )
+    first, stop = int(found[1]), int(found[2])
+    if not first < min(stop, n_rows):
+        raise RunError(f"{what} names no row: this job has the rows 0 to {n_rows - 1}.")
+    if first % block or (stop % block and stop < n_rows):
+        near = first // block * block, -(-stop // block) * block
+        raise RunError(
+            f"{what} are no whole blocks: both numbers are multiples of engine.block, which is {block}; "
+            f"did you mean --rows {near[0]}:{near[1]}?"
+        )
+    return range(first // block, -(-min(stop, n_rows) // block))
+
+
+def _count(ready: Prepared) -> int:
+    return -(-ready.work.n_rows // ready.work.block)
+
+
+def _make(path: Path, ready: Prepared) -> None:
+    """Make the directory, unless another process has made it for the same job."""
+
+    def made() -> None:
+        if (path / MANIFEST).exists():
+            claim(path, ready.job_hash, ready.work.n_rows, ready.work.block)
+            return
+        resolved = ready.job.resolved(engine=ready.engine)
+        with ResultDirectory.open(
+            path, resolved, ready.job_hash, ready.work.n_rows, ready.work.block
+        ) as directory:
+            describe(ready, directory)
+
+    _patiently(made)
+
+
+def _patiently(take: Callable[[], T]) -> T:
+    """What `take` returns, which is called again while another process holds the directory."""
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return take()
+        except BusyDirectory:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.2)
+
+
+def _run_missing(ready: Prepared, writer: PartWriter, missing: list[int], progress: Progress) -> None:
+    total, done = ready.work.n_rows, 0
+    with BlockLocks(writer.path) as locks:
+        for number in missing:
+            if not locks.take(number, this_process()):
+                first, stop = writer.rows_of(number)
+                raise TableError(
+                    f"Rows {first} to {stop - 1} of {writer.path} are being run by "
+                    f"{locks.begun(number).process}: wait until it ends, or stop it."
+                )
+
+        def write(number: int, frame: pd.DataFrame) -> None:
+            nonlocal done
+            writer.write(number, frame)
+            locks.end(number)
+            locks.free(number)
+            first, stop = writer.rows_of(number)
+            done += stop - first
+
+        rows = sum(stop - first for first, stop in map(writer.rows_of, missing))
+        began = time.perf_counter()
+
+        def tell(now: SweepProgress | None) -> None:
+            spent = time.perf_counter() - began
+            share, finished = (done / rows, done) if now is None else (now.share, now.done)
+            progress(finished, rows, share * rows / max(spent, 1e-9), share, f"of {total} rows")
+
+        progress(0, rows, 0.0, 0.0, "compiling")
+        run_blocks(ready, missing, write, tell)

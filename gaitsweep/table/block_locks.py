@@ -1,0 +1,95 @@
+"""Locks of single blocks, for processes that compute different blocks of one table at the same time.
+
+The file `.blocks` has a record for each block: how often the block was begun without coming to an end, and by
+which process last. A process locks the record of the block that it computes; the operating system frees the
+lock when the process ends, however it ends, also that of another machine on a network file system.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import struct
+from pathlib import Path
+from typing import NamedTuple
+
+BLOCK_LOCKS = ".blocks"
+_RECORD = 128  # bytes
+
+
+class Begun(NamedTuple):
+    """How often a block was begun without coming to an end, and by which process last."""
+
+    times: int
+    process: str
+
+
+class BlockLocks:
+    """The locks of the blocks of one directory; use it as a context manager, or call `close`."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open the file of locks.
+
+        Raises:
+            OSError: it cannot be created.
+        """
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+        self._descriptor = os.open(folder / BLOCK_LOCKS, flags, 0o644)
+
+    def take(self, number: int, process: str) -> bool:
+        """Lock a block in the name of a process; False if another one holds it.
+
+        A file system without locks gives all: two processes may then compute the same block, and write the
+        same part.
+        """
+        try:
+            self._lock(fcntl.F_WRLCK, number)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES):
+                return False
+        self._note(number, self.begun(number).times, process)
+        return True
+
+    def free(self, number: int) -> None:
+        """Give a block back."""
+        with contextlib.suppress(OSError):
+            self._lock(fcntl.F_UNLCK, number)
+
+    def _lock(self, kind: int, number: int) -> None:
+        # locks of the open file, not of the process: closing another descriptor would free those
+        fields = struct.pack("hhqqi0q", kind, os.SEEK_SET, number * _RECORD, _RECORD, 0)
+        fcntl.fcntl(self._descriptor, fcntl.F_OFD_SETLK, fields)
+
+    def begun(self, number: int) -> Begun:
+        """Who has begun a block that has not come to its end."""
+        times, _, process = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(
+            errors="replace"
+        ).rstrip("\0 \n").partition(" ")  # fmt: skip
+        return Begun(int(times), process) if times.isdigit() else Begun(0, "")
+
+    def begin(self, number: int) -> None:
+        """Note that the process which holds a block begins it."""
+        times, process = self.begun(number)
+        self._note(number, times + 1, process)
+
+    def end(self, number: int) -> None:
+        """Note that a block has come to its end, with a part or an error."""
+        self._note(number, 0, "")
+
+    def _note(self, number: int, times: int, process: str) -> None:
+        record = f"{times} {process}".encode()[: _RECORD - 1].ljust(_RECORD - 1) + b"\n"
+        os.pwrite(self._descriptor, record, number * _RECORD)
+
+    def close(self) -> None:
+        """Free all locks; a second call does nothing."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def __enter__(self) -> BlockLocks:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
