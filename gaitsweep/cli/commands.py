@@ -80,6 +80,29 @@ def run(
             "directory; the last of them completes the table.",
         ),
     ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster",
+            metavar="WHERE",
+            help="Workers of Dask that compute the rows: local:N (N processes of this machine), the "
+            "scheduler tcp://HOST:PORT, or its file FILE.json.",
+        ),
+    ] = None,
+    collect: Annotated[
+        bool,
+        typer.Option("--collect", help="Parts come back through the scheduler; no directory is shared."),
+    ] = False,
+    block_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--block-limit",
+            metavar="S",
+            min=1.0,
+            help="Seconds after which a block is taken from a worker that hangs; ten times the longest so "
+            "far by default.",
+        ),
+    ] = None,
 ) -> None:
     """Run a job, or continue it where it stopped: its table and its figures."""
     command = [str(each) for each in (job_file, out, settings, engine, strict)]
@@ -92,6 +115,10 @@ def run(
     from gaitsweep.job import load_job
     from gaitsweep.table import Snapshot
 
+    if cluster is None and (collect or block_limit is not None):
+        raise typer.BadParameter("--collect and --block-limit are options of --cluster.")
+    if cluster is not None and rows is not None:
+        raise typer.BadParameter("--rows runs here, beside others: leave --cluster or --rows away.")
     overrides = list(settings or ())
     if engine is not None:
         overrides.append(f"engine.name={engine}")
@@ -114,6 +141,13 @@ def run(
         with _shown_progress() as progress:
             if rows is not None:
                 path = run_rows(job, rows, out, progress=progress, tell=tell, strict=strict)
+            elif cluster is not None:
+                from gaitsweep.runs.cluster.connection import connection_to
+                from gaitsweep.runs.cluster.dispatch import Cluster
+
+                connection = connection_to(cluster)
+                with Cluster(connection, collect=collect, limit=block_limit, tell=tell) as workers:
+                    path = run_job(job, out, progress=progress, tell=tell, strict=strict, cluster=workers)
             else:
                 path = run_job(job, out, progress=progress, tell=tell, strict=strict)
     except KeyboardInterrupt as error:

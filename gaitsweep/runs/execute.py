@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.sweep import Timings, sweep
@@ -26,6 +26,9 @@ from gaitsweep.runs.self_check_report import advice, sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up
 from gaitsweep.table import ResultDirectory, TableError
 
+if TYPE_CHECKING:
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
 RESULTS = Path("results")
 
 
@@ -37,6 +40,7 @@ def run_job(
     tell: Callable[[str], None] = lambda _: None,
     figures: bool = True,
     strict: bool = False,
+    cluster: Cluster | None = None,
 ) -> Path:
     """Run what a job's directory still lacks, then draw its figures.
 
@@ -47,6 +51,7 @@ def run_job(
         tell: told, in a sentence each, what was found and mended in the directory.
         figures: draw the job's figures at the end.
         strict: raise SelfCheckError where the run's self-check warns.
+        cluster: computes the blocks, if this process does not; it is left open.
 
     Returns:
         The result directory.
@@ -74,7 +79,7 @@ def run_job(
         if missing:
             if _rows_leave_the_host_idle(ready):
                 check.begin()
-            _run_missing(ready, directory, missing, progress)
+            _run_missing(ready, directory, missing, progress, cluster)
         elif not summed_up(ready, directory):  # killed after its last part
             describe(ready, directory)
             sum_up(ready, directory, directory.manifest.get("timings", {}))
@@ -150,7 +155,13 @@ class _SelfCheck:
         return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
 
-def _run_missing(ready: Prepared, directory: ResultDirectory, missing: list[int], progress: Progress) -> None:
+def _run_missing(
+    ready: Prepared,
+    directory: ResultDirectory,
+    missing: list[int],
+    progress: Progress,
+    cluster: Cluster | None,
+) -> None:
     before, total = directory.rows_done + directory.rows_open, ready.work.n_rows
     describe(ready, directory)
     spent = directory.manifest.get("timings", {})
@@ -165,11 +176,21 @@ def _run_missing(ready: Prepared, directory: ResultDirectory, missing: list[int]
     def tell(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
         note = f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
+        if cluster is not None:
+            note, timings.run_s = cluster.note, now.seconds
         progress(before + now.done, total, rate, (before + now.share * now.rows) / total, note)
 
     progress(before, total, 0.0, before / total, "compiling")
     try:
-        if (grid := ready.job.run.refined(ready.plan)) is not None:
+        if cluster is not None:
+            with cluster.serve(
+                ready, directory, lambda: progress(before, total, 0.0, before / total, cluster.note)
+            ):
+                if (grid := ready.job.run.refined(ready.plan)) is not None:
+                    refine(ready, grid, directory, progress, timings, cluster)
+                else:
+                    cluster.run_blocks(directory, missing, tell)
+        elif (grid := ready.job.run.refined(ready.plan)) is not None:
             refine(ready, grid, directory, progress, timings)
         elif ready.job.run.own_blocks:
             _run_own_blocks(ready, directory, missing, progress, timings)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,9 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.figures import Progress as RunProgress
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load
+
+if TYPE_CHECKING:
+    from gaitsweep.runs.cluster.dispatch import Cluster
 
 FOLDER = "refinement"
 
@@ -57,6 +61,7 @@ def refine(
     directory: ResultDirectory,
     progress: RunProgress,
     timings: Timings,
+    cluster: Cluster | None = None,
 ) -> None:
     """Run the rounds that a directory still lacks, and write the parts of its table.
 
@@ -66,6 +71,7 @@ def refine(
         directory: its result directory.
         progress: told how many rows are decided; those of the round under way count once they are simulated.
         timings: added to as rounds go.
+        cluster: computes the blocks, if this process does not.
 
     Raises:
         TableError: a round's folder is not this job's, or cannot be written.
@@ -75,7 +81,7 @@ def refine(
     decided = 0.0
     while (rows := np.flatnonzero(wanted(known, grid))).size:
         tell = _telling(progress, len(frames), known.size, decided)
-        frame = _round(ready, directory, len(frames), rows, tell, timings)
+        frame = _round(ready, directory, len(frames), rows, tell, timings, cluster)
         known.reshape(-1)[rows] = _labels(frame)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
@@ -91,6 +97,7 @@ def _round(
     rows: np.ndarray,
     tell: Callable[[SweepProgress], None],
     timings: Timings,
+    cluster: Cluster | None,
 ) -> pd.DataFrame:
     """The records of `rows` (n,), simulated as far as they are not there yet."""
     this = Round.of(ready, rows.size, lambda first, stop: rows[first:stop])
@@ -106,7 +113,11 @@ def _round(
         if missing := part.missing_blocks():
             spent = Timings()
             try:
-                sweep(work, missing, write, tell, spent, open_rows=part)
+                if cluster is not None:
+                    cluster.run_blocks(part, missing, tell, this.rows_in)
+                    part.tidy_digests()
+                else:
+                    sweep(work, missing, write, tell, spent, open_rows=part)
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))

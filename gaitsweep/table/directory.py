@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from gaitsweep.table.digests import (
     read_digests,
     write_digests,
 )
-from gaitsweep.table.examination import FOREIGN, Examination, Fault
+from gaitsweep.table.examination import FOREIGN, Examination, Fault, examined_part
 from gaitsweep.table.files import (
     OPEN_ROWS,
     PARTS,
@@ -266,6 +266,25 @@ class ResultDirectory:
             "and the same command continues from them",
         ):
             self._write(PARTS.name(number), data)
+        self._has_part(number, footer)
+
+    def take_parts(self, numbers: Iterable[int]) -> list[int]:
+        """Read parts that other processes have written; returns those that are not there or not sound."""
+        digests = read_digests(self.path)
+        absent = []
+        for number in numbers:
+            name = PARTS.name(number)
+            try:
+                data = read_file(self.path / TABLE / name)
+                footer = examined_part(data, digests.get(f"{TABLE}/{name}"), self.manifest, number)
+            except (OSError, DamagedPart):
+                absent.append(number)
+            else:
+                self._has_part(number, footer)
+        return absent
+
+    def _has_part(self, number: int, footer: Footer) -> None:
+        """Note that a part is on disk, and remove stored rows that nobody needs any more."""
         self._footers[number] = footer
         self._restored.pop(number, None)
         for file, blocks in list(self._open_files.items()):

@@ -1,0 +1,515 @@
+"""Giving the blocks of a table to the workers of a cluster, some of which die.
+
+The parts on disk are the truth. A block whose task is lost, with a worker or with the scheduler, is given out
+again, and a worker that finds its part writes nothing. Few tasks are in flight: a scheduler does not queue
+tasks that ask for resources, and holds in memory what it is given.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+import json
+import secrets
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.errors import FAILED, UserError
+from gaitsweep.runs.cluster.connection import Connection
+from gaitsweep.runs.cluster.identity import WorkerUnfit, identity_of, own_modules
+from gaitsweep.runs.cluster.task import MOST_DEATHS, Assignment, BlockGivenUp, JobTicket, examine, run_block
+from gaitsweep.runs.prepare import Prepared, RunError
+from gaitsweep.table import ResultDirectory, replace_file, writing
+from gaitsweep.table.block_locks import BLOCK_LOCKS
+
+# Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
+_AHEAD = 1.0
+_MOST_IN_FLIGHT = 4096
+_LOOK = 1.0  # s between two looks at the workers
+_POLL = 0.01  # s between two looks at the tasks
+_TELL = 0.1  # s between two tellings of progress
+_MOST_FAILURES = 3  # of a block by an error
+# A block may take this many times as long as the longest so far, and at least so long (s), before its worker
+# counts as hanging.
+_TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
+_LAG = 60.0  # s after which a file that another machine has written is seen
+
+
+class BlocksFailed(UserError):
+    """Some blocks could not be computed; all others were."""
+
+    exit_code = FAILED
+
+
+@dataclasses.dataclass
+class _InFlight:
+    """A task that was given to the scheduler, and when (s); `only` the workers that may run it."""
+
+    future: Any
+    since: float
+    only: tuple[str, ...] | None
+
+
+class Cluster:
+    """The workers of a cluster, as the computer of a job's blocks; use it as a context manager.
+
+    Args:
+        connection: how the cluster is reached.
+        collect: let the parts come back through the scheduler, where no directory is shared.
+        limit: time (s) after which a block is taken from a worker that hangs; by default ten times that of
+            the longest block so far, and at least 120 s.
+        tell: told, in a sentence each, which workers are refused.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        *,
+        collect: bool = False,
+        limit: float | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.connection, self.collect, self._limit, self.tell = connection, collect, limit, tell
+        self.workers: dict[str, str] = {}  # names by address
+        self.slots = 0
+        self._refused: dict[str, str] = {}  # reasons by address
+        self._told: set[str] = set()
+        self._looked = -_LOOK
+        self._ticket: JobTicket | None = None
+        self._on_card = False
+        self._away = False
+
+    @property
+    def note(self) -> str:
+        """The workers, for a line of progress."""
+        if self._away:
+            return "the scheduler is away"
+        count = len(self._usable)
+        return f"{count} worker{'s' * (count != 1)}"
+
+    @contextlib.contextmanager
+    def serve(self, ready: Prepared, directory: ResultDirectory, wait: Callable[[], None]) -> Iterator[None]:
+        """A context in which `run_blocks` may be called, for tables of one job.
+
+        Args:
+            ready: the job made ready.
+            directory: its result directory.
+            wait: called while the client waits for the cluster; what it raises ends the waiting.
+
+        Raises:
+            RunError: the workers cannot compute the job, each named with the reason.
+        """
+        token = secrets.token_hex(8)
+        probe = directory.path / f".probe-{token}"
+        if not self.collect:
+            with writing(f"{directory.path} cannot be written"):
+                replace_file(probe, lambda file: file.write(token.encode()))
+        self._on_card = ready.work.devices[0].platform == "gpu"
+        self._ticket = JobTicket(
+            json.dumps(directory.manifest["job"]),
+            own_modules(ready),
+            tuple(identity_of(ready).items()),
+            None if self.collect else (str(probe.absolute()), token),
+        )
+        try:
+            self.connect(wait)
+            while not self._examined(wait):
+                self.connect(wait)
+            yield
+        finally:
+            probe.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Leave the cluster; workers of this command end."""
+        self.connection.close()
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def run_blocks(
+        self,
+        directory: ResultDirectory,
+        missing: Sequence[int],
+        tell: Callable[[SweepProgress], None],
+        rows_in: Callable[[int, int], np.ndarray] | None = None,
+    ) -> None:
+        """Let the workers compute blocks, and wait until their parts are there.
+
+        Args:
+            directory: the result directory of the job, or of a round of a refined run.
+            missing: the numbers of the blocks.
+            tell: called now and then; an exception that it raises cancels the tasks.
+            rows_in: the rows of the job (stop - first,) that are rows first..stop-1 of this table, where they
+                are not the same.
+
+        Raises:
+            BlocksFailed: some blocks could not be computed, each named with the reason.
+            RunError: no worker can compute the job's blocks.
+        """
+        if self._ticket is None:
+            raise RuntimeError("run_blocks is called inside `serve`.")
+        assignment = Assignment(
+            self._ticket,
+            str(directory.path.absolute()),
+            directory.manifest["job_hash"],
+            directory.n_rows,
+        )
+        # deaths that an earlier run has counted are forgotten
+        (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
+        _Blocks(self, directory, assignment, missing, tell, rows_in).run()
+
+    @property
+    def client(self) -> Any:  # its methods are typed for a use with `await` too
+        return self.connection.client
+
+    @property
+    def _usable(self) -> list[str]:
+        return [address for address in self.workers if address not in self._refused]
+
+    def connect(self, wait: Callable[[], None]) -> None:
+        """Connect, or connect again, for as long as it takes."""
+        while not self.connection.alive:
+            self._away = not self.connection.try_to_connect()
+            if self._away:
+                self.workers, self.slots = {}, 0
+                wait()
+                time.sleep(_POLL * 10)
+        self._away = False
+        self._looked = -_LOOK
+
+    def look(self) -> None:
+        """See which workers there are, now and then."""
+        now = time.monotonic()
+        if now - self._looked < _LOOK:
+            return
+        self._looked = now
+        found = self.client.scheduler_info(n_workers=-1)["workers"]
+        self.workers = {address: str(about["name"]) for address, about in found.items()}
+        self._refused = {address: why for address, why in self._refused.items() if address in found}
+        if self._on_card:
+            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in found.items()}
+            for address, count in cards.items():
+                if not count:
+                    self.refuse(address, "it offers no card: start it with --resources GPU=1")
+            self.slots = int(sum(cards[address] for address in self._usable))
+        else:
+            self.slots = len(self._usable)
+        if self.workers and not self._usable:
+            raise RunError(
+                f"No worker of {self.connection.where} can compute this job. "
+                + " ".join(sorted({f"{self.workers[a]}: {why}." for a, why in self._refused.items()}))
+            )
+
+    def refuse(self, address: str, why: str) -> None:
+        """Give no block to a worker any more, and tell its name and the reason."""
+        if address in self._refused:
+            return
+        self._refused[address] = why
+        sentence = f"The worker {self.workers.get(address, address)} is refused: {why}."
+        if sentence not in self._told:
+            self._told.add(sentence)
+            self.tell(sentence)
+
+    def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
+        """Give blocks to the scheduler; returns a task in flight for each."""
+        only = tuple(self._usable) if self._refused else None
+        now = time.monotonic()
+        futures = self.client.map(
+            run_block,
+            [number for number, _ in tasks],
+            [rows for _, rows in tasks],
+            assignment=assignment,
+            key=[(f"gaitsweep-{secrets.token_hex(4)}", number) for number, _ in tasks],
+            pure=False,
+            retries=0,
+            workers=only,
+            resources={"GPU": 1} if self._on_card else None,
+        )
+        return [_InFlight(future, now, only) for future in futures]
+
+    def _examined(self, wait: Callable[[], None]) -> bool:
+        """Ask the workers that are there whether they can compute the job; refuse it where one cannot.
+
+        Returns False if the scheduler is lost meanwhile.
+        """
+        try:
+            self._examine(wait)
+        except (OSError, TimeoutError):
+            if self.connection.alive:
+                raise
+        return self.connection.alive
+
+    def _examine(self, wait: Callable[[], None]) -> None:
+        self.look()
+        asked = {
+            address: self.client.submit(
+                examine,
+                self._ticket,
+                workers=[address],
+                key=f"gaitsweep-examine-{secrets.token_hex(4)}",
+                resources={"GPU": 1} if self._on_card else None,
+            )
+            for address in self._usable
+        }
+        reasons: dict[str, str] = {}
+        while asked and self.connection.alive:
+            for address, future in list(asked.items()):
+                if future.done():
+                    del asked[address]
+                    found = None
+                    if future.status == "finished":
+                        found = future.result()
+                    elif future.status == "error":
+                        found = future.exception()
+                    if found is not None:
+                        reasons[address] = str(found)
+            wait()
+            self.look()  # those that die meanwhile are asked no more
+            asked = {address: future for address, future in asked.items() if address in self.workers}
+            time.sleep(_POLL)
+        if reasons:
+            named = {f"{self.workers.get(a, a)}: {why}." for a, why in reasons.items()}
+            raise RunError(
+                f"{len(reasons)} of the {max(len(self.workers), len(reasons))} workers of "
+                f"{self.connection.where} cannot compute this job, which is not begun. "
+                + " ".join(sorted(named))
+            )
+
+    def limit(self, longest: float | None) -> float:
+        """The time (s) that a task may take, the longest so far having taken `longest`."""
+        if self._limit is not None:
+            return self._limit
+        return float("inf") if longest is None else max(_TIMES_LONGEST * longest, _LEAST_LIMIT)
+
+    def restart(self, address: str) -> None:
+        """End a worker that hangs, and let its nanny start another."""
+        try:
+            self.client.restart_workers([address], timeout=10, raise_for_error=False)
+        except ValueError:  # it has no nanny; the scheduler forgets it, and its tasks go elsewhere
+            self.client.sync(
+                self.client.scheduler.unregister, address=address, stimulus_id="gaitsweep-time-limit"
+            )
+        self._looked = -_LOOK
+
+
+class _Blocks:
+    """The blocks of one table on their way."""
+
+    def __init__(
+        self,
+        cluster: Cluster,
+        directory: ResultDirectory,
+        assignment: Assignment,
+        missing: Sequence[int],
+        tell: Callable[[SweepProgress], None],
+        rows_in: Callable[[int, int], np.ndarray] | None,
+    ) -> None:
+        self.cluster, self.directory, self.assignment, self.rows_in = cluster, directory, assignment, rows_in
+        self.waiting = collections.deque(missing)
+        self.flight: dict[int, _InFlight] = {}
+        self.ended: list[int] = []
+        self.failures: collections.Counter[int] = collections.Counter()
+        self.failed: dict[int, str] = {}
+        self.rows = sum(stop - first for first, stop in map(directory.rows_of, missing))
+        self.done = 0  # rows
+        self._tell_of, self._told = tell, -_TELL
+        self._began = time.monotonic()
+        self._longest: float | None = None  # s, of the tasks that have ended
+        self._rate, self._ends, self._counted = 0.0, 0, self._began  # blocks a second, of the last while
+        self._expired_at = self._began
+
+    def run(self) -> None:
+        try:
+            while self.waiting or self.flight:
+                self._step()
+                if not self.waiting and not self.flight:
+                    self._settle()
+        except BaseException:
+            self._cancel()
+            with contextlib.suppress(UserError):
+                self._take_parts()
+            raise
+        if self.failed:
+            raise BlocksFailed(self._sentence())
+
+    def _step(self) -> None:
+        try:
+            if not self.cluster.connection.alive:
+                self._reconnect()
+            self.cluster.look()
+            self._refill()
+            ends = self._take_ended()
+            self._free_stranded()
+            self._expire()
+        except (OSError, TimeoutError):  # the scheduler is lost while it was asked
+            if self.cluster.connection.alive:
+                raise
+            ends = 0
+        self._tell()
+        if not ends:
+            time.sleep(_POLL)
+
+    def _reconnect(self) -> None:
+        """Go on with another scheduler; what was in flight is given out again."""
+        self._give_back(list(self.flight))
+        self.cluster.connect(self._tell)
+
+    def _give_back(self, numbers: Sequence[int]) -> None:
+        for number in numbers:
+            self.flight.pop(number).future.release()
+            self.waiting.appendleft(number)
+
+    def _refill(self) -> None:
+        slots = self.cluster.slots
+        now = time.monotonic()
+        if now - self._counted >= 0.5 * _AHEAD:
+            self._rate = self._ends / (now - self._counted)
+            self._ends, self._counted = 0, now
+        wanted = min(max(2 * slots, int(self._rate * _AHEAD)), _MOST_IN_FLIGHT) if slots else 0
+        free = min(wanted - len(self.flight), len(self.waiting))
+        if free <= 0 or free < min(wanted // 8, len(self.waiting)):  # many at once are cheaper
+            return
+        numbers = [self.waiting.popleft() for _ in range(free)]
+        try:
+            tasks = self.cluster.submit([(n, self._rows(n)) for n in numbers], self.assignment)
+        except BaseException:
+            self.waiting.extendleft(reversed(numbers))
+            raise
+        self.flight.update(zip(numbers, tasks, strict=True))
+
+    def _rows(self, number: int) -> np.ndarray | None:
+        return None if self.rows_in is None else self.rows_in(*self.directory.rows_of(number))
+
+    def _take_ended(self) -> int:
+        """Take what has ended, well or not; returns how many tasks that were."""
+        ended = [(number, task) for number, task in self.flight.items() if task.future.done()]
+        sound = [(number, task) for number, task in ended if task.future.status == "finished"]
+        if self.cluster.collect and sound:
+            parts = self.cluster.client.gather([task.future for _, task in sound])
+            for (number, _), data in zip(sound, parts, strict=True):
+                self.directory.write_part_bytes(number, data)
+        now = time.monotonic()
+        for number, task in ended:
+            del self.flight[number]
+            if task.future.status == "finished":
+                self._end(number)
+                self._longest = max(self._longest or 0.0, now - task.since)
+                self._ends += 1
+            elif task.future.status == "error":
+                self._fail(number, task.future.exception(timeout=30))
+            else:  # cancelled: the scheduler was lost, or the cluster restarted
+                self.waiting.appendleft(number)
+            task.future.release()
+        return len(ended)
+
+    def _end(self, number: int) -> None:
+        first, stop = self.directory.rows_of(number)
+        self.done += stop - first
+        self.ended.append(number)
+
+    def _fail(self, number: int, error: BaseException) -> None:
+        """Give a block out again, or give it up."""
+        from distributed import KilledWorker
+
+        if isinstance(error, WorkerUnfit):
+            self.cluster.refuse(error.address, str(error))
+            self.waiting.appendleft(number)
+            return
+        if isinstance(error, KilledWorker) and not self.cluster.collect:
+            self.waiting.append(number)  # the block's own record counts, also of those that were beside it
+            return
+        self.failures[number] += 1
+        if isinstance(error, BlockGivenUp | KilledWorker) or self.failures[number] >= _MOST_FAILURES:
+            many = f"it ended {MOST_DEATHS} workers or more that began it"
+            known = isinstance(error, UserError)
+            why = many if isinstance(error, KilledWorker) else str(error) if known else repr(error)
+            self.failed[number] = why.rstrip(".")
+        else:
+            self.waiting.append(number)
+
+    def _free_stranded(self) -> None:
+        """Give out again what only workers that are gone may run."""
+        here = set(self.cluster.workers)
+        gone = [n for n, task in self.flight.items() if task.only is not None and not here & set(task.only)]
+        if gone:
+            self.cluster.client.cancel([self.flight[number].future for number in gone], force=True)
+            self._give_back(gone)
+
+    def _expire(self) -> None:
+        """End workers that have held a block for too long."""
+        now = time.monotonic()
+        if not self.cluster.slots:  # nobody runs
+            for task in self.flight.values():
+                task.since = now
+            return
+        limit = self.cluster.limit(self._longest)
+        if now - self._expired_at < min(1.0, limit / 4):
+            return
+        self._expired_at = now
+        late = {task.future.key: number for number, task in self.flight.items() if now - task.since > limit}
+        if not late:
+            return
+        for address, keys in self.cluster.client.processing().items():
+            held = sorted(late[key] for key in keys if key in late)
+            if not held:
+                continue
+            first, stop = self.directory.rows_of(held[0])
+            name = self.cluster.workers.get(address, address)
+            self.cluster.tell(
+                f"The worker {name} is ended, and its blocks go elsewhere: block {held[0]} (rows {first} to "
+                f"{stop - 1}) took longer than {limit:.0f} s there."
+            )
+            self.cluster.restart(address)
+        for task in self.flight.values():
+            task.since = time.monotonic()
+
+    def _settle(self) -> None:
+        """See that all parts are there; what is not is given out again."""
+        deadline = time.monotonic() + _LAG
+        while (lost := self._take_parts()) and time.monotonic() < deadline:
+            self._tell()
+            time.sleep(0.1)  # a network file system shows a file of another machine some time later
+        for number in lost:
+            first, stop = self.directory.rows_of(number)
+            self.done -= stop - first
+            self._fail(number, RuntimeError("its part is not there, or is damaged, after it was written"))
+        self.ended = []
+
+    def _take_parts(self) -> list[int]:
+        """Read the parts that workers have written; returns the blocks whose part is not there."""
+        if self.cluster.collect:
+            return []
+        self.ended = self.directory.take_parts(self.ended)
+        return self.ended
+
+    def _cancel(self) -> None:
+        """Leave the cluster without tasks of this job."""
+        with contextlib.suppress(Exception):
+            futures = [task.future for task in self.flight.values()]
+            if futures and self.cluster.connection.alive:
+                self.cluster.client.cancel(futures, force=True)
+        self.flight = {}
+
+    def _tell(self) -> None:
+        now = time.monotonic()
+        if now - self._told < _TELL:
+            return
+        self._told = now
+        self._tell_of(SweepProgress(self.done, self.rows, self.done / self.rows, 0, now - self._began))
+
+    def _sentence(self) -> str:
+        told = []
+        for number, why in sorted(self.failed.items()):
+            first, stop = self.directory.rows_of(number)
+            told.append(f"Block {number} (rows {first} to {stop - 1}) was not computed: {why}.")
+        return "\n".join(
+            [*told, f"All other rows are safe in {self.directory.path}; the same command tries these again."]
+        )

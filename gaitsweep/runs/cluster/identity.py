@@ -1,0 +1,89 @@
+"""What makes two processes compute the same bits: their program, packages, processor and engine."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+
+from gaitsweep.errors import UserError
+from gaitsweep.models.own_modules import installed
+from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.provenance import versions
+
+Identity = Mapping[str, str]
+
+
+class WorkerUnfit(UserError):
+    """A worker cannot compute this job's blocks; the message is the reason, without the worker's name.
+
+    `address` is the worker's, once it is known.
+    """
+
+    def __init__(self, why: str, address: str = "") -> None:
+        self.address = address
+        super().__init__(why)
+
+    def __reduce__(self) -> tuple[type[WorkerUnfit], tuple[str, str]]:
+        return WorkerUnfit, (str(self), self.address)
+
+
+def identity_of(ready: Prepared) -> Identity:
+    """What this process would compute a job with."""
+    return {
+        **versions(),
+        "gaitsweep's source": _source_digest()[:12],
+        "the processor": _processor(),
+        "the platform": ready.work.devices[0].platform,
+        "the engine": ready.engine,
+        "the lanes": str(ready.work.lanes),
+        "the job's hash": ready.job_hash[:12],
+    }
+
+
+def difference(there: Identity, here: Identity) -> str | None:
+    """What differs on a worker from the client, in words; None if nothing does."""
+    found = [
+        f"{name} is {there.get(name, 'unknown')} there and {value} here"
+        for name, value in here.items()
+        if there.get(name) != value
+    ]
+    if len(found) > 1:  # the hash follows from the others
+        found = [each for each in found if not each.startswith("the job's hash")]
+    elif found and found[0].startswith("the job's hash"):
+        found = [f"{found[0]} (the files of its model differ)"]
+    return "; ".join(found) or None
+
+
+def own_modules(ready: Prepared) -> tuple[tuple[str, str], ...]:
+    """The user's modules that a job needs, with the folders from which they are imported."""
+    found: dict[str, str] = {}
+    for own in (type(ready.plan.model), type(ready.job.run)):
+        module = inspect.getmodule(own)
+        file = getattr(module, "__file__", None)
+        if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):
+            continue
+        levels = len(module.__name__.split(".")) - (0 if Path(file).name == "__init__.py" else 1)
+        found[module.__name__] = str(Path(file).resolve().parents[levels])
+    return tuple(found.items())
+
+
+@functools.cache
+def _source_digest() -> str:
+    root = Path(__file__).parents[2]
+    digest = hashlib.sha256()
+    for file in sorted(root.rglob("*.py")):
+        digest.update(f"{file.relative_to(root)}\n".encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _processor() -> str:
+    """The kind of processor, as far as it decides how numbers are rounded."""
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features()
+    # a fused product and sum rounds once
+    return f"{platform.machine()} {'with' if features.get('fma') else 'without'} fused multiply-add"

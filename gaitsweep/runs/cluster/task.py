@@ -1,0 +1,272 @@
+"""The task of a worker: one block of a table, computed with the engine of one process."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import importlib
+import json
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.errors import FAILED, UserError
+from gaitsweep.job import Job
+from gaitsweep.runs.cluster.identity import WorkerUnfit, difference, identity_of
+from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.runs.refined import Round
+from gaitsweep.runs.some_blocks import run_blocks
+from gaitsweep.runs.summary import quantities_of
+from gaitsweep.table import TableError
+from gaitsweep.table.block_locks import BlockLocks
+from gaitsweep.table.files import reason, this_process
+from gaitsweep.table.part_writer import PartWriter
+from gaitsweep.table.parts import checked_part
+
+MOST_DEATHS = 3  # of workers that began a block, after which it is given up
+# Another process that holds a block and does not answer is waited for (s); what it writes is the same.
+_LOCK_PATIENCE = 60.0
+_POLL = 0.2  # s between two looks whether the task is still wanted
+# A worker computes one block at a time, with all the cores that it offers, whatever Dask starts in it.
+_ONE_BLOCK = threading.Lock()
+_log = logging.getLogger("distributed.worker.gaitsweep")
+
+
+class BlockGivenUp(UserError):
+    """A block that ended the workers which computed it."""
+
+    exit_code = FAILED
+
+
+class Unwanted(Exception):
+    """The client has cancelled the task, or is gone."""
+
+
+@dataclasses.dataclass(frozen=True)
+class JobTicket:
+    """A job as workers get it.
+
+    Args:
+        job: the resolved job, as JSON.
+        modules: the user's modules that it needs, each with its folder.
+        identity: what the client would compute it with.
+        probe: a file of the client in the result directory, and the text in it; None where the parts come
+            back through the scheduler.
+    """
+
+    job: str
+    modules: tuple[tuple[str, str], ...]
+    identity: tuple[tuple[str, str], ...]
+    probe: tuple[str, str] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Assignment:
+    """What the tasks of one table have in common.
+
+    Args:
+        ticket: the job.
+        path: the result directory; of a refined run, that of the round.
+        table_hash, n_rows: as its manifest has them.
+    """
+
+    ticket: JobTicket
+    path: str
+    table_hash: str
+    n_rows: int
+
+
+def examine(ticket: JobTicket) -> str | None:
+    """Why this worker cannot compute a job's blocks, or None; the job is made ready here meanwhile."""
+    try:
+        _prepared(ticket)
+    except WorkerUnfit as error:
+        return str(error)
+    return None
+
+
+def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
+    """Compute a block, unless its part is there, and write the part.
+
+    Args:
+        number: the block.
+        rows: the rows of the job (n,) that are its own, where a refined run chooses them.
+        assignment: what it belongs to.
+
+    Returns:
+        The block's number; where the parts come back through the scheduler, the part.
+
+    Raises:
+        WorkerUnfit: this worker cannot compute the job's blocks, or cannot write.
+        BlockGivenUp: the block has ended too many workers.
+        Unwanted: the task was cancelled.
+    """
+    from distributed import get_worker
+
+    try:
+        with _ONE_BLOCK:
+            return _run_block(number, rows, assignment)
+    except WorkerUnfit as error:
+        raise WorkerUnfit(str(error).rstrip("."), get_worker().address) from None
+
+
+def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
+    ready = _prepared(assignment.ticket)
+    block = ready.work.block
+    if rows is not None:
+        first = number * block
+        ready = Round.of(ready, assignment.n_rows, lambda a, b: rows[a - first : b - first])
+    # as in one process, where a round has no columns of its own
+    model = ready.work.model
+    quantities = quantities_of(model, ready.job.run.columns(model)) if rows is None else None
+    writer = PartWriter(Path(assignment.path), assignment.table_hash, assignment.n_rows, block, quantities)
+    first, stop = writer.rows_of(number)
+    name = f"block {number} (rows {first} to {stop - 1}) of {assignment.path}"
+    began = time.perf_counter()
+    _log.info("begins %s", name)
+    if assignment.ticket.probe is None:
+        frame = _computed(ready, number)
+        data, _ = checked_part(frame, number, (first, stop), assignment.table_hash, quantities)
+        _log.info("has computed %s in %.1f s", name, time.perf_counter() - began)
+        return data
+    with _held(writer, number) as missing:
+        if missing:
+            frame = _computed(ready, number)
+            try:
+                writer.write(number, frame)
+            except TableError as error:
+                raise WorkerUnfit(error.sentence) from error
+    _log.info("has written %s after %.1f s", name, time.perf_counter() - began)
+    return number
+
+
+@contextlib.contextmanager
+def _held(writer: PartWriter, number: int) -> Iterator[bool]:
+    """A context that holds a block; its value says whether the part is missing."""
+    if writer.has(number):
+        yield False
+        return
+    try:
+        locks = BlockLocks(writer.path)
+    except OSError as error:
+        raise WorkerUnfit(f"{error.filename} cannot be opened: {reason(error)}") from error
+    with locks:
+        deadline = time.monotonic() + _LOCK_PATIENCE
+        deaths, last = locks.begun(number)
+        while not locks.take(number, _name()) and time.monotonic() < deadline:
+            _stop_if_unwanted()
+            time.sleep(_POLL)
+            deaths, last = locks.begun(number)
+        if writer.has(number):
+            yield False
+            return
+        if deaths >= MOST_DEATHS:
+            raise BlockGivenUp(f"it ended {deaths} workers that began it, the last of them {last}")
+        locks.begin(number)
+        try:
+            yield True
+        finally:  # by an exception too: what does not come here is a worker that died
+            locks.end(number)
+
+
+def _computed(ready: Prepared, number: int) -> pd.DataFrame:
+    """The records of a block."""
+    found: list[pd.DataFrame] = []
+    last = time.monotonic()
+
+    def between(_: object) -> None:
+        nonlocal last
+        if time.monotonic() - last > _POLL:
+            _stop_if_unwanted()
+            last = time.monotonic()
+
+    run_blocks(ready, [number], lambda _, frame: found.append(frame), between)
+    return found[0]
+
+
+def _stop_if_unwanted() -> None:
+    """Raise Unwanted where the scheduler does not want the task of this thread any more."""
+    from distributed import get_worker
+
+    try:
+        worker = get_worker()
+    except ValueError:  # no task of Dask's
+        return
+    task = worker.state.tasks.get(worker.get_current_task())
+    if task is None or task.state == "cancelled":
+        raise Unwanted
+
+
+def _name() -> str:
+    from distributed import get_worker
+
+    try:
+        return f"{get_worker().name} ({this_process()})"
+    except ValueError:
+        return this_process()
+
+
+def _cores() -> int | None:
+    """The cores that this worker offers to its tasks; None outside a worker."""
+    from distributed import get_worker
+
+    try:
+        return get_worker().state.nthreads
+    except ValueError:
+        return None
+
+
+@functools.lru_cache(maxsize=4)
+def _prepared(ticket: JobTicket) -> Prepared:
+    """The job made ready in this process, which has been compared with the client's."""
+    if ticket.probe is not None:
+        _look_for(Path(ticket.probe[0]), ticket.probe[1])
+    for module, folder in ticket.modules:
+        if module not in sys.modules and folder not in sys.path:
+            sys.path.append(folder)
+        try:
+            importlib.import_module(module)
+        except Exception as error:
+            raise WorkerUnfit(
+                f"{module} does not import there ({type(error).__name__}: {error}): put it into a folder "
+                "that all workers see, or on their PYTHONPATH"
+            ) from error
+    try:
+        job = Job.model_validate(json.loads(ticket.job))
+        job = job.model_copy(update={"engine": job.engine.model_copy(update={"devices": None})})
+        ready = prepare(job)
+    except UserError as error:
+        raise WorkerUnfit(f"the job is refused there: {error.sentence}") from error
+    work = ready.work
+    if work.devices[0].platform == "cpu" and (cores := _cores()) is not None:
+        # the results do not depend on the number of devices
+        ready = dataclasses.replace(ready, work=dataclasses.replace(work, devices=work.devices[:cores]))
+    found = difference(identity_of(ready), dict(ticket.identity))
+    if found is not None:
+        raise WorkerUnfit(found)
+    return ready
+
+
+def _look_for(probe: Path, token: str) -> None:
+    """Raise WorkerUnfit where this worker does not share the client's result directory."""
+    folder = probe.parent
+    own = probe.with_name(f"{probe.name}-{threading.get_native_id()}-{this_process().replace(' ', '-')}")
+    try:
+        if probe.read_text() != token:
+            raise FileNotFoundError
+        own.write_text(token)
+        own.unlink()
+    except FileNotFoundError:
+        raise WorkerUnfit(
+            f"it does not see the result directory {folder}: give a directory that all workers share with "
+            "--out, or add --collect, so that the parts come back through the scheduler"
+        ) from None
+    except OSError as error:
+        raise WorkerUnfit(f"it cannot write into {folder}: {reason(error)}") from error
