@@ -28,6 +28,7 @@ from gaitsweep.table.manifest import FIGURES, MANIFEST
 
 if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
+    from distributed import Client  # pyright: ignore[reportMissingImports]
 
 _SHOWN_ROWS = 5
 Spec = ParamSpec("Spec")
@@ -163,6 +164,7 @@ def run(
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     strict: bool = False,
+    client: Client | None = None,
 ) -> Result:
     """Run a job in its result directory, or what is left of it, and draw its figures.
 
@@ -172,6 +174,7 @@ def run(
         overrides: settings for a job from a file, such as "run.max_cycles=50".
         progress: called now and then with rows done, rows in all, rows a second, the share done, a remark.
         strict: raise SelfCheckError where a sample of the rows comes out otherwise at half the step.
+        client: a `distributed.Client`, whose workers compute the rows; they share the result directory.
 
     Raises:
         SelfCheckError: as above; the table is complete.
@@ -190,7 +193,14 @@ def run(
             f"{loaded.model.partition(':')[2]} is a class of this session, and a result directory needs a "
             "model that a file gives: leave out= away, or write the class into a module and import it."
         )
-    return Result(run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict))
+    cluster = None
+    if client is not None:
+        from gaitsweep.runs.cluster.connection import GivenClient
+        from gaitsweep.runs.cluster.dispatch import Cluster
+
+        cluster = Cluster(GivenClient(client), tell=warnings.warn)
+    path = run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict, cluster=cluster)
+    return Result(path)
 
 
 def run_in_memory(job: Job) -> Result:

@@ -17,7 +17,7 @@ from gaitsweep.engine.sweep.xla import usable_cores
 from gaitsweep.runs.prepare import RunError
 
 if TYPE_CHECKING:
-    from distributed import Client, SpecCluster
+    from distributed import Client, SpecCluster  # pyright: ignore[reportMissingImports]
 
 MOST_LOCAL = 1024  # workers
 _CONNECT = 5.0  # s for one try

@@ -213,6 +213,7 @@ class Cluster:
         if address in self._refused:
             return
         self._refused[address] = why
+        self._looked = -_LOOK
         sentence = f"The worker {self.workers.get(address, address)} is refused: {why}."
         if sentence not in self._told:
             self._told.add(sentence)
@@ -230,7 +231,7 @@ class Cluster:
             key=[(f"gaitsweep-{secrets.token_hex(4)}", number) for number, _ in tasks],
             pure=False,
             retries=0,
-            workers=only,
+            workers=None if only is None else list(only),
             resources={"GPU": 1} if self._on_card else None,
         )
         return [_InFlight(future, now, only) for future in futures]

@@ -1,0 +1,213 @@
+"""A job's blocks computed by Dask workers that are threads of this process: what needs no process to die."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.runs.cluster import dispatch, task
+from gaitsweep.runs.cluster.connection import GivenClient, connection_to
+from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
+from gaitsweep.runs.cluster.identity import WorkerUnfit, difference
+from gaitsweep.runs.execute import run_job
+from gaitsweep.runs.prepare import RunError
+from gaitsweep.table import Snapshot, TableError, WriteError
+from gaitsweep.table.files import Lock
+from gaitsweep.table.part_writer import PartWriter
+
+distributed = pytest.importorskip("distributed")
+
+JOB = {
+    "name": "hops",
+    "model": "toy_model:Toy",
+    "vary": {"launch_1": {"linspace": [0.2, 3.0, 60]}},
+    "run": {"kind": "settle", "max_cycles": 60},
+    "numerics": {"method": "rk4", "dt": 2e-3},
+    "engine": {"block": 8, "lanes": 8},
+    "verify": 2,
+}
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with (
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=False,
+            dashboard_address=None,
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> gs.Result:
+    return gs.run(gs.Job(**JOB), tmp_path_factory.mktemp("whole") / "table")
+
+
+def test_the_table_is_that_of_one_process(client: Any, whole: gs.Result, tmp_path: Path) -> None:
+    run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
+    for name in ("complete", "counts", "gaits", "quantities", "self_check", "job_hash"):
+        assert run.manifest[name] == whole.manifest[name]
+    for part in (whole.path / "table").iterdir():
+        assert (run.path / "table" / part.name).read_bytes() == part.read_bytes()
+    left = {path.name for path in run.path.iterdir()} - {path.name for path in whole.path.iterdir()}
+    assert not left
+
+
+def test_sound_parts_are_not_computed_again(client: Any, tmp_path: Path) -> None:
+    run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    parts = sorted((run.path / "table").iterdir())
+    stamps = {part: part.stat().st_mtime_ns for part in parts}
+    parts[2].unlink()
+    parts[5].write_bytes(parts[5].read_bytes()[:-20])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    assert [part for part in parts if part.stat().st_mtime_ns != stamps[part]] == [parts[2], parts[5]]
+
+
+def test_parts_that_come_back_through_the_scheduler(client: Any, whole: gs.Result, tmp_path: Path) -> None:
+    cluster = Cluster(GivenClient(client), collect=True)
+    run_job(gs.Job(**JOB), tmp_path / "out", cluster=cluster)
+    pd.testing.assert_frame_equal(gs.load(tmp_path / "out"), whole.table, check_exact=True)
+
+
+def test_workers_that_do_not_share_the_directory_are_named(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = task._look_for
+    monkeypatch.setattr(task, "_look_for", lambda probe, token: seen(probe.with_name("gone"), token))
+    task._prepared.cache_clear()
+    with pytest.raises(RunError) as refusal:
+        gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    said = str(refusal.value)
+    assert "2 of the 2 workers" in said
+    assert "which is not begun" in said
+    assert f"does not see the result directory {tmp_path / 'out'}" in said
+    assert "--collect" in said
+    assert not list((tmp_path / "out" / "table").iterdir())
+    assert not list((tmp_path / "out").glob(".probe*"))
+
+
+def test_a_worker_that_differs_is_refused_by_its_name_and_what_differs(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identity = dispatch.identity_of
+    monkeypatch.setattr(dispatch, "identity_of", lambda ready: {**identity(ready), "jax": "0.1"})
+    with pytest.raises(RunError, match=r"0: jax is \d.* there and 0.1 here"):
+        gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+
+
+def test_what_differs_is_said_in_words() -> None:
+    here = {"jax": "1", "the engine": "kernel", "the job's hash": "ab"}
+    assert difference(here, here) is None
+    assert difference({**here, "jax": "2", "the job's hash": "cd"}, here) == "jax is 2 there and 1 here"
+    assert "the files of its model differ" in str(difference({**here, "the job's hash": "cd"}, here))
+
+
+def test_a_worker_that_cannot_write_is_refused_and_the_others_go_on(
+    client: Any, whole: gs.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one whose disk is full: its blocks are written by another."""
+    write = PartWriter.write
+
+    def full(self: PartWriter, number: int, frame: pd.DataFrame) -> None:
+        if distributed.get_worker().name == 1:
+            raise WriteError(f"Part {number} could not be written: the disk is full.")
+        write(self, number, frame)
+
+    monkeypatch.setattr(PartWriter, "write", full)
+    with pytest.warns(UserWarning, match="The worker 1 is refused: Part .* the disk is full"):
+        run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
+
+
+def test_all_workers_that_cannot_write_end_the_run(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(self: PartWriter, number: int, frame: pd.DataFrame) -> None:
+        raise WriteError("The disk is full.")
+
+    with monkeypatch.context() as patched, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        patched.setattr(PartWriter, "write", full)
+        with pytest.raises(RunError, match=r"No worker of .* can compute this job\. 0: The disk is full\."):
+            gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    assert gs.run(gs.Job(**JOB), tmp_path / "out", client=client).manifest["complete"]
+
+
+def test_a_block_that_fails_is_named_and_the_others_go_on(
+    client: Any, whole: gs.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed = task.run_blocks
+
+    def failing(ready: Any, blocks: list[int], *others: Any) -> None:
+        if blocks == [3]:
+            raise ZeroDivisionError("a fault")
+        computed(ready, blocks, *others)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(task, "run_blocks", failing)
+        with pytest.raises(BlocksFailed) as failure:
+            gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    assert failure.value.exit_code == 1
+    assert "Block 3 (rows 24 to 31) was not computed: ZeroDivisionError('a fault')." in str(failure.value)
+    assert Snapshot.of(tmp_path / "out").rows_done == 52
+    assert Snapshot.of(tmp_path / "out").manifest["counts"] == {"settled": 52}
+    run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
+
+
+def test_ctrl_c_leaves_no_task_behind(client: Any, whole: gs.Result, tmp_path: Path) -> None:
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        if done:
+            assert note == "2 workers"
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gs.run(gs.Job(**JOB), tmp_path / "out", progress=stop, client=client)
+    assert Snapshot.of(tmp_path / "out").rows_done > 0
+    assert not list((tmp_path / "out").glob(".probe*"))
+    tasks = client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))
+    assert tasks == 0
+    run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
+    pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
+
+
+def test_a_second_client_is_refused_by_the_name_of_the_first(client: Any, tmp_path: Path) -> None:
+    gs.run(gs.Job(**{**JOB, "vary": {"launch_1": [1.0, 2.0]}}), tmp_path / "out", client=client)
+    lock = Lock(tmp_path / "out")
+    with pytest.raises(TableError, match=r"Another run \(process \d+ on .*\) is writing"):
+        gs.run(gs.Job(**{**JOB, "vary": {"launch_1": [1.0, 2.0]}}), tmp_path / "out", client=client)
+    lock.release()
+
+
+@pytest.mark.parametrize(
+    ("where", "said"),
+    [
+        ("loacl:2", "did you mean local?"),
+        ("local:0", "from 1 to 1024 are allowed"),
+        ("node07", "write local:N, tcp://HOST:PORT"),
+    ],
+)
+def test_other_addresses_are_refused(where: str, said: str) -> None:
+    with pytest.raises(RunError) as refusal:
+        connection_to(where)
+    assert said in str(refusal.value)
+
+
+def test_a_reason_and_its_worker_travel_as_a_pickle() -> None:
+    import pickle
+
+    found = pickle.loads(pickle.dumps(WorkerUnfit("the disk is full", "tcp://127.0.0.1:1")))
+    assert (str(found), found.address) == ("the disk is full", "tcp://127.0.0.1:1")
