@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import pandas as pd
@@ -18,6 +18,9 @@ from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
 from gaitsweep.runs.result import Result, run_in_memory
 from gaitsweep.runs.result import run as run_job
+
+if TYPE_CHECKING:
+    from distributed import Client  # pyright: ignore[reportMissingImports]
 
 SAMPLES_PER_CYCLE = 100
 
@@ -32,6 +35,7 @@ def sweep(
     numerics: Mapping[str, Any] | None = None,
     engine: str | Mapping[str, Any] | None = None,
     verify: int | None = None,
+    client: Client | None = None,
     **values: Any,
 ) -> Result:
     """Run a model over the grid that the keywords span.
@@ -45,6 +49,7 @@ def sweep(
         numerics: method, dt and the other fields of a job's `numerics`; what the model recommends by default.
         engine: auto, kernel or xla, or the fields of a job's `engine`.
         verify: rows that are repeated at half the step when the run is complete; 32 by default, 0: none.
+        client: a `distributed.Client`, whose workers compute the rows; with `out` they share that directory.
         values: parameters and start values by name. A number or a formula is a constant; a list or an array
             (n,) is an axis, and axes multiply, the last varying fastest. `zip` and `sample` take groups as in
             a job file.
@@ -56,7 +61,7 @@ def sweep(
     """
     fields = {"numerics": numerics, "engine": _engine(engine), "verify": verify}
     job = job_of(model, values, run=Settle() if run is None else run, params=params, start=start, **fields)
-    return run_in_memory(job) if out is None else run_job(job, out)
+    return run_in_memory(job, client) if out is None else run_job(job, out, client=client)
 
 
 def simulate(

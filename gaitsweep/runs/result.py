@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
     from distributed import Client  # pyright: ignore[reportMissingImports]
 
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
 _SHOWN_ROWS = 5
 Spec = ParamSpec("Spec")
 
@@ -193,18 +195,24 @@ def run(
             f"{loaded.model.partition(':')[2]} is a class of this session, and a result directory needs a "
             "model that a file gives: leave out= away, or write the class into a module and import it."
         )
-    cluster = None
-    if client is not None:
-        from gaitsweep.runs.cluster.connection import GivenClient
-        from gaitsweep.runs.cluster.dispatch import Cluster
-
-        cluster = Cluster(GivenClient(client), tell=warnings.warn)
+    cluster = None if client is None else _cluster_of(client)
     path = run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict, cluster=cluster)
     return Result(path)
 
 
-def run_in_memory(job: Job) -> Result:
+def _cluster_of(client: Client, collect: bool = False) -> Cluster:
+    from gaitsweep.runs.cluster.connection import GivenClient
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
+    return Cluster(GivenClient(client), collect=collect, tell=warnings.warn)
+
+
+def run_in_memory(job: Job, client: Client | None = None) -> Result:
     """Run a job and keep its table in memory.
+
+    Args:
+        job: the job.
+        client: a `distributed.Client`, whose workers compute the rows and send them here.
 
     The same code as `run` writes the table, into a temporary folder that is removed afterwards, so both give
     the same values and types. Ctrl-C loses the rows that have ended.
@@ -212,7 +220,8 @@ def run_in_memory(job: Job) -> Result:
     Raises:
         TableError, RunError: the temporary disk is full, a device is missing.
     """
+    cluster = None if client is None else _cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        table = load(run_job(job, folder, tell=warnings.warn, figures=False))
+        table = load(run_job(job, folder, tell=warnings.warn, figures=False, cluster=cluster))
     del table.attrs["path"]
     return Result(table=table)

@@ -8,7 +8,6 @@ import logging
 import os
 import re
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,10 +70,7 @@ class RemoteScheduler(Connection):
 
         self.close()
         try:
-            with _quiet():
-                self._client = Client(
-                    self._address(), timeout=_CONNECT, set_as_default=False, name="gaitsweep"
-                )
+            self._client = Client(self._address(), timeout=_CONNECT, set_as_default=False, name="gaitsweep")
         except (OSError, TimeoutError):
             return False
         except ValueError as error:
@@ -164,7 +160,7 @@ class LocalWorkers(Connection):
 
 
 def connection_to(where: str) -> Connection:
-    """The connection that `--cluster` asks for.
+    """The connection that `--cluster` asks for; what is lost is told in sentences, not by Dask's log.
 
     Raises:
         RunError: it cannot be read, or Dask is not installed.
@@ -190,6 +186,8 @@ def _require_distributed() -> None:
             "--cluster needs Dask's package distributed, which is not installed: "
             "pip install 'gaitsweep[cluster]'."
         ) from error
+    for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _environment() -> dict[str, str]:
@@ -200,6 +198,8 @@ def _environment() -> dict[str, str]:
     platform = jax.default_backend()
     if platform == "cpu":
         environment["JAX_PLATFORMS"] = "cpu"
+    else:
+        environment["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # this process uses the cards too
     return environment
 
 
@@ -217,15 +217,3 @@ def _cards() -> list[str]:
         return []
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
     return visible.split(",") if visible else [str(number) for number in range(jax.local_device_count())]
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """A context without Dask's own messages, which tell of what is told here in a sentence."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)

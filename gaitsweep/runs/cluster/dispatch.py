@@ -14,7 +14,7 @@ import json
 import secrets
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -37,6 +37,9 @@ _MOST_FAILURES = 3  # of a block by an error
 # A block may take this many times as long as the longest so far, and at least so long (s), before its worker
 # counts as hanging.
 _TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
+# A worker waits so long (s) for another process that holds its block, and at most half the limit.
+_LOCK_PATIENCE = 60.0
+_PROBE = ".probe-"  # a file of the client that workers look for
 _LAG = 60.0  # s after which a file that another machine has written is seen
 
 
@@ -65,6 +68,8 @@ class Cluster:
             the longest block so far, and at least 120 s.
         tell: told, in a sentence each, which workers are refused.
     """
+
+    task: ClassVar[Callable[..., int | bytes]] = staticmethod(run_block)
 
     def __init__(
         self,
@@ -105,7 +110,9 @@ class Cluster:
             RunError: the workers cannot compute the job, each named with the reason.
         """
         token = secrets.token_hex(8)
-        probe = directory.path / f".probe-{token}"
+        probe = directory.path / f"{_PROBE}{token}"
+        for left in directory.path.glob(f"{_PROBE}*"):  # by clients that were killed
+            left.unlink(missing_ok=True)
         if not self.collect:
             with writing(f"{directory.path} cannot be written"):
                 replace_file(probe, lambda file: file.write(token.encode()))
@@ -161,10 +168,11 @@ class Cluster:
             str(directory.path.absolute()),
             directory.manifest["job_hash"],
             directory.n_rows,
+            min(_LOCK_PATIENCE, self.limit(None) / 2),
         )
         # deaths that an earlier run has counted are forgotten
         (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
-        _Blocks(self, directory, assignment, missing, tell, rows_in).run()
+        Dispatch(self, directory, assignment, missing, tell, rows_in).run()
 
     @property
     def client(self) -> Any:  # its methods are typed for a use with `await` too
@@ -224,7 +232,7 @@ class Cluster:
         only = tuple(self._usable) if self._refused else None
         now = time.monotonic()
         futures = self.client.map(
-            run_block,
+            self.task,
             [number for number, _ in tasks],
             [rows for _, rows in tasks],
             assignment=assignment,
@@ -301,8 +309,8 @@ class Cluster:
         self._looked = -_LOOK
 
 
-class _Blocks:
-    """The blocks of one table on their way."""
+class Dispatch:
+    """The blocks of one table on their way to workers and back; arguments as of `Cluster.run_blocks`."""
 
     def __init__(
         self,
@@ -419,13 +427,17 @@ class _Blocks:
     def _fail(self, number: int, error: BaseException) -> None:
         """Give a block out again, or give it up."""
         from distributed import KilledWorker
+        from distributed.scheduler import NoValidWorkerError
 
         if isinstance(error, WorkerUnfit):
             self.cluster.refuse(error.address, str(error))
             self.waiting.appendleft(number)
             return
-        if isinstance(error, KilledWorker) and not self.cluster.collect:
-            self.waiting.append(number)  # the block's own record counts, also of those that were beside it
+        # the block's own record counts deaths; a scheduler also blames blocks that waited beside it
+        if isinstance(error, NoValidWorkerError) or (
+            isinstance(error, KilledWorker) and not self.cluster.collect
+        ):
+            self.waiting.append(number)
             return
         self.failures[number] += 1
         if isinstance(error, BlockGivenUp | KilledWorker) or self.failures[number] >= _MOST_FAILURES:

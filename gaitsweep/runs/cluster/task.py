@@ -31,8 +31,6 @@ from gaitsweep.table.part_writer import PartWriter
 from gaitsweep.table.parts import checked_part
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
-# Another process that holds a block and does not answer is waited for (s); what it writes is the same.
-_LOCK_PATIENCE = 60.0
 _POLL = 0.2  # s between two looks whether the task is still wanted
 # A worker computes one block at a time, with all the cores that it offers, whatever Dask starts in it.
 _ONE_BLOCK = threading.Lock()
@@ -75,12 +73,15 @@ class Assignment:
         ticket: the job.
         path: the result directory; of a refined run, that of the round.
         table_hash, n_rows: as its manifest has them.
+        patience: how long (s) a worker waits for another process that holds its block, before it computes the
+            block itself; both write the same part.
     """
 
     ticket: JobTicket
     path: str
     table_hash: str
     n_rows: int
+    patience: float
 
 
 def examine(ticket: JobTicket) -> str | None:
@@ -136,7 +137,7 @@ def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> 
         data, _ = checked_part(frame, number, (first, stop), assignment.table_hash, quantities)
         _log.info("has computed %s in %.1f s", name, time.perf_counter() - began)
         return data
-    with _held(writer, number) as missing:
+    with _held(writer, number, assignment.patience) as missing:
         if missing:
             frame = _computed(ready, number)
             try:
@@ -148,7 +149,7 @@ def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> 
 
 
 @contextlib.contextmanager
-def _held(writer: PartWriter, number: int) -> Iterator[bool]:
+def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
     """A context that holds a block; its value says whether the part is missing."""
     if writer.has(number):
         yield False
@@ -158,7 +159,7 @@ def _held(writer: PartWriter, number: int) -> Iterator[bool]:
     except OSError as error:
         raise WorkerUnfit(f"{error.filename} cannot be opened: {reason(error)}") from error
     with locks:
-        deadline = time.monotonic() + _LOCK_PATIENCE
+        deadline = time.monotonic() + patience
         deaths, last = locks.begun(number)
         while not locks.take(number, _name()) and time.monotonic() < deadline:
             _stop_if_unwanted()

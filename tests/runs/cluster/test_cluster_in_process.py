@@ -211,3 +211,16 @@ def test_a_reason_and_its_worker_travel_as_a_pickle() -> None:
 
     found = pickle.loads(pickle.dumps(WorkerUnfit("the disk is full", "tcp://127.0.0.1:1")))
     assert (str(found), found.address) == ("the disk is full", "tcp://127.0.0.1:1")
+
+
+def test_a_sweep_of_keywords_on_a_cluster(client: Any, tmp_path: Path) -> None:
+    from toy_model import Toy
+
+    given: dict[str, Any] = {"launch_1": [0.5, 1.0, 2.0], "numerics": {"dt": 2e-3}, "verify": 0}
+    alone = gs.sweep(Toy(N=1), **given)
+    memory, disk = (
+        gs.sweep(Toy(N=1), client=client, **given),
+        gs.sweep(Toy(N=1), client=client, out=tmp_path / "out", **given),
+    )
+    pd.testing.assert_frame_equal(memory.table, alone.table, check_exact=True)
+    pd.testing.assert_frame_equal(disk.table, alone.table, check_exact=True)
