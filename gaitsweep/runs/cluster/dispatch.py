@@ -81,6 +81,7 @@ class Cluster:
     ) -> None:
         self.connection, self.collect, self._limit, self.tell = connection, collect, limit, tell
         self.workers: dict[str, str] = {}  # names by address
+        self.most_workers = 0  # at one time
         self.slots = 0
         self._refused: dict[str, str] = {}  # reasons by address
         self._told: set[str] = set()
@@ -210,6 +211,7 @@ class Cluster:
             self.slots = int(sum(cards[address] for address in self._usable))
         else:
             self.slots = len(self._usable)
+        self.most_workers = max(self.most_workers, len(self._usable))
         if self.workers and not self._usable:
             raise RunError(
                 f"No worker of {self.connection.where} can compute this job. "
