@@ -85,15 +85,15 @@ def mapped(cluster: Cluster, count: int) -> float:
     from distributed import wait
 
     began = time.perf_counter()
-    futures = cluster.client.map(empty, range(count), pure=False)
-    with cluster.client.as_current():
+    futures = cluster.workers.client.map(empty, range(count), pure=False)
+    with cluster.workers.client.as_current():
         wait(futures)
     return time.perf_counter() - began
 
 
 def rate(count: int, workers: int, repeats: int) -> None:
     with StubCluster(LocalWorkers(workers)) as cluster:
-        cluster.connect(lambda: None)
+        cluster.workers.connect(lambda: None)
         mapped(cluster, 100)
         give_out(cluster, 100)
         seconds = [(mapped(cluster, count), give_out(cluster, count)) for _ in range(repeats)]
@@ -105,7 +105,7 @@ def rate(count: int, workers: int, repeats: int) -> None:
 
 def memory(count: int, workers: int) -> None:
     with StubCluster(LocalWorkers(workers)) as cluster:
-        cluster.connect(lambda: None)
+        cluster.workers.connect(lambda: None)
         give_out(cluster, 1000)
         process, last = psutil.Process(), 0
 

@@ -190,7 +190,7 @@ def _run_missing(
                     refine(ready, grid, directory, progress, timings, cluster)
                 else:
                     cluster.run_blocks(directory, missing, tell)
-            directory.update_manifest(cluster={"workers": cluster.most_workers})
+            directory.update_manifest(cluster={"workers": cluster.workers.most})
         elif (grid := ready.job.run.refined(ready.plan)) is not None:
             refine(ready, grid, directory, progress, timings)
         elif ready.job.run.own_blocks:

@@ -22,15 +22,22 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.runs.cluster.connection import Connection
 from gaitsweep.runs.cluster.identity import WorkerUnfit, identity_of, own_modules
-from gaitsweep.runs.cluster.task import MOST_DEATHS, Assignment, BlockGivenUp, JobTicket, examine, run_block
-from gaitsweep.runs.prepare import Prepared, RunError
+from gaitsweep.runs.cluster.task import (
+    MOST_DEATHS,
+    Assignment,
+    BlockGivenUp,
+    JobTicket,
+    Unwanted,
+    run_block,
+)
+from gaitsweep.runs.cluster.workers import Workers
+from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, replace_file, writing
 from gaitsweep.table.block_locks import BLOCK_LOCKS
 
 # Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
 _AHEAD = 1.0
 _MOST_IN_FLIGHT = 4096
-_LOOK = 1.0  # s between two looks at the workers
 _POLL = 0.01  # s between two looks at the tasks
 _TELL = 0.1  # s between two tellings of progress
 _MOST_FAILURES = 3  # of a block by an error
@@ -55,7 +62,7 @@ class _InFlight:
 
     future: Any
     since: float
-    only: tuple[str, ...] | None
+    only: list[str] | None
 
 
 class Cluster:
@@ -79,24 +86,14 @@ class Cluster:
         limit: float | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.connection, self.collect, self._limit, self.tell = connection, collect, limit, tell
-        self.workers: dict[str, str] = {}  # names by address
-        self.most_workers = 0  # at one time
-        self.slots = 0
-        self._refused: dict[str, str] = {}  # reasons by address
-        self._told: set[str] = set()
-        self._looked = -_LOOK
+        self.workers = Workers(connection, tell)
+        self.collect, self._limit = collect, limit
         self._ticket: JobTicket | None = None
-        self._on_card = False
-        self._away = False
 
     @property
     def note(self) -> str:
         """The workers, for a line of progress."""
-        if self._away:
-            return "the scheduler is away"
-        count = len(self._usable)
-        return f"{count} worker{'s' * (count != 1)}"
+        return self.workers.note
 
     @contextlib.contextmanager
     def serve(self, ready: Prepared, directory: ResultDirectory, wait: Callable[[], None]) -> Iterator[None]:
@@ -117,7 +114,7 @@ class Cluster:
         if not self.collect:
             with writing(f"{directory.path} cannot be written"):
                 replace_file(probe, lambda file: file.write(token.encode()))
-        self._on_card = ready.work.devices[0].platform == "gpu"
+        self.workers.on_card = ready.work.devices[0].platform == "gpu"
         self._ticket = JobTicket(
             json.dumps(directory.manifest["job"]),
             own_modules(ready),
@@ -125,16 +122,16 @@ class Cluster:
             None if self.collect else (str(probe.absolute()), token),
         )
         try:
-            self.connect(wait)
-            while not self._examined(wait):
-                self.connect(wait)
+            self.workers.connect(wait)
+            while not self.workers.examine(self._ticket, wait):
+                self.workers.connect(wait)
             yield
         finally:
             probe.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Leave the cluster; workers of this command end."""
-        self.connection.close()
+        self.workers.connection.close()
 
     def __enter__(self) -> Cluster:
         return self
@@ -175,65 +172,10 @@ class Cluster:
         (directory.path / BLOCK_LOCKS).unlink(missing_ok=True)
         Dispatch(self, directory, assignment, missing, tell, rows_in).run()
 
-    @property
-    def client(self) -> Any:  # its methods are typed for a use with `await` too
-        return self.connection.client
-
-    @property
-    def _usable(self) -> list[str]:
-        return [address for address in self.workers if address not in self._refused]
-
-    def connect(self, wait: Callable[[], None]) -> None:
-        """Connect, or connect again, for as long as it takes."""
-        while not self.connection.alive:
-            self._away = not self.connection.try_to_connect()
-            if self._away:
-                self.workers, self.slots = {}, 0
-                wait()
-                time.sleep(_POLL * 10)
-        self._away = False
-        self._looked = -_LOOK
-
-    def look(self) -> None:
-        """See which workers there are, now and then."""
-        now = time.monotonic()
-        if now - self._looked < _LOOK:
-            return
-        self._looked = now
-        found = self.client.scheduler_info(n_workers=-1)["workers"]
-        self.workers = {address: str(about["name"]) for address, about in found.items()}
-        self._refused = {address: why for address, why in self._refused.items() if address in found}
-        if self._on_card:
-            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in found.items()}
-            for address, count in cards.items():
-                if not count:
-                    self.refuse(address, "it offers no card: start it with --resources GPU=1")
-            self.slots = int(sum(cards[address] for address in self._usable))
-        else:
-            self.slots = len(self._usable)
-        self.most_workers = max(self.most_workers, len(self._usable))
-        if self.workers and not self._usable:
-            raise RunError(
-                f"No worker of {self.connection.where} can compute this job. "
-                + " ".join(sorted({f"{self.workers[a]}: {why}." for a, why in self._refused.items()}))
-            )
-
-    def refuse(self, address: str, why: str) -> None:
-        """Give no block to a worker any more, and tell its name and the reason."""
-        if address in self._refused:
-            return
-        self._refused[address] = why
-        self._looked = -_LOOK
-        sentence = f"The worker {self.workers.get(address, address)} is refused: {why}."
-        if sentence not in self._told:
-            self._told.add(sentence)
-            self.tell(sentence)
-
     def submit(self, tasks: Sequence[tuple[int, np.ndarray | None]], assignment: Assignment) -> list[Any]:
         """Give blocks to the scheduler; returns a task in flight for each."""
-        only = tuple(self._usable) if self._refused else None
-        now = time.monotonic()
-        futures = self.client.map(
+        only, now = self.workers.chosen, time.monotonic()
+        futures = self.workers.client.map(
             self.task,
             [number for number, _ in tasks],
             [rows for _, rows in tasks],
@@ -241,74 +183,16 @@ class Cluster:
             key=[(f"gaitsweep-{secrets.token_hex(4)}", number) for number, _ in tasks],
             pure=False,
             retries=0,
-            workers=None if only is None else list(only),
-            resources={"GPU": 1} if self._on_card else None,
+            workers=only,
+            resources=self.workers.resources,
         )
         return [_InFlight(future, now, only) for future in futures]
-
-    def _examined(self, wait: Callable[[], None]) -> bool:
-        """Ask the workers that are there whether they can compute the job; refuse it where one cannot.
-
-        Returns False if the scheduler is lost meanwhile.
-        """
-        try:
-            self._examine(wait)
-        except (OSError, TimeoutError):
-            if self.connection.alive:
-                raise
-        return self.connection.alive
-
-    def _examine(self, wait: Callable[[], None]) -> None:
-        self.look()
-        asked = {
-            address: self.client.submit(
-                examine,
-                self._ticket,
-                workers=[address],
-                key=f"gaitsweep-examine-{secrets.token_hex(4)}",
-                resources={"GPU": 1} if self._on_card else None,
-            )
-            for address in self._usable
-        }
-        reasons: dict[str, str] = {}
-        while asked and self.connection.alive:
-            for address, future in list(asked.items()):
-                if future.done():
-                    del asked[address]
-                    found = None
-                    if future.status == "finished":
-                        found = future.result()
-                    elif future.status == "error":
-                        found = future.exception()
-                    if found is not None:
-                        reasons[address] = str(found)
-            wait()
-            self.look()  # those that die meanwhile are asked no more
-            asked = {address: future for address, future in asked.items() if address in self.workers}
-            time.sleep(_POLL)
-        if reasons:
-            named = {f"{self.workers.get(a, a)}: {why}." for a, why in reasons.items()}
-            raise RunError(
-                f"{len(reasons)} of the {max(len(self.workers), len(reasons))} workers of "
-                f"{self.connection.where} cannot compute this job, which is not begun. "
-                + " ".join(sorted(named))
-            )
 
     def limit(self, longest: float | None) -> float:
         """The time (s) that a task may take, the longest so far having taken `longest`."""
         if self._limit is not None:
             return self._limit
         return float("inf") if longest is None else max(_TIMES_LONGEST * longest, _LEAST_LIMIT)
-
-    def restart(self, address: str) -> None:
-        """End a worker that hangs, and let its nanny start another."""
-        try:
-            self.client.restart_workers([address], timeout=10, raise_for_error=False)
-        except ValueError:  # it has no nanny; the scheduler forgets it, and its tasks go elsewhere
-            self.client.sync(
-                self.client.scheduler.unregister, address=address, stimulus_id="gaitsweep-time-limit"
-            )
-        self._looked = -_LOOK
 
 
 class Dispatch:
@@ -323,7 +207,8 @@ class Dispatch:
         tell: Callable[[SweepProgress], None],
         rows_in: Callable[[int, int], np.ndarray] | None,
     ) -> None:
-        self.cluster, self.directory, self.assignment, self.rows_in = cluster, directory, assignment, rows_in
+        self.cluster, self.workers = cluster, cluster.workers
+        self.directory, self.assignment, self.rows_in = directory, assignment, rows_in
         self.waiting = collections.deque(missing)
         self.flight: dict[int, _InFlight] = {}
         self.ended: list[int] = []
@@ -353,15 +238,15 @@ class Dispatch:
 
     def _step(self) -> None:
         try:
-            if not self.cluster.connection.alive:
+            if not self.workers.connection.alive:
                 self._reconnect()
-            self.cluster.look()
+            self.workers.look()
             self._refill()
             ends = self._take_ended()
             self._free_stranded()
             self._expire()
         except (OSError, TimeoutError):  # the scheduler is lost while it was asked
-            if self.cluster.connection.alive:
+            if self.workers.connection.alive:
                 raise
             ends = 0
         self._tell()
@@ -371,7 +256,7 @@ class Dispatch:
     def _reconnect(self) -> None:
         """Go on with another scheduler; what was in flight is given out again."""
         self._give_back(list(self.flight))
-        self.cluster.connect(self._tell)
+        self.workers.connect(self._tell)
 
     def _give_back(self, numbers: Sequence[int]) -> None:
         for number in numbers:
@@ -379,7 +264,7 @@ class Dispatch:
             self.waiting.appendleft(number)
 
     def _refill(self) -> None:
-        slots = self.cluster.slots
+        slots = self.workers.slots
         now = time.monotonic()
         if now - self._counted >= 0.5 * _AHEAD:
             self._rate = self._ends / (now - self._counted)
@@ -404,7 +289,7 @@ class Dispatch:
         ended = [(number, task) for number, task in self.flight.items() if task.future.done()]
         sound = [(number, task) for number, task in ended if task.future.status == "finished"]
         if self.cluster.collect and sound:
-            parts = self.cluster.client.gather([task.future for _, task in sound])
+            parts = self.workers.client.gather([task.future for _, task in sound])
             for (number, _), data in zip(sound, parts, strict=True):
                 self.directory.write_part_bytes(number, data)
         now = time.monotonic()
@@ -432,11 +317,11 @@ class Dispatch:
         from distributed.scheduler import NoValidWorkerError
 
         if isinstance(error, WorkerUnfit):
-            self.cluster.refuse(error.address, str(error))
+            self.workers.refuse(error.address, str(error))
             self.waiting.appendleft(number)
             return
         # the block's own record counts deaths; a scheduler also blames blocks that waited beside it
-        if isinstance(error, NoValidWorkerError) or (
+        if isinstance(error, NoValidWorkerError | Unwanted) or (
             isinstance(error, KilledWorker) and not self.cluster.collect
         ):
             self.waiting.append(number)
@@ -452,16 +337,16 @@ class Dispatch:
 
     def _free_stranded(self) -> None:
         """Give out again what only workers that are gone may run."""
-        here = set(self.cluster.workers)
+        here = set(self.workers.names)
         gone = [n for n, task in self.flight.items() if task.only is not None and not here & set(task.only)]
         if gone:
-            self.cluster.client.cancel([self.flight[number].future for number in gone], force=True)
+            self.workers.client.cancel([self.flight[number].future for number in gone], force=True)
             self._give_back(gone)
 
     def _expire(self) -> None:
         """End workers that have held a block for too long."""
         now = time.monotonic()
-        if not self.cluster.slots:  # nobody runs
+        if not self.workers.slots:  # nobody runs
             for task in self.flight.values():
                 task.since = now
             return
@@ -472,17 +357,17 @@ class Dispatch:
         late = {task.future.key: number for number, task in self.flight.items() if now - task.since > limit}
         if not late:
             return
-        for address, keys in self.cluster.client.processing().items():
+        for address, keys in self.workers.client.processing().items():
             held = sorted(late[key] for key in keys if key in late)
             if not held:
                 continue
             first, stop = self.directory.rows_of(held[0])
-            name = self.cluster.workers.get(address, address)
-            self.cluster.tell(
+            name = self.workers.names.get(address, address)
+            self.workers.tell(
                 f"The worker {name} is ended, and its blocks go elsewhere: block {held[0]} (rows {first} to "
                 f"{stop - 1}) took longer than {limit:.0f} s there."
             )
-            self.cluster.restart(address)
+            self.workers.restart(address)
         for task in self.flight.values():
             task.since = time.monotonic()
 
@@ -509,8 +394,8 @@ class Dispatch:
         """Leave the cluster without tasks of this job."""
         with contextlib.suppress(Exception):
             futures = [task.future for task in self.flight.values()]
-            if futures and self.cluster.connection.alive:
-                self.cluster.client.cancel(futures, force=True)
+            if futures and self.workers.connection.alive:
+                self.workers.client.cancel(futures, force=True)
         self.flight = {}
 
     def _tell(self) -> None:

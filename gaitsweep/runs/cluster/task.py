@@ -25,7 +25,7 @@ from gaitsweep.runs.refined import Round
 from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import TableError
-from gaitsweep.table.block_locks import BlockLocks
+from gaitsweep.table.block_locks import BLOCK_LOCKS, BlockLocks
 from gaitsweep.table.files import reason, this_process
 from gaitsweep.table.part_writer import PartWriter
 from gaitsweep.table.parts import checked_part
@@ -122,8 +122,8 @@ def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> 
     ready = _prepared(assignment.ticket)
     block = ready.work.block
     if rows is not None:
-        first = number * block
-        ready = Round.of(ready, assignment.n_rows, lambda a, b: rows[a - first : b - first])
+        before = number * block
+        ready = Round.of(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])
     # as in one process, where a round has no columns of its own
     model = ready.work.model
     quantities = quantities_of(model, ready.job.run.columns(model)) if rows is None else None
@@ -161,20 +161,23 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
     with locks:
         deadline = time.monotonic() + patience
         deaths, last = locks.begun(number)
-        while not locks.take(number, _name()) and time.monotonic() < deadline:
-            _stop_if_unwanted()
-            time.sleep(_POLL)
-            deaths, last = locks.begun(number)
-        if writer.has(number):
-            yield False
-            return
-        if deaths >= MOST_DEATHS:
-            raise BlockGivenUp(f"it ended {deaths} workers that began it, the last of them {last}")
-        locks.begin(number)
         try:
-            yield True
+            while not locks.take(number, _name()) and time.monotonic() < deadline:
+                _stop_if_unwanted()
+                time.sleep(_POLL)
+                deaths, last = locks.begun(number)
+            if missing := not writer.has(number):
+                if deaths >= MOST_DEATHS:
+                    raise BlockGivenUp(f"it ended {deaths} workers that began it, the last of them {last}")
+                locks.begin(number)
+        except OSError as error:
+            raise WorkerUnfit(f"{writer.path / BLOCK_LOCKS} cannot be written: {reason(error)}") from error
+        try:
+            yield missing
         finally:  # by an exception too: what does not come here is a worker that died
-            locks.end(number)
+            if missing:
+                with contextlib.suppress(OSError):
+                    locks.end(number)
 
 
 def _computed(ready: Prepared, number: int) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -182,6 +183,25 @@ def test_ctrl_c_leaves_no_task_behind(client: Any, whole: gs.Result, tmp_path: P
     assert tasks == 0
     run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
     pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
+
+
+def test_ctrl_c_stops_the_blocks_that_are_under_way(client: Any, tmp_path: Path) -> None:
+    """They would take minutes; workers are free again within seconds."""
+    job = gs.Job(**{**JOB, "run": {"kind": "fixed_time", "duration": 2000.0}, "numerics": {"dt": 2e-5}})
+    began = time.monotonic()
+
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        if all(client.run(lambda dask_worker: dask_worker.state.executing_count).values()):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gs.run(job, tmp_path / "out", progress=stop, client=client)
+    deadline = time.monotonic() + 20.0
+    while any(client.run(lambda dask_worker: dask_worker.state.executing_count).values()):
+        assert time.monotonic() < deadline, "a worker goes on"
+        time.sleep(0.1)
+    assert not list((tmp_path / "out" / "table").iterdir())
+    assert time.monotonic() - began < 60.0
 
 
 def test_a_second_client_is_refused_by_the_name_of_the_first(client: Any, tmp_path: Path) -> None:

@@ -1,0 +1,172 @@
+"""The workers of a cluster as one client sees them: who is there, who is refused, and what each may do."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from typing import Any
+
+from gaitsweep.runs.cluster.connection import Connection
+from gaitsweep.runs.cluster.task import JobTicket, examine
+from gaitsweep.runs.prepare import RunError
+
+_LOOK = 1.0  # s between two looks
+_POLL = 0.01  # s between two looks at a task
+_AWAY = 0.1  # s between two tries to connect
+# Workers that are busy with other work are not waited for longer (s), once one has answered.
+_EXAMINATION = 30.0
+
+
+class Workers:
+    """The workers of a cluster.
+
+    Args:
+        connection: how the cluster is reached.
+        tell: told, in a sentence each, which workers are refused.
+    """
+
+    def __init__(self, connection: Connection, tell: Callable[[str], None]) -> None:
+        self.connection, self.tell = connection, tell
+        self.names: dict[str, str] = {}  # by address
+        self.most = 0  # usable ones at one time
+        self.slots = 0  # blocks that they compute at the same time
+        self.on_card = False
+        self._refused: dict[str, str] = {}  # reasons by address
+        self._told: set[str] = set()
+        self._looked = -_LOOK
+        self._away = False
+
+    @property
+    def client(self) -> Any:  # its methods are typed for a use with `await` too
+        return self.connection.client
+
+    @property
+    def usable(self) -> list[str]:
+        """The addresses of those that are not refused."""
+        return [address for address in self.names if address not in self._refused]
+
+    @property
+    def chosen(self) -> list[str] | None:
+        """The addresses that may compute blocks; None where all may."""
+        return self.usable if self._refused else None
+
+    @property
+    def resources(self) -> dict[str, float] | None:
+        """What a block takes of a worker."""
+        return {"GPU": 1} if self.on_card else None
+
+    @property
+    def note(self) -> str:
+        """The workers, for a line of progress."""
+        if self._away:
+            return "the scheduler is away"
+        count = len(self.usable)
+        return f"{count} worker{'s' * (count != 1)}"
+
+    def connect(self, wait: Callable[[], None]) -> None:
+        """Connect, or connect again, for as long as it takes; `wait` is called meanwhile."""
+        while not self.connection.alive:
+            self._away = not self.connection.try_to_connect()
+            if self._away:
+                self.names, self.slots = {}, 0
+                wait()
+                time.sleep(_AWAY)
+        self._away = False
+        self._looked = -_LOOK
+
+    def look(self) -> None:
+        """See which workers there are, now and then."""
+        now = time.monotonic()
+        if now - self._looked < _LOOK:
+            return
+        self._looked = now
+        found = self.client.scheduler_info(n_workers=-1)["workers"]
+        self.names = {address: str(about["name"]) for address, about in found.items()}
+        self._refused = {address: why for address, why in self._refused.items() if address in found}
+        if self.on_card:
+            cards = {a: about.get("resources", {}).get("GPU", 0) for a, about in found.items()}
+            for address, count in cards.items():
+                if not count:
+                    self.refuse(address, "it offers no card: start it with --resources GPU=1")
+            self.slots = int(sum(cards[address] for address in self.usable))
+        else:
+            self.slots = len(self.usable)
+        self.most = max(self.most, len(self.usable))
+        if self.names and not self.usable:
+            raise RunError(
+                f"No worker of {self.connection.where} can compute this job. "
+                + " ".join(sorted({f"{self.names[a]}: {why}." for a, why in self._refused.items()}))
+            )
+
+    def refuse(self, address: str, why: str) -> None:
+        """Give no block to a worker any more, and tell its name and the reason."""
+        if address in self._refused:
+            return
+        self._refused[address] = why
+        self._looked = -_LOOK
+        sentence = f"The worker {self.names.get(address, address)} is refused: {why}."
+        if sentence not in self._told:
+            self._told.add(sentence)
+            self.tell(sentence)
+
+    def examine(self, ticket: JobTicket, wait: Callable[[], None]) -> bool:
+        """Ask the workers that are there whether they can compute a job; False if the scheduler is lost.
+
+        Raises:
+            RunError: some cannot, each named with the reason.
+        """
+        try:
+            self._examine(ticket, wait)
+        except (OSError, TimeoutError):
+            if self.connection.alive:
+                raise
+        return self.connection.alive
+
+    def _examine(self, ticket: JobTicket, wait: Callable[[], None]) -> None:
+        self.look()
+        asked = {
+            address: self.client.submit(
+                examine,
+                ticket,
+                workers=[address],
+                key=f"gaitsweep-examine-{secrets.token_hex(4)}",
+                resources=self.resources,
+            )
+            for address in self.usable
+        }
+        reasons: dict[str, str] = {}
+        deadline, answers = time.monotonic() + _EXAMINATION, 0
+        while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
+            for address, future in list(asked.items()):
+                if future.done():
+                    del asked[address]
+                    answers += future.status == "finished"
+                    found = None
+                    if future.status == "finished":
+                        found = future.result()
+                    elif future.status == "error":
+                        found = future.exception()
+                    if found is not None:
+                        reasons[address] = str(found)
+            wait()
+            self.look()  # those that die meanwhile are asked no more
+            asked = {address: future for address, future in asked.items() if address in self.names}
+            time.sleep(_POLL)
+        if reasons:
+            named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
+            raise RunError(
+                f"{len(reasons)} of the {max(len(self.names), len(reasons))} workers of "
+                f"{self.connection.where} cannot compute this job, which is not begun. "
+                + " ".join(sorted(named))
+            )
+
+    def restart(self, address: str) -> None:
+        """End a worker that hangs, and let its nanny start another."""
+        try:
+            self.client.restart_workers([address], timeout=10, raise_for_error=False)
+        except ValueError:  # it has no nanny; the scheduler forgets it, and its tasks go elsewhere
+            self.client.sync(
+                self.client.scheduler.unregister, address=address, stimulus_id="gaitsweep-time-limit"
+            )
+        self._looked = -_LOOK
