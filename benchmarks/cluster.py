@@ -73,7 +73,7 @@ def give_out(cluster: StubCluster, count: int, tell: Callable[[Any], None] = lam
     """Give out stub blocks with an assignment as large as a real one; the seconds that it takes."""
     text = yaml.safe_dump(JOB) * 8  # a resolved job has 2 to 4 kB
     ticket = JobTicket(text, (), (), ("/results/overhead/.probe-0123456789abcdef", "0123456789abcdef"))
-    assignment = Assignment(ticket, "/results/overhead", "0" * 64, count * BLOCK, 60.0)
+    assignment = Assignment(ticket, "/results/overhead", "0" * 64, count * BLOCK, BLOCK, 60.0)
     began = time.perf_counter()
     directory: Any = StubDirectory()
     Dispatch(cluster, directory, assignment, range(count), tell, None).run()

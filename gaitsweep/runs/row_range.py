@@ -65,13 +65,7 @@ def run_rows(
     blocks = blocks_of(rows, ready.work.n_rows, ready.work.block)
     with naming_the_file():
         _make(path, ready)
-        writer = PartWriter(
-            path,
-            ready.job_hash,
-            ready.work.n_rows,
-            ready.work.block,
-            quantities_of(ready.work.model, job.run.columns(ready.work.model)),
-        )
+        writer = PartWriter(path, ready.job_hash, ready.work.n_rows, ready.work.block)
         missing = [number for number in blocks if not writer.has(number)]
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
@@ -152,9 +146,11 @@ def _run_missing(ready: Prepared, writer: PartWriter, missing: list[int], progre
                     f"{locks.begun(number).process}: wait until it ends, or stop it."
                 )
 
+        quantities = quantities_of(ready.work.model, ready.job.run.columns(ready.work.model))
+
         def write(number: int, frame: pd.DataFrame) -> None:
             nonlocal done
-            writer.write(number, frame)
+            writer.write(number, writer.encoded(number, frame, quantities))
             locks.end(number)
             locks.free(number)
             first, stop = writer.rows_of(number)

@@ -33,18 +33,15 @@ class PartWriter:
         job_hash: str,
         n_rows: int,
         block: int,
-        quantities: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         """Take the directory, and what its manifest says.
 
         Args:
             path: the result directory, which exists.
             job_hash, n_rows, block: as for `ResultDirectory.open`.
-            quantities: unit and meaning of the columns, by name.
         """
         self.path = path
         self._known = {"format": FORMAT, "job_hash": job_hash, "rows": n_rows, "block": block}
-        self._quantities = quantities
 
     def rows_of(self, number: int) -> tuple[int, int]:
         """The first row of a block, and the row after its last."""
@@ -60,15 +57,28 @@ class PartWriter:
             return False
         return True
 
-    def write(self, number: int, frame: pd.DataFrame) -> None:
-        """Write the records of a block; they are on disk when this returns.
+    def encoded(
+        self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None
+    ) -> bytes:
+        """The part with the records of a block.
+
+        Args:
+            number: the block.
+            frame: its records.
+            quantities: unit and meaning of the columns, by name, as in the manifest.
+
+        Raises:
+            ValueError: the frame does not belong to the block.
+        """
+        return checked_part(frame, number, self.rows_of(number), self._known["job_hash"], quantities)[0]
+
+    def write(self, number: int, data: bytes) -> None:
+        """Write a part that `encoded` has made; it is on disk when this returns.
 
         Raises:
             WriteError: the disk is full or the file cannot be written; no incomplete part is left.
-            ValueError: the frame does not belong to the block.
         """
         start, stop = self.rows_of(number)
-        data, _ = checked_part(frame, number, (start, stop), self._known["job_hash"], self._quantities)
         name = PARTS.name(number)
         with writing(f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}"):
             add_digest(self.path, f"{TABLE}/{name}", digest_of(data), writer=WRITER)

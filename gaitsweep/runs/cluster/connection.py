@@ -138,6 +138,8 @@ class LocalWorkers(Connection):
         scheduler = {"host": _LOOPBACK, "port": 0, "dashboard_address": f"{_LOOPBACK}:0"}
         # a worker that was killed is started again, however long that takes
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
+        # its samples of a worker's stack take time of the core that computes
+        dask.config.set({"distributed.worker.profile.enabled": False})
         quiet: Any = logging.CRITICAL
         self._cluster = SpecCluster(
             workers=workers,
@@ -174,8 +176,8 @@ def connection_to(where: str) -> Connection:
     if re.fullmatch(r"[a-z]+://[^/\s]+", where) or where.endswith(".json"):
         return RemoteScheduler(where)
     scheme, colon, rest = where.partition(":")
-    near = near_miss.suggestion(scheme, ("local", "tcp", "tls")) if colon and rest else ""
-    raise RunError(f"--cluster {where} is not read: {_HOW}{near and '; '}{near.removeprefix('; ') or '.'}")
+    near = near_miss.suggestion(scheme, ("local", "tcp", "tls")) if colon and rest else "."
+    raise RunError(f"--cluster {where} is not read: {_HOW}{near}")
 
 
 def _require_distributed() -> None:

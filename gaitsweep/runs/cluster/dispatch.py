@@ -38,7 +38,9 @@ from gaitsweep.table.block_locks import BLOCK_LOCKS
 # Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
 _AHEAD = 1.0
 _MOST_IN_FLIGHT = 4096
-_POLL = 0.01  # s between two looks at the tasks
+# Between two looks at the tasks (s): where many end in a second, and where few do, since each look costs time
+# of a core on which a worker may run.
+_POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
 _TELL = 0.1  # s between two tellings of progress
 _MOST_FAILURES = 3  # of a block by an error
 # A block may take this many times as long as the longest so far, and at least so long (s), before its worker
@@ -166,6 +168,7 @@ class Cluster:
             str(directory.path.absolute()),
             directory.manifest["job_hash"],
             directory.n_rows,
+            directory.manifest["block"],
             min(_LOCK_PATIENCE, self.limit(None) / 2),
         )
         # deaths that an earlier run has counted are forgotten
@@ -251,7 +254,7 @@ class Dispatch:
             ends = 0
         self._tell()
         if not ends:
-            time.sleep(_POLL)
+            time.sleep(_POLL_OFTEN if self._rate > _MANY else _POLL)
 
     def _reconnect(self) -> None:
         """Go on with another scheduler; what was in flight is given out again."""

@@ -28,7 +28,6 @@ from gaitsweep.table import TableError
 from gaitsweep.table.block_locks import BLOCK_LOCKS, BlockLocks
 from gaitsweep.table.files import reason, this_process
 from gaitsweep.table.part_writer import PartWriter
-from gaitsweep.table.parts import checked_part
 
 MOST_DEATHS = 3  # of workers that began a block, after which it is given up
 _POLL = 0.2  # s between two looks whether the task is still wanted
@@ -72,7 +71,7 @@ class Assignment:
     Args:
         ticket: the job.
         path: the result directory; of a refined run, that of the round.
-        table_hash, n_rows: as its manifest has them.
+        table_hash, n_rows, block: as its manifest has them.
         patience: how long (s) a worker waits for another process that holds its block, before it computes the
             block itself; both write the same part.
     """
@@ -81,6 +80,7 @@ class Assignment:
     path: str
     table_hash: str
     n_rows: int
+    block: int
     patience: float
 
 
@@ -119,29 +119,23 @@ def run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> i
 
 
 def _run_block(number: int, rows: np.ndarray | None, assignment: Assignment) -> int | bytes:
-    ready = _prepared(assignment.ticket)
-    block = ready.work.block
-    if rows is not None:
-        before = number * block
-        ready = Round.of(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])
-    # as in one process, where a round has no columns of its own
-    model = ready.work.model
-    quantities = quantities_of(model, ready.job.run.columns(model)) if rows is None else None
-    writer = PartWriter(Path(assignment.path), assignment.table_hash, assignment.n_rows, block, quantities)
+    ticket = assignment.ticket
+    writer = PartWriter(Path(assignment.path), assignment.table_hash, assignment.n_rows, assignment.block)
     first, stop = writer.rows_of(number)
     name = f"block {number} (rows {first} to {stop - 1}) of {assignment.path}"
     began = time.perf_counter()
     _log.info("begins %s", name)
-    if assignment.ticket.probe is None:
-        frame = _computed(ready, number)
-        data, _ = checked_part(frame, number, (first, stop), assignment.table_hash, quantities)
+    if ticket.probe is None:
+        data = _computed(assignment, writer, number, rows)
         _log.info("has computed %s in %.1f s", name, time.perf_counter() - began)
         return data
+    _look_for(*ticket.probe)
+    # held while the job is made ready too, so that a worker which dies of that counts
     with _held(writer, number, assignment.patience) as missing:
         if missing:
-            frame = _computed(ready, number)
+            data = _computed(assignment, writer, number, rows)
             try:
-                writer.write(number, frame)
+                writer.write(number, data)
             except TableError as error:
                 raise WorkerUnfit(error.sentence) from error
     _log.info("has written %s after %.1f s", name, time.perf_counter() - began)
@@ -180,10 +174,20 @@ def _held(writer: PartWriter, number: int, patience: float) -> Iterator[bool]:
                     locks.end(number)
 
 
-def _computed(ready: Prepared, number: int) -> pd.DataFrame:
-    """The records of a block."""
-    found: list[pd.DataFrame] = []
+def _computed(assignment: Assignment, writer: PartWriter, number: int, rows: np.ndarray | None) -> bytes:
+    """The part of a block, computed here."""
+    ready = _prepared(assignment.ticket)
+    model, quantities = ready.work.model, None
+    if rows is None:
+        quantities = quantities_of(model, ready.job.run.columns(model))
+    else:  # a round of a refined run, whose columns have no units in one process either
+        before = number * assignment.block
+        ready = Round.of(ready, assignment.n_rows, lambda first, stop: rows[first - before : stop - before])
+    found: list[bytes] = []
     last = time.monotonic()
+
+    def keep(_: int, frame: pd.DataFrame) -> None:
+        found.append(writer.encoded(number, frame, quantities))
 
     def between(_: object) -> None:
         nonlocal last
@@ -191,7 +195,7 @@ def _computed(ready: Prepared, number: int) -> pd.DataFrame:
             _stop_if_unwanted()
             last = time.monotonic()
 
-    run_blocks(ready, [number], lambda _, frame: found.append(frame), between)
+    run_blocks(ready, [number], keep, between)
     return found[0]
 
 
@@ -231,7 +235,7 @@ def _cores() -> int | None:
 def _prepared(ticket: JobTicket) -> Prepared:
     """The job made ready in this process, which has been compared with the client's."""
     if ticket.probe is not None:
-        _look_for(Path(ticket.probe[0]), ticket.probe[1])
+        _look_for(*ticket.probe)
     for module, folder in ticket.modules:
         if module not in sys.modules and folder not in sys.path:
             sys.path.append(folder)
@@ -258,8 +262,10 @@ def _prepared(ticket: JobTicket) -> Prepared:
     return ready
 
 
-def _look_for(probe: Path, token: str) -> None:
+@functools.lru_cache(maxsize=16)
+def _look_for(file: str, token: str) -> None:
     """Raise WorkerUnfit where this worker does not share the client's result directory."""
+    probe = Path(file)
     folder = probe.parent
     own = probe.with_name(f"{probe.name}-{threading.get_native_id()}-{this_process().replace(' ', '-')}")
     try:

@@ -87,7 +87,7 @@ def test_workers_that_do_not_share_the_directory_are_named(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = task._look_for
-    monkeypatch.setattr(task, "_look_for", lambda probe, token: seen(probe.with_name("gone"), token))
+    monkeypatch.setattr(task, "_look_for", lambda file, token: seen(f"{file}-gone", token))
     task._prepared.cache_clear()
     with pytest.raises(RunError) as refusal:
         gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
