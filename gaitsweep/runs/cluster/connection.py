@@ -26,6 +26,17 @@ _LOOPBACK = "127.0.0.1"
 # counts itself, for each block.
 _NEVER = 10**9
 
+# Dask's settings for workers of this command.
+_SETTINGS = {
+    # a worker that was killed is started again, however long that takes
+    "distributed.deploy.lost-worker-timeout": "1 day",
+    # what Dask measures of itself takes time of the cores that compute
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "60s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
+
 
 class Connection:
     """A connection to a scheduler, which may be lost and come back."""
@@ -136,10 +147,7 @@ class LocalWorkers(Connection):
                 "options": {**options, "env": {**_environment(), **card}},
             }
         scheduler = {"host": _LOOPBACK, "port": 0, "dashboard_address": f"{_LOOPBACK}:0"}
-        # a worker that was killed is started again, however long that takes
-        dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
-        # its samples of a worker's stack take time of the core that computes
-        dask.config.set({"distributed.worker.profile.enabled": False})
+        dask.config.set(_SETTINGS)
         quiet: Any = logging.CRITICAL
         self._cluster = SpecCluster(
             workers=workers,
