@@ -10,6 +10,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import dataclasses
+import itertools
 import json
 import secrets
 import time
@@ -91,6 +92,7 @@ class Cluster:
         self.workers = Workers(connection, tell)
         self.collect, self._limit = collect, limit
         self._ticket: JobTicket | None = None
+        self._group, self._submitted = f"gaitsweep-{secrets.token_hex(4)}", itertools.count()
 
     @property
     def note(self) -> str:
@@ -183,7 +185,8 @@ class Cluster:
             [number for number, _ in tasks],
             [rows for _, rows in tasks],
             assignment=assignment,
-            key=[(f"gaitsweep-{secrets.token_hex(4)}", number) for number, _ in tasks],
+            # one group of tasks, since a scheduler keeps what it knows of each group
+            key=[(self._group, number, next(self._submitted)) for number, _ in tasks],
             pure=False,
             retries=0,
             workers=only,
