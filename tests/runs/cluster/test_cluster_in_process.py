@@ -169,22 +169,25 @@ def test_a_block_that_fails_is_named_and_the_others_go_on(
     pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
 
 
-def test_ctrl_c_leaves_no_task_behind(client: Any, whole: gs.Result, tmp_path: Path) -> None:
+def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
+    job = gs.Job(**{**JOB, "vary": {"launch_1": {"linspace": [0.2, 3.0, 480]}}})  # longer than a look
+    whole = gs.run(job, tmp_path / "whole").table
+
     def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
         if done:
             assert note == "2 workers"
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gs.run(gs.Job(**JOB), tmp_path / "out", progress=stop, client=client)
+        gs.run(job, tmp_path / "out", progress=stop, client=client)
     assert Snapshot.of(tmp_path / "out").rows_done > 0
     assert not list((tmp_path / "out").glob(".probe*"))
     deadline = time.monotonic() + 10.0
     while client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)):
         assert time.monotonic() < deadline, "the scheduler keeps tasks"
         time.sleep(0.05)
-    run = gs.run(gs.Job(**JOB), tmp_path / "out", client=client)
-    pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
+    run = gs.run(job, tmp_path / "out", client=client)
+    pd.testing.assert_frame_equal(run.table, whole, check_exact=True)
 
 
 def test_ctrl_c_stops_the_blocks_that_are_under_way(client: Any, tmp_path: Path) -> None:
