@@ -165,7 +165,12 @@ def _measured(ready: Prepared) -> Measured:
 
 
 def _host_s(ready: Prepared, pool: LaneScheduler) -> float:
-    """The host's work for a row (s): to open it, to label it and to write its record."""
+    """The host's work for a row (s): to open it, to label it and to write its record.
+
+    It is 0 for a kind that makes its own table, where this work is part of the steps.
+    """
+    if ready.job.run.own_blocks:
+        return 0.0
     group, block = pool.groups[0], next(iter(pool.open.values()))
     block.status[:] = Status.settled
     spent = []
