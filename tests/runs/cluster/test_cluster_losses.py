@@ -98,6 +98,13 @@ def check(out: Path, folder: Path, job: dict[str, Any]) -> None:
     assert not [file for file in (out / "table").iterdir() if not file.name.startswith("part-")]
 
 
+def _lives(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
 def test_local_workers_are_children_on_the_loopback_address(tmp_path: Path) -> None:
     job = job_of(40, pause=0.1)
     run = Run(tmp_path, job, "--cluster", "local:2")
@@ -112,7 +119,7 @@ def test_local_workers_are_children_on_the_loopback_address(tmp_path: Path) -> N
     assert listening
     assert set(listening) == {"127.0.0.1"}
     run.ended()
-    assert not [each for each in family if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
+    until(lambda: not any(_lives(each) for each in family))
     check(run.out, tmp_path, job)
 
 
