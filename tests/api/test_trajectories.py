@@ -111,7 +111,6 @@ def test_axes_of_every_form() -> None:
     ("keywords", "sentence"),
     [
         ({"lanch_1": 1.0}, "lanch_1 is neither a parameter nor a start value of toy; did you mean launch_1?"),
-        ({"client": 1}, "client is a reserved keyword, which this function does not take."),
         ({"N": 2}, "N shapes the model: give it to Toy, not here."),
         ({"mass": np.ones((2, 2))}, "mass has 2 dimensions, but an axis is a list of numbers."),
         ({"mass": 1.0, "params": {"mass": 2.0}}, "mass is given twice, once in params."),
@@ -123,6 +122,13 @@ def test_refusals(keywords: dict[str, Any], sentence: str) -> None:
             function(toy_model.Toy(), **keywords)
     with pytest.raises(gs.ArgumentError, match=re.escape(sentence)):
         gs.simulate(toy_model.Toy(), duration=1.0, **keywords)
+
+
+def test_a_reserved_keyword() -> None:
+    sentence = "client is a reserved keyword, which this function does not take."
+    for function in (gs.return_map, gs.simulate):
+        with pytest.raises(gs.ArgumentError, match=re.escape(sentence)):
+            function(toy_model.Toy(), client=1)
 
 
 def test_refusals_of_jobs_and_run_kinds() -> None:

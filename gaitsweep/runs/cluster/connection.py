@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.xla import usable_cores
+from gaitsweep.errors import ArgumentError
 from gaitsweep.runs.prepare import RunError
 
 if TYPE_CHECKING:
@@ -103,6 +104,16 @@ class GivenClient(Connection):
     """A client of the user's, which stays open."""
 
     def __init__(self, client: Client) -> None:
+        """Take a client.
+
+        Raises:
+            ArgumentError: it is something else.
+        """
+        _require_distributed()
+        from distributed import Client
+
+        if not isinstance(client, Client):
+            raise ArgumentError(f"client is {client!r}, but takes a distributed.Client.")
         super().__init__(str(getattr(client.scheduler, "address", "the client")))
         self._client = client
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
+import toy_model
 
 import gaitsweep as gs
 from gaitsweep.runs.cluster import dispatch, task
@@ -249,3 +250,8 @@ def test_a_sweep_of_keywords_on_a_cluster(client: Any, tmp_path: Path) -> None:
     )
     pd.testing.assert_frame_equal(memory.table, alone.table, check_exact=True)
     pd.testing.assert_frame_equal(disk.table, alone.table, check_exact=True)
+
+
+def test_a_client_is_one_of_dasks() -> None:
+    with pytest.raises(gs.ArgumentError, match=r"client is 1, but takes a distributed\.Client\."):
+        gs.sweep(toy_model.Toy(), launch_1=[1.0], client=1)  # pyright: ignore[reportArgumentType]
