@@ -126,9 +126,10 @@ def test_refusals(keywords: dict[str, Any], sentence: str) -> None:
 
 def test_a_reserved_keyword() -> None:
     sentence = "client is a reserved keyword, which this function does not take."
-    for function in (gs.return_map, gs.simulate):
-        with pytest.raises(gs.ArgumentError, match=re.escape(sentence)):
-            function(toy_model.Toy(), client=1)
+    with pytest.raises(gs.ArgumentError, match=re.escape(sentence)):
+        gs.return_map(toy_model.Toy(), client=1)
+    with pytest.raises(gs.ArgumentError, match=re.escape(sentence)):
+        gs.simulate(toy_model.Toy(), duration=1.0, client=1)
 
 
 def test_refusals_of_jobs_and_run_kinds() -> None:
