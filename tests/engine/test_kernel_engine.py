@@ -171,9 +171,9 @@ def test_lanes_run_in_vector_registers() -> None:
         pytest.skip("this processor has no AVX2")
     recorder = CrossingRecorder(Multilegged(), crossings=10)
     kernel = kernel_of(Multilegged(), recorder, Numerics(dt=4e-3, method="rk4"), None)
-    run = cpu_program.compiled(kernel.chunk, kernel.title)
+    run, slots = cpu_program.compiled(kernel.chunk, kernel.title)
     module = sys.modules[run.py_func.__module__]
-    tile = np.zeros(cpu_program.slots(kernel.chunk) * cpu_program.TILE)
+    tile = np.zeros(slots * cpu_program.TILE)
     module.attempt(tile, 0, 0)
     (assembly,) = module.attempt.inspect_asm().values()
     packed = len(re.findall(r"\tv(?:f[n]?m\w+|add|sub|mul)pd\t.*[yz]mm", assembly))

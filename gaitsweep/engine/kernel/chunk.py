@@ -154,7 +154,7 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
 def _plain(program: Program, attempt: list[int]) -> tuple[list[int], int]:
     """As `Program.usually`; every attempt is plain if a plain one would compute what others do not.
 
-    Compilers may contract other products and sums in that, and a row's bits would depend on its neighbours.
+    Other products and sums would be fused in that, and a row's bits would depend on its neighbours.
     """
     plain, unusual = program.usually(attempt)
     more = set(program.needed([*plain])) - set(program.needed([*attempt, unusual]))

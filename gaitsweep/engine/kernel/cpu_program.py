@@ -43,10 +43,13 @@ compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 """
 
 
-def compiled(chunk: Chunk, title: str, *, contraction: bool = True) -> Callable[[Any, Any, int], None]:
-    """The function `run` of `source`, compiled now or loaded from the cache of kernels."""
+def compiled(
+    chunk: Chunk, title: str, *, contraction: bool = True
+) -> tuple[Callable[[Any, Any, int], None], int]:
+    """The function `run` of `source`, compiled now or loaded from the cache, and the slots of a lane."""
     _prefer_wide_vectors()
-    return module_of(source(chunk, TILE, title, contraction=contraction)).run
+    tile = _Tile(chunk, TILE, contraction)
+    return module_of(_printed(tile, title)).run, tile.slots
 
 
 def _prefer_wide_vectors() -> None:
@@ -66,7 +69,12 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
     `S` (tiles, slots * lanes) float64; `kept` (tiles * lanes, BUFFER, width) receives the rows to keep.
     `contraction`: whether a product and a sum may become one instruction.
     """
-    tile = _Tile(chunk, lanes, contraction)
+    return _printed(_Tile(chunk, lanes, contraction), title)
+
+
+def _printed(tile: _Tile, title: str) -> str:
+    """The source of a tile's module."""
+    chunk, lanes = tile.chunk, tile.lanes
     parts = [
         _PREAMBLE.format(title=title),
         *tile.stages,
@@ -90,11 +98,6 @@ def source(chunk: Chunk, lanes: int, title: str, *, contraction: bool = True) ->
         ),
     ]
     return "\n\n".join(part for part in parts if part)
-
-
-def slots(chunk: Chunk, *, contraction: bool = True) -> int:
-    """The number of slots of a lane: those of `_Tile`."""
-    return _Tile(chunk, TILE, contraction).slots
 
 
 class _Tile:

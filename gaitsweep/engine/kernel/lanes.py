@@ -131,8 +131,7 @@ def _compiled(kernel: Kernel, contraction: bool) -> tuple[Callable[[Any, Any, in
     """The kernel on a CPU, and the slots of its lanes."""
     from gaitsweep.engine.kernel import cpu_program
 
-    run = cpu_program.compiled(kernel.chunk, kernel.title, contraction=contraction)
-    return run, cpu_program.slots(kernel.chunk, contraction=contraction)
+    return cpu_program.compiled(kernel.chunk, kernel.title, contraction=contraction)
 
 
 class CpuLanes(KernelLanes):

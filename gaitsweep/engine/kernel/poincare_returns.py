@@ -165,11 +165,9 @@ class _Kernel:
 
     def __init__(self, crossing: PoincareReturn, held: Any, carry: Any, title: str) -> None:
         self._chunk = chunk_of(_Lane(crossing), held, carry)  # type: ignore[arg-type]
-        contraction = crossing.numerics.contraction
-        self._run = cpu_program.compiled(
-            self._chunk, f"{crossing.model.name}, {title}", contraction=contraction
+        self._run, self._slots = cpu_program.compiled(
+            self._chunk, f"{crossing.model.name}, {title}", contraction=crossing.numerics.contraction
         )
-        self._slots = cpu_program.slots(self._chunk, contraction=contraction)
         self.lane_state: _LaneState = self._chunk.carry
 
     def __call__(self, read: np.ndarray, slots: Any) -> np.ndarray:
