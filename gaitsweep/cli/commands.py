@@ -129,7 +129,6 @@ def run(
         print(show.estimate(estimate(job)))
         return
     from gaitsweep.runs.execute import run_job
-    from gaitsweep.runs.row_range import run_rows
 
     told: list[str] = []
 
@@ -140,6 +139,8 @@ def run(
     try:
         with _shown_progress() as progress:
             if rows is not None:
+                from gaitsweep.runs.row_range import run_rows
+
                 path = run_rows(job, rows, out, progress=progress, tell=tell, strict=strict)
             elif cluster is not None:
                 from gaitsweep.runs.cluster.connection import connection_to

@@ -55,9 +55,10 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     """What the manifest says of the records of a complete table, which are read part by part."""
     known, fields = table_columns(ready.plan, ready.job.run), {}
     stalled = bool(directory.counts().get(Status.event_stall.name))
+    counts_gaits, has_distance = _counts_gaits(ready), _has_distance(ready)
     columns = {"stalled_by", "t_end", "t"} if stalled else set()
-    columns |= {"gait"} if _counts_gaits(ready) else set()
-    columns |= {"distance", "gait"} if _has_distance(ready) else set()
+    columns |= {"gait"} if counts_gaits else set()
+    columns |= {"distance", "gait"} if has_distance else set()
     if not columns:
         return {}
     stalls: dict[str, dict[str, Any]] = {}
@@ -66,16 +67,16 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     for part in load_parts(directory.path, ["row", "status", *sorted(columns & set(known))]):
         if stalled:
             _add_stalls(stalls, part)
-        if _counts_gaits(ready):
+        if counts_gaits:
             gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
         far = largest_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
     if stalled:
         fields["stalls"] = dict(sorted(stalls.items()))
-    if _counts_gaits(ready):
+    if counts_gaits:
         fields["gaits"] = dict(gaits.most_common())
-    if _has_distance(ready):
+    if has_distance:
         fields["largest_distance"] = {"rad": farthest[0][0], "row": farthest[0][1]} if farthest else {}
     return fields
 

@@ -246,8 +246,8 @@ class ResultDirectory:
         if not 0 <= number < self.n_blocks:
             raise ValueError(f"There is no block {number}: the blocks are 0 to {self.n_blocks - 1}.")
         quantities = self.manifest.get("quantities")
-        data, _ = checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
-        self.write_part_bytes(number, data)
+        data, footer = checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
+        self._write_part(number, data, footer)
 
     def write_part_bytes(self, number: int, data: bytes) -> None:
         """Write a part that another process has encoded, by `checked_part`.
@@ -260,6 +260,10 @@ class ResultDirectory:
         footer = read_footer(data)
         if (footer.part, footer.job_hash, footer.rows) != (number, self.manifest["job_hash"], stop - start):
             raise DamagedPart(f"it is not part {number} of this table")
+        self._write_part(number, data, footer)
+
+    def _write_part(self, number: int, data: bytes, footer: Footer) -> None:
+        start, stop = self.rows_of(number)
         with writing(
             f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}",
             f"; {self.rows_done} of {self.n_rows} rows are safe there, "
