@@ -122,6 +122,8 @@ class Card:
             return
         from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
 
+        # JAX leaves the context of the card that it used last, in which copies of another card are refused
+        self.use()
         # cuda-core's own copies between the host and a second card end in CUDA_ERROR_INVALID_VALUE
         places = (int(memory.handle) for memory in (target, source))
         (failed,) = driver.cuMemcpyAsync(*places, size, int(self._stream.handle))
