@@ -24,7 +24,7 @@ from gaitsweep.runs.refined import refine
 from gaitsweep.runs.self_check import SelfCheckError, self_check
 from gaitsweep.runs.self_check_report import advice, sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up
-from gaitsweep.table import ResultDirectory, TableError
+from gaitsweep.table import EncodedPart, ResultDirectory, TableError
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -170,8 +170,8 @@ def _run_missing(
     def spent_so_far() -> dict[str, float]:
         return {name: value + spent.get(name, 0) for name, value in dataclasses.asdict(timings).items()}
 
-    def write(number: int, block: BlockResult) -> None:
-        directory.write_part(number, ready.table(block))
+    def encode(number: int, block: BlockResult) -> EncodedPart:
+        return directory.encoded(number, ready.table(block))
 
     def tell(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0
@@ -196,7 +196,8 @@ def _run_missing(
         elif ready.job.run.own_blocks:
             _run_own_blocks(ready, directory, missing, progress, timings)
         else:
-            sweep(ready.work, missing, write, tell, timings, _Open(directory, spent_so_far))
+            stored = _Open(directory, spent_so_far)
+            sweep(ready.work, missing, directory.write_encoded, tell, timings, stored, encode)
     except BaseException:
         # what stopped the run is the news, not that the manifest cannot be written either
         with contextlib.suppress(TableError):

@@ -23,7 +23,7 @@ from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.figures import Progress as RunProgress
 from gaitsweep.runs.prepare import Prepared
-from gaitsweep.table import ResultDirectory, load
+from gaitsweep.table import EncodedPart, ResultDirectory, load
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -107,8 +107,8 @@ def _round(
     round_hash = hashlib.sha256(ready.job_hash.encode() + rows.astype("<i8").tobytes()).hexdigest()
     with ResultDirectory.open(path, job, round_hash, work.n_rows, work.block) as part:
 
-        def write(block: int, result: BlockResult) -> None:
-            part.write_part(block, this.table(result))
+        def encode(block: int, result: BlockResult) -> EncodedPart:
+            return part.encoded(block, this.table(result))
 
         if missing := part.missing_blocks():
             spent = Timings()
@@ -117,7 +117,7 @@ def _round(
                     cluster.run_blocks(part, missing, tell, this.rows_in)
                     part.tidy_digests()
                 else:
-                    sweep(work, missing, write, tell, spent, open_rows=part)
+                    sweep(work, missing, part.write_encoded, tell, spent, part, encode)
             finally:
                 for field in dataclasses.fields(Timings):
                     setattr(timings, field.name, getattr(timings, field.name) + getattr(spent, field.name))

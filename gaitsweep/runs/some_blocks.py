@@ -28,7 +28,7 @@ def run_blocks(
     """
     work, kind = ready.work, ready.job.run
     if not kind.own_blocks:
-        sweep(work, blocks, lambda number, block: write(number, ready.table(block)), between)
+        sweep(work, blocks, write, between, encode=lambda _, block: ready.table(block))
         return
     for number in blocks:
         first, last = number * work.block, min((number + 1) * work.block, work.n_rows)

@@ -19,9 +19,11 @@ from gaitsweep.table.files import (
     replace_file,
     writing,
 )
+from gaitsweep.table.parts import EncodedPart
 from gaitsweep.table.reading import Snapshot, load, load_parts, load_with_snapshot
 
 __all__ = [
+    "EncodedPart",
     "ResultDirectory",
     "Snapshot",
     "TableError",

@@ -48,7 +48,7 @@ from gaitsweep.table.manifest import (
     sealed,
 )
 from gaitsweep.table.open_rows import Rows, chosen, joined, open_bytes
-from gaitsweep.table.parts import DamagedPart, Footer, checked_part, read_footer
+from gaitsweep.table.parts import DamagedPart, EncodedPart, Footer, checked_part, read_footer
 from gaitsweep.table.reading import add_counts
 
 _FIXED = ("format", "job_hash", "rows", "block")
@@ -242,12 +242,30 @@ class ResultDirectory:
             WriteError: the disk is full or the file cannot be written; no incomplete part is left.
             ValueError: the frame does not belong to the block.
         """
+        self.write_encoded(number, self.encoded(number, frame))
+
+    def encoded(self, number: int, frame: pd.DataFrame) -> EncodedPart:
+        """Encode the records of a block, for `write_encoded`; threads may do so at the same time.
+
+        Args:
+            number, frame: as for `write_part`.
+
+        Raises:
+            ValueError: the frame does not belong to the block.
+        """
         start, stop = self.rows_of(number)
         if not 0 <= number < self.n_blocks:
             raise ValueError(f"There is no block {number}: the blocks are 0 to {self.n_blocks - 1}.")
         quantities = self.manifest.get("quantities")
-        data, footer = checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
-        self._write_part(number, data, footer)
+        return checked_part(frame, number, (start, stop), self.manifest["job_hash"], quantities)
+
+    def write_encoded(self, number: int, part: EncodedPart) -> None:
+        """Write a part that `encoded` has made; it is on disk when this returns.
+
+        Raises:
+            WriteError: as for `write_part`.
+        """
+        self._write_part(number, *part)
 
     def write_part_bytes(self, number: int, data: bytes) -> None:
         """Write a part that another process has encoded, by `checked_part`.

@@ -38,6 +38,10 @@ class Footer:
         return sum(self.counts.values())
 
 
+# The bytes of a part, and its footer.
+EncodedPart = tuple[bytes, Footer]
+
+
 class DamagedPart(Exception):
     """A part differs from what was written; the message gives the evidence."""
 
@@ -75,7 +79,7 @@ def checked_part(
     rows: tuple[int, int],
     job_hash: str,
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> tuple[bytes, Footer]:
+) -> EncodedPart:
     """Encode a block's records as `part_bytes` does, after a check that all its rows are there.
 
     Args:
@@ -101,7 +105,7 @@ def part_bytes(
     job_hash: str,
     counts: Mapping[str, int],
     quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> tuple[bytes, Footer]:
+) -> EncodedPart:
     """Encode a block's records as parquet with a checksum for each page and a `Footer` in the metadata.
 
     Categories are stored as text, which parquet encodes by a dictionary of its own; their order is kept in

@@ -276,8 +276,12 @@ def load_with_snapshot(
     return snapshot, frame
 
 
+# Records in a frame of `load_parts`: a frame of one part takes as long as one of sixteen.
+_TOGETHER = 65_536
+
+
 def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
-    """The records of a complete table part by part, so that memory holds one of them.
+    """The records of a complete table, some parts at a time, so that memory holds a few of them.
 
     Args:
         path: the directory.
@@ -288,14 +292,25 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     """
     path, wanted = Path(path), Wanted(tuple(columns))
     examined = Examination(path, read_manifest(path))
+    some: list[tuple[pa.Table, Footer]] = []
     for number, table in examined.parts(True, wanted.columns):
         if table is not None:
-            part = _Parts(table.num_rows)
-            part.add(wanted.records_of(table), examined.footers[number])
-            yield _frame(path, part, wanted.columns)
+            some.append((wanted.records_of(table), examined.footers[number]))
+        if sum(records.num_rows for records, _ in some) >= _TOGETHER:
+            yield _frame_of(path, some, wanted)
+            some = []
+    if some:
+        yield _frame_of(path, some, wanted)
     found = [*examined.faults.values(), *examined.strangers]
     if found:
         raise TableError(_refusal(found))
+
+
+def _frame_of(path: Path, some: Sequence[tuple[pa.Table, Footer]], wanted: Wanted) -> pd.DataFrame:
+    parts = _Parts(sum(records.num_rows for records, _ in some))
+    for records, footer in some:
+        parts.add(records, footer)
+    return _frame(path, parts, wanted.columns)
 
 
 def _require_parts(snapshot: Snapshot) -> None:

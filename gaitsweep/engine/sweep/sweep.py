@@ -9,11 +9,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from gaitsweep.engine.sweep.block import BlockResult, EndedRows
+from gaitsweep.engine.sweep.block import Block, BlockResult, EndedRows
 from gaitsweep.engine.sweep.labels import labels_of
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
@@ -47,10 +47,11 @@ class OpenRows(Protocol):
 def sweep(
     spec: SweepSpec,
     blocks: Sequence[int],
-    write: Callable[[int, BlockResult], None],
+    write: Callable[[int, Any], None],
     progress: Callable[[SweepProgress], None] | None = None,
     timings: Timings | None = None,
     open_rows: OpenRows | None = None,
+    encode: Callable[[int, BlockResult], Any] | None = None,
 ) -> Timings:
     """Run the rows of `blocks`, and pass each block to `write(number, result)` when all its rows have ended.
 
@@ -62,6 +63,8 @@ def sweep(
         timings: updated during the sweep, so that it is right for an interrupted sweep too.
         open_rows: stores the ended rows of incomplete blocks within `SAFE_WITHIN` s, and also when an
             exception stops the sweep; rows that it already has are not run again.
+        encode: makes of a complete block what `write` is given, in several threads at a time; by default it
+            is given the block itself.
 
     Returns:
         The timings.
@@ -75,7 +78,7 @@ def sweep(
         labels_of(spec, next(iter(scheduler.open.values())))
     timings.compile_s = time.perf_counter() - began
     scheduler.go()
-    disk = _Disk(scheduler.close)
+    disk = _Disk(scheduler.close, len(spec.devices) if spec.devices[0].platform == "gpu" else 1)
     keeper = _Keeper(scheduler, open_rows, disk)
     try:
         while scheduler.busy or scheduler.complete:
@@ -86,8 +89,8 @@ def sweep(
                 block = scheduler.take(number)
                 disk.write(
                     number,
-                    lambda block=block: labels_of(spec, block),
-                    lambda labels, block=block: write(block.number, block.result(labels)),
+                    lambda block=block: _encoded(spec, block, encode),
+                    lambda encoded, block=block: write(block.number, encoded),
                 )
             keeper.store_if_due(keeper.chunk_s)
             timings.attempts = scheduler.attempts
@@ -108,33 +111,37 @@ def sweep(
     return timings
 
 
-Labels = dict[str, np.ndarray]
+def _encoded(spec: SweepSpec, block: Block, encode: Callable[[int, BlockResult], Any] | None) -> Any:
+    result = block.result(labels_of(spec, block))
+    return result if encode is None else encode(block.number, result)
 
 
 class _Disk:
-    """A thread that writes, one thing after the other, while rows go on; others label the next blocks.
+    """A thread that writes, one thing after the other, while rows go on; others encode the next blocks.
 
     Args:
         written: called with the number of each block that has been written, by the thread that waits.
+        cards: GPUs that end rows.
     """
 
-    # what may wait
+    # what may wait for each card
     MOST = 8
-    # threads that label, since on a card that takes as long as the rows
-    LABELLING = 2
+    # threads for each card that label and encode, since that takes as long as the rows do on a card
+    ENCODING = 2
 
-    def __init__(self, written: Callable[[int], None]) -> None:
+    def __init__(self, written: Callable[[int], None], cards: int = 1) -> None:
         self._thread, self._written = ThreadPoolExecutor(1), written
-        self._labels = ThreadPoolExecutor(self.LABELLING)
+        self._most = self.MOST * cards
+        self._encoding = ThreadPoolExecutor(self.ENCODING * cards)
         # what is being written, and what is called when it is on disk
         self._waiting: deque[tuple[Future[None], Callable[[], None]]] = deque()
         self._longest_s = 1.0  # s of writing a block; the first time it loads libraries
 
-    def write(self, number: int, label: Callable[[], Labels], write: Callable[[Labels], None]) -> None:
-        """Let a block be labelled and written; raises what an earlier one has raised."""
-        self.take_done(self.MOST)
-        labels = self._labels.submit(label)
-        job = self._thread.submit(self._timed, lambda: write(labels.result()))
+    def write(self, number: int, encode: Callable[[], Any], write: Callable[[Any], None]) -> None:
+        """Let a block be encoded and written; raises what an earlier one has raised."""
+        self.take_done(self._most)
+        encoded = self._encoding.submit(encode)
+        job = self._thread.submit(self._timed, lambda: write(encoded.result()))
         # a block that could not be written stays open, so that its rows are stored
         self._waiting.append((job, lambda: self._written(number)))
 
@@ -168,7 +175,7 @@ class _Disk:
                     failures.append(failure)
         finally:
             self._thread.shutdown()
-            self._labels.shutdown()
+            self._encoding.shutdown()
         if failures:
             raise failures[0]
 
