@@ -13,7 +13,9 @@ from gaitsweep.kinds.numbers import Count, Flag, LaneCount, Positive, checked, r
 from gaitsweep.kinds.part import Part
 from gaitsweep.table import former_names
 
-_LEAST_BLOCK, _MOST_PARTS = 1024, 500
+# A part costs some milliseconds whatever its rows, and they add up on a card; but an unfinished block of more
+# rows than _LARGE is much to hold in memory, and the worker of a cluster loses it as a whole.
+_SMALL, _LARGE, _PARTS, _MOST_PARTS = 1024, 32_768, 64, 500
 METHOD_NAMES = ("auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit")
 
 
@@ -26,10 +28,14 @@ def _block(value: Any) -> int | str:
 
 
 def rows_of_a_part(block: int | str, n_rows: int) -> int:
-    """The rows of a part of a table: those chosen, or 1024 times a power of two, in at most 500 parts."""
+    """The rows of a part of a table: those chosen, or 1024 times a power of two.
+
+    A table has about 64 parts, and more if these had more than 32 768 rows, but at most 500.
+    """
     if isinstance(block, int):
         return block
-    return _LEAST_BLOCK * 2 ** math.ceil(math.log2(max(1.0, n_rows / (_MOST_PARTS * _LEAST_BLOCK))))
+    wanted = max(min(n_rows / _PARTS, _LARGE), n_rows / _MOST_PARTS, _SMALL)
+    return _SMALL * 2 ** math.ceil(math.log2(wanted / _SMALL))
 
 
 class NumericsSpec(Part):
@@ -91,7 +97,7 @@ class EngineChoice(Part):
         WithJsonSchema({"anyOf": [{"type": "integer"}, {"type": "string"}]}),
     ] = Field(
         default="auto",
-        description="rows of one part of the table; auto: 1024, or as many as make at most 500 parts",
+        description="rows of one part of the table; auto: 1024 to 32 768, or what makes at most 500 parts",
     )
     devices: Count | None = Field(default=None, description="devices to use; all if not given")
     contraction: Flag = Field(

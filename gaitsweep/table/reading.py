@@ -276,7 +276,8 @@ def load_with_snapshot(
     return snapshot, frame
 
 
-# Records in a frame of `load_parts`: a frame of one part takes as long as one of sixteen.
+# Records in a frame of `load_parts`, at most, if a part has no more: a frame of one part of a few thousand
+# takes as long as one of sixteen.
 _TOGETHER = 65_536
 
 
@@ -292,25 +293,18 @@ def load_parts(path: str | Path, columns: Sequence[str]) -> Iterator[pd.DataFram
     """
     path, wanted = Path(path), Wanted(tuple(columns))
     examined = Examination(path, read_manifest(path))
-    some: list[tuple[pa.Table, Footer]] = []
+    parts = _Parts(_TOGETHER)
     for number, table in examined.parts(True, wanted.columns):
         if table is not None:
-            some.append((wanted.records_of(table), examined.footers[number]))
-        if sum(records.num_rows for records, _ in some) >= _TOGETHER:
-            yield _frame_of(path, some, wanted)
-            some = []
-    if some:
-        yield _frame_of(path, some, wanted)
+            parts.add(wanted.records_of(table), examined.footers[number])
+        if parts.length > _TOGETHER // 2:
+            yield _frame(path, parts, wanted.columns)
+            parts = _Parts(_TOGETHER)
+    if parts.length:
+        yield _frame(path, parts, wanted.columns)
     found = [*examined.faults.values(), *examined.strangers]
     if found:
         raise TableError(_refusal(found))
-
-
-def _frame_of(path: Path, some: Sequence[tuple[pa.Table, Footer]], wanted: Wanted) -> pd.DataFrame:
-    parts = _Parts(sum(records.num_rows for records, _ in some))
-    for records, footer in some:
-        parts.add(records, footer)
-    return _frame(path, parts, wanted.columns)
 
 
 def _require_parts(snapshot: Snapshot) -> None:

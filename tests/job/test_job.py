@@ -507,5 +507,6 @@ def test_a_job_does_not_change() -> None:
 
 
 def test_a_large_table_has_at_most_500_parts() -> None:
-    assert [rows_of_a_part("auto", n) for n in (1, 512_000, 512_001, 10**8)] == [1024, 1024, 2048, 262_144]
+    rows = {1: 1024, 65_536: 1024, 65_537: 2048, 2_097_152: 32_768, 16_384_001: 65_536, 10**8: 262_144}
+    assert {n: rows_of_a_part("auto", n) for n in rows} == rows
     assert rows_of_a_part(7, 10**8) == 7
