@@ -25,13 +25,19 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
     """
     path = Path(path)
     with effort.limited():
-        document = read_document(path)
-        for override in overrides:
-            _lay_over(document, override)
+        document = laid_over(path, overrides)
         try:
             return Job.model_validate(document.data, context={"folder": path.parent})
         except JobError as error:
             raise document.located(error) from None
+
+
+def laid_over(path: Path, overrides: Sequence[str]) -> Document:
+    """What a YAML file says, with `--set key=value` laid over it; raises JobError."""
+    document = read_document(path)
+    for override in overrides:
+        _lay_over(document, override)
+    return document
 
 
 def _lay_over(document: Document, override: str) -> None:

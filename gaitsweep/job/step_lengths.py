@@ -128,6 +128,18 @@ def check_steps(plan: Plan, run: RunKind, numerics: Numerics) -> list[Diagnostic
     return [Diagnostic(("numerics", "dt"), text)]
 
 
+def longer_than_right(plan: Plan, run: RunKind, numerics: Numerics) -> np.ndarray:
+    """Whether each row's step (n_rows,) is known to be too long for its parameters."""
+    if numerics.dt is None:
+        return np.zeros(plan.n_rows, bool)
+    parts = [
+        _steps(plan, run, numerics, np.arange(first, min(first + _CHUNK, plan.n_rows)))
+        for first in range(0, plan.n_rows, _CHUNK)
+    ]
+    dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return dt > longest * _ROUNDING
+
+
 def values_with_right_steps(
     plan: Plan, run: RunKind, numerics: Numerics, steps: RowSteps
 ) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:

@@ -214,9 +214,14 @@ def checked(read: Callable[..., Any], **limits: Any) -> Callable[[Any], Any]:
         try:
             return read(value, **limits)
         except InvalidValue as error:
-            raise PydanticCustomError("gaitsweep", "{text}", {"text": str(error)}) from None
+            raise wrong_value(str(error)) from None
 
     return validate
+
+
+def wrong_value(text: str) -> PydanticCustomError:
+    """The error of a pydantic validator whose sentence, from the field's name on, we print."""
+    return PydanticCustomError("gaitsweep", "{text}", {"text": text})
 
 
 _NUMBER_TYPE = {"type": ["number", "string"]}

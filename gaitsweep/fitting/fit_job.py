@@ -1,0 +1,254 @@
+"""A job whose rows follow from sets of constants: what search and sensitivity have in common."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from gaitsweep import effort, near_miss
+from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.measures import MEASURES, Measure
+from gaitsweep.fitting.population import Population
+from gaitsweep.job import Job
+from gaitsweep.job.config import Config
+from gaitsweep.job.load import laid_over
+from gaitsweep.job.model_spec import ModelSpec, read_model_spec
+from gaitsweep.job.plan import inside, must
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
+from gaitsweep.kinds.diagnostics import Path as FieldPath
+from gaitsweep.kinds.part import Part
+from gaitsweep.kinds.run_kind import table_columns
+
+# Fields of a job that have no place beside sets of constants.
+_WITHOUT = ("vary", "figures")
+
+
+@dataclasses.dataclass(frozen=True)
+class FitJob:
+    """A job without `vary`, the constants that are free in it, and what is measured of each set of them.
+
+    `given` is the job as written, without the field `field` (search or sensitivity) that holds the rest.
+    """
+
+    field: str
+    given: dict[str, Any]
+    folder: Path
+    free: dict[str, Free]
+    measures: dict[str, Measure]
+    spec: ModelSpec
+
+    @property
+    def name(self) -> str:
+        return str(self.given.get("name"))
+
+    @property
+    def structure(self) -> tuple[str, ...]:
+        """The free names that shape the model."""
+        return tuple(name for name in self.free if name not in self.spec.quantities)
+
+    @property
+    def structures(self) -> list[dict[str, Any]]:
+        """Choices of structure such that each choice of each name is among them."""
+        choices = {name: self.free[name].ends for name in self.structure}
+        longest = max(map(len, choices.values()), default=1)
+        return [{name: ends[min(i, len(ends) - 1)] for name, ends in choices.items()} for i in range(longest)]
+
+    def job_of(self, structure: Mapping[str, Any]) -> Job:
+        """The job with a choice of structure, and with free constants in the middle of their ranges.
+
+        Raises:
+            JobError: what is wrong with it.
+        """
+        data = copy.deepcopy(self.given)
+        for field, names in (("params", self.spec.parameters), ("start", self.spec.starts)):
+            middle = {
+                name: each.at(np.array([0.5])).tolist()[0]
+                for name, each in self.free.items()
+                if name in names
+            }
+            first = {
+                name: values[0]
+                for measure in self.measures.values()
+                for name, values in measure.at.items()
+                if name in names and name not in (self.given.get(field) or {})
+            }
+            if middle or first:
+                data[field] = {**(data.get(field) or {}), **first, **middle}
+        if structure:
+            data["structure"] = {**(data.get("structure") or {}), **structure}
+        return Job.model_validate(data, context={"folder": self.folder})
+
+    def population(self) -> Population:
+        """What measures sets of constants."""
+        return Population(self.job_of, self.structure, self.measures)
+
+
+def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, Free]:
+    """The free constants by name; what is wrong with them is added to `wrong`."""
+    if not isinstance(value, Mapping) or not value:
+        text = f"is {found(value)}, but takes constants by name, such as kappa: {{low: 1, high: 2}}."
+        wrong.append(Diagnostic(path, text))
+        return {}
+    read = {}
+    for name, each in value.items():
+        if isinstance(each, list) and len(each) == 2:  # [low, high] is short for it
+            each = {"low": each[0], "high": each[1]}
+        if (part := read_part(Free, each, (*path, str(name)), wrong)) is not None:
+            read[str(name)] = part
+    return read
+
+
+def read_measure(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Measure | None:
+    """A measure; what is wrong with it is added to `wrong`."""
+    if not isinstance(value, Mapping):
+        text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(MEASURES)}"
+        wrong.append(Diagnostic(path, text))
+        return None
+    kind = value.get("kind")
+    if kind is None:
+        wrong.append(Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(MEASURES)}"))
+        return None
+    if kind not in MEASURES:
+        near = near_miss.suggestion(str(kind), MEASURES)
+        wrong.append(Diagnostic((*path, "kind"), f"is {found(kind)}, which is none{near}"))
+        return None
+    return read_part(MEASURES[kind], value, path, wrong)
+
+
+def read_part(part: type[Part], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
+    """A part of pydantic, or None where something is wrong with it, which is added to `wrong`."""
+    words = str(path[-1])
+    try:
+        return part.model_validate(value)
+    except ValidationError as error:
+        wrong.extend(from_pydantic(error, {words: Owner(words, part)}, words, path))
+        return None
+
+
+def read_fit_job(
+    field: str,
+    data: Mapping[str, Any],
+    folder: Path,
+    free: dict[str, Free],
+    measures: dict[str, Measure],
+    listed: str,
+    wrong: list[Diagnostic],
+) -> FitJob:
+    """A job whose free constants and measures have been read.
+
+    Args:
+        field: search or sensitivity, the field that they stand in.
+        data: the job as written.
+        folder: the folder to which its paths are relative.
+        free: the free constants by name.
+        measures: what is measured, by name.
+        listed: the field of `field` that has the measures.
+        wrong: what is wrong so far.
+
+    Raises:
+        JobError: all that is wrong.
+    """
+    given = {str(key): value for key, value in data.items() if key != field and value is not None}
+    for key in _WITHOUT:
+        if key in given:
+            text = f"has no place beside {field}, whose sets of constants vary: take it out."
+            wrong.append(Diagnostic((key,), text))
+            del given[key]
+    config = Config(given, folder)
+    spec = None
+    if "model" in config.raw:
+        params = config.raw.get("params")
+        spec, _ = read_model_spec(config.raw["model"], config.raw.get("structure"), params, [folder])
+    if spec is None:
+        _refuse(wrong)
+        Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
+        raise JobError([Diagnostic(("model",), "is missing.")])
+    fit = FitJob(field, given, folder, free, measures, spec)
+    wrong.extend(_wrong_constants(fit))
+    wrong.extend(_wrong_measures(fit, listed))
+    _refuse(wrong)
+    for structure in fit.structures:
+        job = fit.job_of(structure)
+        if not job.run.one_a_row or getattr(job.run, "refine", None) is not None:
+            text = f"is {job.run.kind_name}, but {field} takes settle (without refine) or fixed_time."
+            _refuse([Diagnostic(("run", "kind"), text)])
+        columns = table_columns(job.plan, job.run)
+        for name, measure in measures.items():
+            unknown = measure.wrong(columns, job.plan.model.gaits)
+            if unknown is not None:
+                key, value, allowed = unknown
+                text = f"is {value}, which is none{near_miss.suggestion(value, allowed)}"
+                wrong.append(Diagnostic((field, listed, name, key), text))
+        _refuse(wrong)
+    return fit
+
+
+def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
+    """What `read(data, folder)` makes of a YAML file with overrides; its errors get the file and the line.
+
+    Raises:
+        JobError: what is wrong, with file and line.
+    """
+    path = Path(path)
+    with effort.limited():
+        document = laid_over(path, overrides)
+        try:
+            return read(document.data, path.parent)
+        except JobError as error:
+            raise document.located(error) from None
+
+
+def _refuse(wrong: Sequence[Diagnostic]) -> None:
+    if wrong:
+        raise JobError(wrong)
+
+
+def _wrong_constants(fit: FitJob) -> list[Diagnostic]:
+    wrong = []
+    for name, each in fit.free.items():
+        path = (fit.field, _free_field(fit), name)
+        if name in fit.spec.structure:
+            if each.choices is None:
+                wrong.append(Diagnostic(path, "shapes the model: give its choices, not a range."))
+            continue
+        if (unknown := fit.spec.unknown(name, "vary")) is not None:
+            wrong.append(Diagnostic(path, unknown))
+            continue
+        for field in ("params", "start"):
+            if name in (fit.given.get(field) or {}):
+                text = f"is free, but {field}.{name} fixes it: take one of the two out."
+                wrong.append(Diagnostic(path, text))
+        quantity = fit.spec.quantities[name]
+        for end in each.ends:
+            if not isinstance(end, int | float):
+                wrong.append(Diagnostic(path, f"has the choice {found(end)}, but takes numbers."))
+            elif not inside(np.array([float(end)]), quantity)[0]:
+                wrong.append(Diagnostic(path, f"goes to {end:g}, but {must(quantity)}."))
+    return wrong
+
+
+def _free_field(fit: FitJob) -> str:
+    return "free" if fit.field == "search" else "parameters"
+
+
+def _wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
+    wrong = []
+    for name, measure in fit.measures.items():
+        for condition, values in measure.at.items():
+            path = (fit.field, listed, name, "at", condition)
+            if (unknown := fit.spec.unknown(condition, "vary")) is not None:
+                wrong.append(Diagnostic(path, unknown))
+            elif condition in fit.free:
+                wrong.append(Diagnostic(path, "is free: a measure cannot set it."))
+            else:
+                quantity = fit.spec.quantities[condition]
+                bad = [value for value in values if not inside(np.array([value]), quantity)[0]]
+                if bad:
+                    wrong.append(Diagnostic(path, f"is {bad[0]:g}, but {must(quantity)}."))
+    return wrong

@@ -1,0 +1,87 @@
+"""What a search may choose: constants within ranges, whole numbers, and choices of structure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from gaitsweep.kinds.numbers import Flag, Real, wrong_value
+from gaitsweep.kinds.part import Part
+
+
+class Free(Part):
+    """A constant that is searched: within a range, or one of some choices."""
+
+    low: Real | None = Field(default=None, description="least value")
+    high: Real | None = Field(default=None, description="largest value")
+    log: Flag = Field(default=False, description="whether equal ratios count, not equal differences")
+    whole: Flag = Field(default=False, description="whether it is a whole number")
+    choices: list[Any] | None = Field(
+        default=None, min_length=2, description="values of which one is taken, of a constant or a structure"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.choices is not None:
+            if self.low is not None or self.high is not None or self.log or self.whole:
+                raise wrong_value("has choices, and a range as well: give one of the two.")
+            return self
+        if self.low is None or self.high is None:
+            raise wrong_value("needs low and high, or choices.")
+        if not self.low < self.high:
+            raise wrong_value(f"goes from {self.low:g} to {self.high:g}: low is below high.")
+        if self.log and self.low <= 0.0:
+            raise wrong_value(f"has low {self.low:g}, but equal ratios need a value above 0.")
+        if self.whole and math.floor(self.high) <= math.ceil(self.low):
+            raise wrong_value(f"has fewer than two whole numbers from {self.low:g} to {self.high:g}.")
+        return self
+
+    @property
+    def ends(self) -> tuple[Any, ...]:
+        """The values that bound it, all of them where it has choices."""
+        return tuple(self.choices) if self.choices is not None else (self.low, self.high)
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """Its values at shares (n,) of its range, from 0 to 1; choices are equal parts of it.
+
+        Numbers are float64, choices of a structure are objects.
+        """
+        share = np.clip(share, 0.0, 1.0)
+        if self.choices is not None:
+            place = np.minimum((share * len(self.choices)).astype(int), len(self.choices) - 1)
+            return np.array(self.choices, None if _numbers(self.choices) else object)[place]
+        assert self.low is not None
+        assert self.high is not None
+        if self.whole:
+            least, most = math.ceil(self.low), math.floor(self.high)
+            return np.minimum(least + np.floor(share * (most - least + 1)), most).astype(float)
+        if self.log:
+            return np.exp(math.log(self.low) + share * math.log(self.high / self.low))
+        return self.low + share * (self.high - self.low)
+
+    def share(self, values: Sequence[Any] | np.ndarray) -> np.ndarray:
+        """The shares (n,) of its range at which it has these values: what `at` undoes."""
+        if self.choices is not None:
+            return np.array([(self.choices.index(value) + 0.5) / len(self.choices) for value in values])
+        assert self.low is not None
+        assert self.high is not None
+        given = np.asarray(values, float)
+        if self.whole:
+            least, most = math.ceil(self.low), math.floor(self.high)
+            return (given - least + 0.5) / (most - least + 1)
+        if self.log:
+            return np.log(given / self.low) / math.log(self.high / self.low)
+        return (given - self.low) / (self.high - self.low)
+
+
+def _numbers(choices: Sequence[Any]) -> bool:
+    return all(isinstance(each, int | float) and not isinstance(each, bool) for each in choices)
+
+
+def sets_at(free: Mapping[str, Free], shares: np.ndarray) -> dict[str, np.ndarray]:
+    """The constants (n,) by name at points (n, constants) of the unit cube."""
+    return {name: each.at(shares[:, i]) for i, (name, each) in enumerate(free.items())}

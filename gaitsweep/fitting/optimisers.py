@@ -1,0 +1,232 @@
+"""How a search chooses the next sets: Sobol points, evolution strategies, or a front of several targets.
+
+Each optimiser gives points of the unit cube (`ask`) and is told how they fared (`tell`). What it gives
+depends on its seed and on what it has been told, and on nothing else. So a search that was stopped goes on: a
+new optimiser is told what the first was told.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections import deque
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.stats import qmc
+
+METHODS = ("sobol", "cma", "nsga3")
+# Packages of the extra `search`.
+_NEEDS = {"cma": "cma", "nsga3": "pymoo"}
+
+
+class Optimiser(Protocol):
+    """Gives points to try and is told how they fared."""
+
+    def ask(self, n: int) -> np.ndarray:
+        """The next points (n, constants) of the unit cube."""
+        ...
+
+    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+        """How the points of the last `ask` fared: their scores (n,), and their misses (n, targets)."""
+        ...
+
+
+def missing_package(method: str) -> str | None:
+    """The package that a method needs and that is not installed, or None."""
+    package = _NEEDS.get(method)
+    return package if package is not None and importlib.util.find_spec(package) is None else None
+
+
+def optimiser(method: str, dimension: int, targets: int, start: int, seed: int) -> Optimiser:
+    """The optimiser of a search.
+
+    Args:
+        method: one of METHODS.
+        dimension: the number of free constants.
+        targets: the number of targets that count.
+        start: points of a Sobol sequence with which `cma` begins.
+        seed: of all that is drawn.
+
+    """
+    if method == "sobol":
+        return Sobol(dimension, seed)
+    if method == "cma":
+        return Restarts(dimension, start, seed)
+    return Front(dimension, targets, seed)
+
+
+class Sobol:
+    """Points that fill the cube evenly, whatever they are told."""
+
+    def __init__(self, dimension: int, seed: int) -> None:
+        self._points = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
+        self._drawn: list[np.ndarray] = []
+
+    def ask(self, n: int) -> np.ndarray:
+        # drawn by powers of two, which keep the sequence even
+        while sum(map(len, self._drawn)) < n:
+            self._drawn.append(self._points.random_base2(8))
+        there = np.concatenate(self._drawn)
+        self._drawn = [there[n:]]
+        return there[:n]
+
+    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+        pass
+
+
+class _Strategy:
+    """One evolution strategy (CMA-ES), the points that it waits for, and the random numbers that it draws."""
+
+    def __init__(self, middle: np.ndarray, width: float, size: int, seed: int) -> None:
+        import cma
+
+        rng = np.random.default_rng(seed)
+        # the package's own seed is that of the whole process; strategies here run side by side
+        options = {
+            "bounds": [0.0, 1.0],
+            "popsize": size,
+            "randn": lambda *shape: rng.standard_normal(shape),
+            "seed": float("nan"),
+            "verbose": -9,
+            "tolfun": 1e-6,
+            "tolx": 1e-6,
+        }
+        self.size = size
+        self._strategy = cma.CMAEvolutionStrategy(list(middle), width, options)
+        self._asked: list[Any] = []
+        self._scores: dict[int, float] = {}
+
+    def ask(self) -> np.ndarray:
+        self._asked, self._scores = self._strategy.ask(), {}
+        return np.clip(np.array(self._asked), 0.0, 1.0)
+
+    def tell(self, place: int, score: float) -> bool:
+        """Note a point's score; True when all of this generation have theirs."""
+        self._scores[place] = score
+        if len(self._scores) < len(self._asked):
+            return False
+        self._strategy.tell(self._asked, [self._scores[i] for i in range(len(self._asked))])
+        return True
+
+    @property
+    def over(self) -> bool:
+        return bool(self._strategy.stop())
+
+
+class Restarts:
+    """Evolution strategies (CMA-ES) that begin anew where they end, small and large ones in turn (BIPOP).
+
+    As many run side by side as fill what is asked for. The first ones begin at the best of a Sobol sequence.
+    """
+
+    def __init__(self, dimension: int, start: int, seed: int) -> None:
+        self._dimension, self._rng = dimension, np.random.default_rng([seed, 1])
+        self._sobol, self._start = Sobol(dimension, seed), start
+        self._begun: list[tuple[float, np.ndarray]] = []  # scores and points of the Sobol start
+        self._waiting: deque[tuple[int, int, np.ndarray]] = deque()  # strategy, place, point
+        self._strategies: dict[int, _Strategy] = {}
+        self._asked: list[tuple[int, int, np.ndarray]] = []
+        self._number = 0
+        self._doublings = 0
+        self._spent = {"small": 0, "large": 0}
+
+    def ask(self, n: int) -> np.ndarray:
+        self._asked = []
+        while len(self._asked) < n:
+            if self._start > 0:
+                point = self._sobol.ask(1)[0]
+                self._start -= 1
+                self._asked.append((-1, 0, point))
+                continue
+            if not self._waiting:
+                self._begin()
+            self._asked.append(self._waiting.popleft())
+        return np.array([point for _, _, point in self._asked])
+
+    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+        for (number, place, point), score in zip(self._asked, scores, strict=True):
+            if number < 0:
+                self._begun.append((float(score), point))
+                continue
+            strategy = self._strategies[number]
+            if not strategy.tell(place, float(score)):
+                continue
+            if strategy.over:
+                del self._strategies[number]
+            else:
+                self._queue(number)
+
+    def _begin(self) -> None:
+        """Begin a strategy: a large one where the small ones have had more points, else a small one."""
+        least = 4 + int(3 * np.log(self._dimension))
+        if self._spent["large"] <= self._spent["small"]:
+            size, width, regime = least * 2**self._doublings, 0.3, "large"
+            self._doublings = min(self._doublings + 1, 6)
+        else:
+            share = self._rng.random() ** 2
+            size = int(least * (0.5 * 2**self._doublings) ** share)
+            width, regime = 0.3 * 10.0 ** (-2.0 * self._rng.random()), "small"
+        self._spent[regime] += size
+        self._begun.sort(key=lambda each: each[0])
+        if self._begun and self._number % 2 == 0:
+            middle = self._begun.pop(0)[1]
+        else:
+            middle = self._rng.random(self._dimension)
+        seed = int(self._rng.integers(2**63))
+        self._strategies[self._number] = _Strategy(middle, width, max(size, 4), seed)
+        self._queue(self._number)
+        self._number += 1
+
+    def _queue(self, number: int) -> None:
+        points = self._strategies[number].ask()
+        self._waiting.extend((number, place, point) for place, point in enumerate(points))
+
+
+class Front:
+    """Sets of which none is nearer on every target than another (NSGA-III), from a Sobol sequence on."""
+
+    def __init__(self, dimension: int, targets: int, seed: int) -> None:
+        self._dimension, self._targets, self._seed = dimension, targets, seed
+        self._sobol = Sobol(dimension, seed)
+        self._algorithm: Any = None
+        self._asked: Any = None
+
+    def ask(self, n: int) -> np.ndarray:
+        from pymoo.core.population import Population
+
+        if self._algorithm is None:
+            self._algorithm = self._first(n)
+        offspring = self._algorithm.infill()
+        if len(offspring) < n:  # what would be double is left out
+            more = Population.new("X", self._sobol.ask(n - len(offspring)))
+            offspring = Population.merge(offspring, more)
+        self._asked = offspring[:n]
+        return np.clip(self._asked.get("X"), 0.0, 1.0)
+
+    def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
+        from pymoo.core.evaluator import Evaluator
+        from pymoo.problems.static import StaticProblem
+
+        Evaluator().eval(StaticProblem(self._algorithm.problem, F=np.abs(misses)), self._asked)
+        self._algorithm.advance(infills=self._asked)
+
+    def _first(self, n: int) -> Any:
+        from pymoo.algorithms.moo.nsga3 import NSGA3
+        from pymoo.core.problem import Problem
+
+        first: Any = self._sobol.ask(n)  # in the place of pymoo's own random points
+        algorithm = NSGA3(_directions(self._targets, n), pop_size=n, n_offsprings=n, sampling=first)
+        problem = Problem(n_var=self._dimension, n_obj=self._targets, xl=0.0, xu=1.0)
+        algorithm.setup(problem, termination=("n_gen", 10**9), seed=self._seed)
+        return algorithm
+
+
+def _directions(targets: int, most: int) -> np.ndarray:
+    """Directions (n, targets) in which a front is looked for, at most so many if there is a choice."""
+    from pymoo.util.ref_dirs import get_reference_directions
+
+    parts = 1
+    while math.comb(targets + parts, targets - 1) <= most and parts < 100:
+        parts += 1
+    return get_reference_directions("das-dennis", targets, n_partitions=parts)

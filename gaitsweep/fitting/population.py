@@ -1,0 +1,210 @@
+"""Many sets of constants measured in one batched run: each set has a row for every condition."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.engines import default_lanes
+from gaitsweep.engine.sweep.sweep import sweep
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.measures import Measure, Measured
+from gaitsweep.job import Job
+from gaitsweep.job.plan import Plan, inside
+from gaitsweep.job.step_lengths import longer_than_right
+from gaitsweep.job.vary import Group
+from gaitsweep.runs.prepare import Prepared, prepare
+
+Condition = tuple[tuple[str, float], ...]
+Values = dict[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """Numbers (length,) of one name, as a plan reads its points."""
+
+    numbers: np.ndarray
+    formulas: tuple[str, ...] = ()
+
+    @property
+    def length(self) -> int:
+        return self.numbers.size
+
+    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
+        return self.numbers[index]
+
+
+class Population:
+    """Sets of constants of one model, and what is measured of each.
+
+    Args:
+        job_of: the job of a choice of structure; constants and conditions replace its own values.
+        structure: the names of which `job_of` takes the choices.
+        measures: what is measured, by name.
+    """
+
+    def __init__(
+        self,
+        job_of: Callable[[Mapping[str, Any]], Job],
+        structure: Sequence[str],
+        measures: Mapping[str, Measure],
+    ) -> None:
+        self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
+        self._ready: dict[tuple[Any, ...], Prepared] = {}
+        # conditions that several measures share are run once
+        places: dict[Condition, int] = {}
+        self._rows_of = {
+            name: [places.setdefault(tuple(sorted(c.items())), len(places)) for c in measure.conditions]
+            for name, measure in measures.items()
+        }
+        self._conditions = list(places)
+
+    @property
+    def rows_of_a_set(self) -> int:
+        """The rows that each set takes."""
+        return len(self._conditions)
+
+    def prepared(self, structure: Mapping[str, Any]) -> Prepared:
+        """The job of a choice of structure made ready; its program is compiled once."""
+        key = tuple(structure[name] for name in self._structure)
+        if key not in self._ready:
+            self._ready[key] = prepare(self._job_of(structure))
+        return self._ready[key]
+
+    def measure(
+        self,
+        sets: Mapping[str, np.ndarray],
+        progress: Callable[[SweepProgress], None] | None = None,
+    ) -> list[dict[str, Measured]]:
+        """What is measured of each set.
+
+        Args:
+            sets: constants and choices of structure, (n,) by name.
+            progress: told how far the rows are.
+
+        Returns:
+            The measures by name, for each set; those of a set with a value that the model does not allow, or
+            with steps too long for it, have no value.
+        """
+        n = next(iter(sets.values())).size
+        found: list[dict[str, Measured]] = [{} for _ in range(n)]
+        for structure, mine in self._by_structure(sets, n):
+            ready = self.prepared(structure)
+            constants = {name: sets[name][mine] for name in sets if name not in self._structure}
+            frames, refused = self._frames(ready, constants, mine.size, progress)
+            for place, frame, why in zip(mine, frames, refused, strict=True):
+                found[place] = {
+                    name: Measured(math.nan, why)
+                    if why
+                    else measure.value(frame.iloc[self._rows_of[name]], ready.plan.model)
+                    for name, measure in self.measures.items()
+                }
+        return found
+
+    def _by_structure(
+        self, sets: Mapping[str, np.ndarray], n: int
+    ) -> list[tuple[dict[str, Any], np.ndarray]]:
+        """The choices of structure that occur, and the sets (m,) that have each."""
+        if not self._structure:
+            return [({}, np.arange(n))]
+        keys = list(zip(*(sets[name].tolist() for name in self._structure), strict=True))
+        return [
+            (
+                dict(zip(self._structure, key, strict=True)),
+                np.flatnonzero([each == key for each in keys]),
+            )
+            for key in dict.fromkeys(keys)
+        ]
+
+    def _frames(
+        self,
+        ready: Prepared,
+        constants: Values,
+        n: int,
+        progress: Callable[[SweepProgress], None] | None,
+    ) -> tuple[list[pd.DataFrame], list[str]]:
+        """The rows of each of n sets, in the order of the conditions, and why a set was refused, or ""."""
+        each = self.rows_of_a_set
+        params, starts, refused = self._values(ready, constants, n)
+        good = np.flatnonzero([not why for why in refused])
+        rows = (good[:, None] * each + np.arange(each)).ravel()
+        frames = [pd.DataFrame()] * n
+        if not good.size:
+            return frames, refused
+        chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
+
+        def values(first: int, last: int) -> tuple[Values, Values]:
+            given = [{name: column[first:last] for name, column in held.items()} for held in chosen]
+            return given[0], given[1]
+
+        work = dataclasses.replace(
+            ready.work,
+            n_rows=rows.size,
+            block=rows.size,
+            lanes=_lanes(ready, rows.size),
+            values=values,
+        )
+        results: list[BlockResult] = []
+        sweep(work, [0], lambda _, result: results.append(result), progress)
+        table = ready.job.run.table(ready.plan.model, {}, results[0])
+        for place, number in enumerate(good):
+            frames[number] = table.iloc[place * each : (place + 1) * each]
+        return frames, refused
+
+    def _values(self, ready: Prepared, constants: Values, n: int) -> tuple[Values, Values, list[str]]:
+        """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
+        each, model = self.rows_of_a_set, ready.plan.model
+        params = {q.name: np.empty(n * each) for q in model.parameters}
+        starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
+        refused = [""] * n
+        # conditions that set the same names are one plan: the others keep the job's own value or formula
+        alike: dict[tuple[str, ...], list[int]] = {}
+        for place, condition in enumerate(self._conditions):
+            alike.setdefault(tuple(name for name, _ in condition), []).append(place)
+        for names, places in alike.items():
+            given = np.array([[value for _, value in self._conditions[place]] for place in places])
+            set_here = {name: Column(given[:, i].astype(float)) for i, name in enumerate(names)}
+            free = {name: Column(column) for name, column in constants.items() if name not in set_here}
+            plan = rows_with(ready.plan, [free, set_here])
+            rows = np.arange(plan.n_rows)
+            there = plan.at(rows, [*params, *starts])
+            at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
+            for held in (params, starts):
+                for name, column in held.items():
+                    column[at] = there[name]
+            for quantity in (*model.parameters, *model.initial_conditions):
+                _note(
+                    refused,
+                    ~inside(there[quantity.name], quantity),
+                    len(places),
+                    f"{quantity.name} out of range",
+                )
+            too_long = longer_than_right(plan, ready.job.run, ready.work.numerics)
+            _note(refused, too_long, len(places), "steps too long")
+        return params, starts, refused
+
+
+def rows_with(plan: Plan, groups: Sequence[Mapping[str, Column]]) -> Plan:
+    """A plan in which these names vary, those of a group together, and nothing else does."""
+    varied = {name for group in groups for name in group}
+    settings = {name: value for name, value in plan.settings.items() if name not in varied}
+    made = tuple(Group(dict(group), {}) for group in groups if group)  # type: ignore[arg-type]
+    return dataclasses.replace(plan, groups=made, settings=settings)
+
+
+def _lanes(ready: Prepared, n_rows: int) -> int:
+    """The lanes for so many rows, as those of a job of its own."""
+    given = ready.job.engine.lanes
+    return min(given or default_lanes(ready.engine, n_rows, ready.work.devices[0].platform), max(8, n_rows))
+
+
+def _note(refused: list[str], wrong: np.ndarray, each: int, why: str) -> None:
+    """Note why sets are refused whose rows (n * each,) are wrong."""
+    for number in np.flatnonzero(wrong.reshape(-1, each).any(axis=1)):
+        refused[number] = refused[number] or why

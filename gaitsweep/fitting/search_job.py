@@ -1,0 +1,165 @@
+"""The job of a search: free constants, targets, and how sets are chosen."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from gaitsweep.errors import ArgumentError
+from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
+from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.optimisers import METHODS, missing_package
+from gaitsweep.fitting.targets import Aim, Target
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, word
+from gaitsweep.kinds.part import Part
+
+# Sets that are measured together where the job does not say.
+_SETS_TOGETHER = 64
+
+
+class Choice(Part):
+    """How a search chooses its sets."""
+
+    method: Annotated[Literal["sobol", "cma", "nsga3"], word(*METHODS)] = Field(
+        default="cma",
+        description="sobol: points that fill the ranges; cma: evolution strategies with restarts (BIPOP), "
+        "for one score; nsga3: a front, where targets conflict",
+    )
+    budget: Count = Field(description="sets that are measured in all")
+    population: Count | None = Field(
+        default=None,
+        description="sets that are measured together; by default 64 on a CPU, and what fills a GPU",
+    )
+    start: CountOrZero | None = Field(
+        default=None,
+        description="sets of a Sobol sequence with which cma begins; by default a tenth of the budget",
+    )
+    seed: Seed = Field(default=0, description="seed of all that is drawn")
+    finalists: CountOrZero = Field(
+        default=8,
+        description="the best sets, which are measured again at half the step when the rest is done",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class SearchJob:
+    """A search as its file says it: `fit` has the job, `targets` what is wanted, `choice` how it goes."""
+
+    fit: FitJob
+    targets: dict[str, Target]
+    choice: Choice
+    written: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return self.fit.name
+
+    @property
+    def free(self) -> dict[str, Free]:
+        return self.fit.free
+
+    @property
+    def counted(self) -> list[str]:
+        """The targets that count."""
+        return [name for name, target in self.targets.items() if not target.aim.held_back]
+
+    @property
+    def start(self) -> int:
+        """Sets of the Sobol sequence with which `cma` begins."""
+        return self.choice.budget // 10 if self.choice.start is None else self.choice.start
+
+    def population_on(self, platform: str, rows_at_a_time: int) -> int:
+        """Sets that are measured together."""
+        if self.choice.population is not None:
+            return self.choice.population
+        rows = self.fit.population().rows_of_a_set
+        return _SETS_TOGETHER if platform == "cpu" else max(_SETS_TOGETHER, math.ceil(rows_at_a_time / rows))
+
+    def resolved(self) -> dict[str, Any]:
+        """The job as plain values, as the result directory keeps it."""
+        return self.written
+
+    def hash(self, *, device: str, engine: str, population: int, versions: Mapping[str, str]) -> str:
+        """The sha256, in hex, of what decides the sets and what is measured of them.
+
+        Optimisers draw otherwise in other versions, so these are part of it.
+        """
+        decides = {
+            "job": [self.fit.job_of(each).hash(device=device, engine=engine) for each in self.fit.structures],
+            "search": {**self.written["search"], "population": population},
+            "versions": dict(versions),
+        }
+        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+
+
+def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
+    """The search in a YAML file.
+
+    Args:
+        path: the file.
+        overrides: "key=value" each, laid over it as `gaitsweep.load_job` does.
+
+    Raises:
+        JobError: all that is wrong, with file and line of each.
+    """
+    return read_file(path, overrides, read_search)
+
+
+def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
+    """A search from its mapping; raises JobError with all that is wrong."""
+    wrong: list[Diagnostic] = []
+    search = data.get("search")
+    if not isinstance(search, Mapping):
+        text = "is missing" if search is None else f"is {found(search)}"
+        raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
+    free = read_free(search.get("free"), ("search", "free"), wrong)
+    targets = _read_targets(search.get("targets"), wrong)
+    rest = {key: value for key, value in search.items() if key not in ("free", "targets")}
+    for key in [key for key in rest if key not in Choice.model_fields]:
+        allowed = ["free", "targets", *Choice.model_fields]
+        wrong.append(unknown_field(("search", str(key)), "search", allowed))
+        del rest[key]
+    choice = read_part(Choice, rest, ("search",), wrong)
+    measures = {name: target.measure for name, target in targets.items()}
+    fit = read_fit_job("search", data, folder, free, measures, "targets", wrong)
+    assert choice is not None  # else it was refused
+    if (package := missing_package(choice.method)) is not None:
+        raise ArgumentError(
+            f"search.method {choice.method} needs the package {package}: pip install 'gaitsweep[search]'."
+        )
+    job = SearchJob(fit, targets, choice, {key: value for key, value in data.items() if value is not None})
+    if not job.counted:
+        raise JobError([Diagnostic(("search", "targets"), "are all held back: one of them has to count.")])
+    if choice.method == "nsga3" and len(job.counted) < 2:
+        text = "is nsga3, which needs two targets or more that count: take cma."
+        raise JobError([Diagnostic(("search", "method"), text)])
+    return job
+
+
+def _read_targets(value: Any, wrong: list[Diagnostic]) -> dict[str, Target]:
+    path = ("search", "targets")
+    if not isinstance(value, Mapping) or not value:
+        wrong.append(Diagnostic(path, f"is {found(value)}, but takes targets by name."))
+        return {}
+    targets = {}
+    for name, each in value.items():
+        here = (*path, str(name))
+        if not isinstance(each, Mapping):
+            wrong.append(Diagnostic(here, f"is {found(each)}, but takes fields (key: value)."))
+            continue
+        aims = {key: field for key, field in each.items() if key in Aim.model_fields}
+        aim = read_part(Aim, aims, here, wrong)
+        measure = read_measure({k: v for k, v in each.items() if k not in aims}, here, wrong)
+        if str(name) in ("row", "set", "score", "status", "generation") or not str(name).isidentifier():
+            wrong.append(Diagnostic(here, "names a column of the table: take another name of letters and _."))
+        if aim is not None and measure is not None:
+            targets[str(name)] = Target(str(name), measure, aim)
+    return targets

@@ -1,0 +1,79 @@
+"""What a search is after: measures with the values that they should have, and how far a set is from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, PlainValidator, WithJsonSchema
+
+from gaitsweep.contract import Model
+from gaitsweep.fitting.measures import Measure, Measured, difference
+from gaitsweep.kinds.diagnostics import found
+from gaitsweep.kinds.numbers import Flag, InvalidValue, Positive, checked, read_real
+from gaitsweep.kinds.part import Part
+
+# The miss of a target without a value, in reading errors; a set that misses by more is not told from it.
+FAILED_MISS = 100.0
+
+
+def _read_wanted(value: Any) -> tuple[float, float]:
+    if isinstance(value, list | tuple):
+        if len(value) != 2:
+            raise InvalidValue(f"is {found(value)}, but takes a number, or [low, high].")
+        low, high = (read_real(each) for each in value)
+        if low > high:
+            raise InvalidValue(f"is {found(value)}, but low is not above high.")
+        return low, high
+    number = read_real(value)
+    return number, number
+
+
+Wanted = Annotated[
+    tuple[float, float],
+    PlainValidator(checked(_read_wanted)),
+    WithJsonSchema({"type": ["number", "array"]}),
+]
+
+
+class Aim(Part):
+    """What a measure should come to."""
+
+    wanted: Wanted = Field(description="the value, or [low, high] between which all are right")
+    error: Positive = Field(description="the reading error, by which misses are divided")
+    held_back: Flag = Field(
+        default=False, description="measured, but not part of the score: kept to judge what was found"
+    )
+
+
+class Target:
+    """A measure, and what it should come to.
+
+    Args:
+        name: of the target.
+        measure: what is measured.
+        aim: what it should come to.
+    """
+
+    def __init__(self, name: str, measure: Measure, aim: Aim) -> None:
+        self.name, self.measure, self.aim = name, measure, aim
+
+    def miss(self, measured: Measured, model: Model) -> float:
+        """How far a value is from what is wanted, in reading errors; FAILED_MISS at most."""
+        if math.isnan(measured.value):
+            return FAILED_MISS
+        circular = self.measure.circular(model)
+        low, high = self.aim.wanted
+        below, above = (difference(measured.value, end, circular) for end in (low, high))
+        if below >= 0.0 and above <= 0.0:
+            return 0.0
+        nearest = min(below, above, key=abs)
+        return float(np.clip(nearest / self.aim.error, -FAILED_MISS, FAILED_MISS))
+
+
+def score(misses: Mapping[str, float], targets: Mapping[str, Target]) -> float:
+    """The root mean square of the misses that count, in reading errors."""
+    counted = [misses[name] for name, target in targets.items() if not target.aim.held_back]
+    return float(np.sqrt(np.mean(np.square(counted))))
