@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.api import analyses as analyses
     from gaitsweep.api import theory as theory
     from gaitsweep.api.analyses import hysteresis as hysteresis
+    from gaitsweep.api.fitting import search as search
     from gaitsweep.api.maps import PoincareMap as PoincareMap
     from gaitsweep.api.maps import return_map as return_map
     from gaitsweep.api.trajectories import simulate as simulate
@@ -67,6 +68,7 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "analysis.basins.measures": ("basins",),
         "api": ("analyses", "theory"),
         "api.analyses": ("hysteresis",),
+        "api.fitting": ("search",),
         "api.maps": ("PoincareMap", "return_map"),
         "api.trajectories": ("simulate", "sweep"),
         "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),

@@ -152,7 +152,7 @@ def run(
             else:
                 path = run_job(job, out, progress=progress, tell=tell, strict=strict)
     except KeyboardInterrupt as error:
-        print(_stopped(job, out), file=sys.stderr)
+        print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
     snapshot = Snapshot.of(path)
     outcome = show.outcome(snapshot)
@@ -191,11 +191,11 @@ def _tell(sentence: str) -> None:
     print(sentence, file=sys.stderr)
 
 
-def _stopped(job: Job, out: Path | None) -> str:
+def _stopped(name: str, out: Path | None) -> str:
     from gaitsweep.runs.execute import RESULTS
     from gaitsweep.table import Snapshot, TableError
 
-    path = out or RESULTS / job.name
+    path = out or RESULTS / name
     try:
         snapshot = Snapshot.of(path)
     except TableError:
@@ -309,6 +309,35 @@ def reproduce(
         raise typer.Exit(FAILED)
     if strict and counts[ClaimVerdict.not_reproduced.value]:
         raise typer.Exit(SelfCheckError.exit_code)
+
+
+@app.command()
+def search(
+    job_file: Annotated[
+        Path, typer.Argument(metavar="JOB.yaml", help="A job with `search:` in the place of `vary:`.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
+    ] = None,
+) -> None:
+    """Search constants of a model that meet targets, or go on; say which constants the targets pin."""
+    from gaitsweep.cli import show_search
+    from gaitsweep.fitting.search_job import load_search
+
+    job = load_search(job_file, list(settings or ()))
+    from gaitsweep.fitting.search import run_search
+
+    try:
+        with _shown_progress() as progress:
+            found = run_search(job, out, progress=progress, tell=_tell)
+    except KeyboardInterrupt as error:
+        print(_stopped(job.name, out), file=sys.stderr)
+        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None
+    print(show_search.outcome(found))
 
 
 @app.command(name="schema")

@@ -41,6 +41,16 @@ class Free(Part):
         return self
 
     @property
+    def _listed(self) -> np.ndarray:
+        """Its choices: an array of numbers, or of objects."""
+        assert self.choices is not None
+        if all(isinstance(each, int | float) and not isinstance(each, bool) for each in self.choices):
+            return np.array(self.choices, float)
+        listed = np.empty(len(self.choices), object)
+        listed[:] = self.choices
+        return listed
+
+    @property
     def ends(self) -> tuple[Any, ...]:
         """The values that bound it, all of them where it has choices."""
         return tuple(self.choices) if self.choices is not None else (self.low, self.high)
@@ -53,7 +63,7 @@ class Free(Part):
         share = np.clip(share, 0.0, 1.0)
         if self.choices is not None:
             place = np.minimum((share * len(self.choices)).astype(int), len(self.choices) - 1)
-            return np.array(self.choices, None if _numbers(self.choices) else object)[place]
+            return self._listed[place]
         assert self.low is not None
         assert self.high is not None
         if self.whole:
@@ -62,6 +72,19 @@ class Free(Part):
         if self.log:
             return np.exp(math.log(self.low) + share * math.log(self.high / self.low))
         return self.low + share * (self.high - self.low)
+
+    def written(self, values: Sequence[Any]) -> list[Any]:
+        """Values as the job writes them: a table has choices of structure as text."""
+        if self.choices is None:
+            return list(values)
+        by_text = {str(choice): choice for choice in self.choices}
+        return [value if value in self.choices else by_text[str(value)] for value in values]
+
+    def column(self, values: Sequence[Any]) -> np.ndarray:
+        """The values (n,) of a table as `at` gives them."""
+        if self.choices is None:
+            return np.asarray(values, float)
+        return self._listed[[self.choices.index(each) for each in self.written(values)]]
 
     def share(self, values: Sequence[Any] | np.ndarray) -> np.ndarray:
         """The shares (n,) of its range at which it has these values: what `at` undoes."""
@@ -76,10 +99,6 @@ class Free(Part):
         if self.log:
             return np.log(given / self.low) / math.log(self.high / self.low)
         return (given - self.low) / (self.high - self.low)
-
-
-def _numbers(choices: Sequence[Any]) -> bool:
-    return all(isinstance(each, int | float) and not isinstance(each, bool) for each in choices)
 
 
 def sets_at(free: Mapping[str, Free], shares: np.ndarray) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
@@ -81,12 +82,14 @@ class Population:
         self,
         sets: Mapping[str, np.ndarray],
         progress: Callable[[SweepProgress], None] | None = None,
+        share: float = 1.0,
     ) -> list[dict[str, Measured]]:
         """What is measured of each set.
 
         Args:
             sets: constants and choices of structure, (n,) by name.
             progress: told how far the rows are.
+            share: the length of steps as a share of the job's own.
 
         Returns:
             The measures by name, for each set; those of a set with a value that the model does not allow, or
@@ -97,7 +100,7 @@ class Population:
         for structure, mine in self._by_structure(sets, n):
             ready = self.prepared(structure)
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
-            frames, refused = self._frames(ready, constants, mine.size, progress)
+            frames, refused = self._frames(ready, constants, mine.size, progress, share)
             for place, frame, why in zip(mine, frames, refused, strict=True):
                 found[place] = {
                     name: Measured(math.nan, why)
@@ -128,10 +131,12 @@ class Population:
         constants: Values,
         n: int,
         progress: Callable[[SweepProgress], None] | None,
+        share: float,
     ) -> tuple[list[pd.DataFrame], list[str]]:
         """The rows of each of n sets, in the order of the conditions, and why a set was refused, or ""."""
         each = self.rows_of_a_set
         params, starts, refused = self._values(ready, constants, n)
+        starts[SHARE] = np.full(n * each, share)
         good = np.flatnonzero([not why for why in refused])
         rows = (good[:, None] * each + np.arange(each)).ravel()
         frames = [pd.DataFrame()] * n

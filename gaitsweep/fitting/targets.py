@@ -60,6 +60,13 @@ class Target:
     def __init__(self, name: str, measure: Measure, aim: Aim) -> None:
         self.name, self.measure, self.aim = name, measure, aim
 
+    def shown(self, value: float, model: Model) -> float:
+        """A value as the table has it: an angle within half a turn of what is wanted."""
+        if not self.measure.circular(model):
+            return value
+        middle = 0.5 * sum(self.aim.wanted)
+        return middle + difference(value, middle, True)
+
     def miss(self, measured: Measured, model: Model) -> float:
         """How far a value is from what is wanted, in reading errors; FAILED_MISS at most."""
         if math.isnan(measured.value):

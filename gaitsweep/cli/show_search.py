@@ -1,0 +1,73 @@
+"""The text that `gaitsweep search` prints at its end."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from gaitsweep.fitting.near_best import NEAR
+from gaitsweep.fitting.search import Found
+
+
+def outcome(found: Found) -> str:
+    """What a search found: sets by status, the best one, its targets, and what is known of each constant."""
+    status = found.table["status"].astype(str)
+    counts = ", ".join(f"{int((status == name).sum())} {name}" for name in ("complete", "failed"))
+    lines = [f"{len(found.table)} sets: {counts}.", f"Table: {found.path / 'table'}"]
+    near = found.near
+    if not len(near.best):
+        return "\n".join([*lines, "No set has a value for every target."])
+    best = near.best.iloc[0]
+    lines.append(
+        f"Best: row {int(best['row'])}, score {best['score']:.4g} (root mean square miss, in reading errors)."
+    )
+    if near.fitting:
+        lines.append(f"{near.fitting} sets miss no target by more than its reading error:")
+    else:
+        lines.append(
+            f"No set fits all targets within their reading errors. The near-best ones, {len(near.best)} with a "
+            f"score up to {NEAR:g} times the least:"
+        )
+    constants = [
+        (
+            each.name,
+            _word(each.best),
+            f"{_word(each.low)} to {_word(each.high)}",
+            f"{100 * each.spread:.0f} %",
+            each.verdict,
+        )
+        for each in near.constants
+    ]
+    lines.append(_table(("constant", "best", "near-best", "of its range", ""), constants))
+    targets = []
+    for name, target in found.job.targets.items():
+        low, high = target.aim.wanted
+        wanted = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        kept = "held back" if target.aim.held_back else ""
+        half = found.finalists
+        at_half = "" if half is None else f"{half.iloc[0][f'{name}_half']:.5g}"
+        miss = f"{best[f'miss_{name}']:+.2f}"
+        targets.append((name, f"{wanted} +- {target.aim.error:g}", f"{best[name]:.5g}", at_half, miss, kept))
+    lines.append(
+        _table(("target", "wanted", "best set", "at half the step", "miss, reading errors", ""), targets)
+    )
+    lines += [f"Figure: {figure}" for figure in found.figures]
+    return "\n".join(lines)
+
+
+def _word(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    table = Table(box=None, pad_edge=False, show_header=True, header_style="")
+    for name in head:
+        table.add_column(name)
+    for row in rows:
+        table.add_row(*row)
+    text = io.StringIO()
+    Console(file=text, width=160, highlight=False).print(table)
+    return "\n".join(line.rstrip() for line in text.getvalue().rstrip().splitlines())

@@ -1,0 +1,102 @@
+"""What the sets of a search say of each constant: pinned by the targets, or free."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.search_job import SearchJob
+
+# Where no set fits all targets, the near-best sets are those within this factor of the least score.
+NEAR = 1.1
+# A constant whose near-best values span less than this share of its range is pinned.
+PINNED = 0.25
+# Fewer near-best sets than these do not say where a constant's values end.
+FEWEST = 20
+# Parts of a constant's range in each of which the profile has the least score.
+PARTS = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant:
+    """What the near-best sets say of one constant.
+
+    `best` its value in the best set; `low` and `high` among the near-best sets, `spread` their distance as a
+    share of its range; `profile` (PARTS,) the least score in each part of its range, NaN where no set is;
+    `sets` the number of near-best sets.
+    """
+
+    name: str
+    best: Any
+    low: Any
+    high: Any
+    spread: float
+    profile: np.ndarray
+    sets: int = 0
+
+    @property
+    def verdict(self) -> str:
+        """pinned; free; or why that cannot be said."""
+        if self.spread >= PINNED:
+            return "free"
+        return "pinned" if self.sets >= FEWEST else "too few sets to say"
+
+
+@dataclasses.dataclass(frozen=True)
+class NearBest:
+    """The near-best sets of a search, from the best on, and what they say of each constant.
+
+    `fitting` is the number of sets that miss no target by more than its reading error; where there are some,
+    they are the near-best ones, otherwise those with a score within NEAR times the least.
+    """
+
+    best: pd.DataFrame
+    fitting: int
+    constants: tuple[Constant, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """As the manifest has it."""
+        first = self.best.iloc[0] if len(self.best) else None
+        return {
+            "best_row": None if first is None else int(first["row"]),
+            "best_score": None if first is None else float(first["score"]),
+            "near_best": len(self.best),
+            "fitting": self.fitting,
+            "constants": {each.name: each.verdict for each in self.constants},
+        }
+
+
+def near_best(table: pd.DataFrame, job: SearchJob) -> NearBest:
+    """The near-best sets of a search's table.
+
+    Args:
+        table: the sets that were measured.
+        job: the search.
+    """
+    measured = np.flatnonzero((table["status"].astype(str) == "complete").to_numpy())
+    sound = table.iloc[measured].sort_values(["score", "row"], kind="stable")
+    if not len(sound):
+        nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in job.free)
+        return NearBest(sound, 0, nothing)
+    misses = np.abs(sound[[f"miss_{name}" for name in job.counted]].to_numpy())
+    fits = (misses <= 1.0).all(axis=1)
+    near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
+    chosen = sound.iloc[np.flatnonzero(near)]
+    constants = tuple(_constant(name, free, sound, chosen) for name, free in job.free.items())
+    return NearBest(chosen, int(fits.sum()), constants)
+
+
+def _constant(name: str, free: Free, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:
+    values = chosen[name].tolist()
+    shares = free.share(free.written(values))
+    low, high = values[int(np.argmin(shares))], values[int(np.argmax(shares))]
+    profile = np.full(PARTS, np.nan)
+    everywhere = free.share(free.written(sound[name].tolist()))
+    parts = np.minimum((everywhere * PARTS).astype(int), PARTS - 1)
+    for part, score in zip(parts, sound["score"], strict=True):
+        profile[part] = np.fmin(profile[part], score)
+    return Constant(name, values[0], low, high, float(np.ptp(shares)), profile, len(chosen))

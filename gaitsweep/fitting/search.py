@@ -1,0 +1,277 @@
+"""A search carried out: sets of constants chosen, measured and told to the optimiser, batch after batch.
+
+Each batch is a part of the table, so a search that is stopped loses the batch under way and goes on from the
+rest: the optimiser is told what it was told before, and has to ask for the same sets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import importlib.metadata
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import Status
+from gaitsweep.engine.sweep.engines import default_lanes
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.free import sets_at
+from gaitsweep.fitting.measures import Measured
+from gaitsweep.fitting.near_best import NearBest, near_best
+from gaitsweep.fitting.optimisers import Optimiser, optimiser
+from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.search_figures import draw_search
+from gaitsweep.fitting.search_job import SearchJob
+from gaitsweep.fitting.targets import score
+from gaitsweep.runs import provenance
+from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.figures import Progress
+from gaitsweep.runs.prepare import naming_the_file
+from gaitsweep.table import ResultDirectory, TableError, load, replace_file, writing
+
+FINALISTS = "finalists.parquet"
+# Packages whose versions decide which sets are chosen.
+_DECIDING = ("numpy", "scipy", "cma", "pymoo")
+# Names of the columns of misses.
+MISS = "miss_"
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    `path` is its directory; `table` has a row for each set; `near` says which constants the targets pin;
+    `finalists` has the best sets at half the step; `figures` are the files drawn.
+    """
+
+    job: SearchJob
+    path: Path
+    table: pd.DataFrame
+    near: NearBest
+    finalists: pd.DataFrame | None
+    figures: tuple[Path, ...]
+
+
+def run_search(
+    job: SearchJob,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Found:
+    """Measure the sets that a search's directory still lacks, and say what they tell of the constants.
+
+    Args:
+        job: the search.
+        out: its result directory, `results/NAME` by default.
+        progress: told how far it is.
+        tell: told, in a sentence each, what was found and mended in the directory.
+
+    Raises:
+        RunError, TableError: a sentence each; what was measured before stays, and the next run goes on.
+        KeyboardInterrupt: likewise.
+    """
+    path = RESULTS / job.name if out is None else Path(out)
+    show = progress or (lambda *_, **__: None)
+    population = job.fit.population()
+    ready = population.prepared(job.fit.structures[0])
+    if ready.note is not None:
+        tell(ready.note)
+    platform = ready.work.devices[0].platform
+    at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
+    together = min(job.population_on(platform, at_a_time), job.choice.budget)
+    versions = {name: _version(name) for name in _DECIDING}
+    job_hash = job.hash(device=platform, engine=ready.engine, population=together, versions=versions)
+    with (
+        naming_the_file(),
+        ResultDirectory.open(path, job.resolved(), job_hash, job.choice.budget, together) as directory,
+    ):
+        for note in directory.notes:
+            tell(note)
+        directory.update_manifest(
+            engine=ready.engine,
+            device=ready.device,
+            precision=ready.work.numerics.precision,
+            method=ready.work.numerics.method,
+            quantities=_quantities(job, population),
+            versions=provenance.versions() | versions,
+            git_commit=provenance.git_commit(),
+        )
+        _Search(job, population, directory, show).go_on()
+        table = load(path)
+        near = near_best(table, job)
+        finalists = _finalists(job, population, path, near, show)
+        directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
+        figures = draw_search(path, job, table, near)
+    return Found(job, path, table, near, finalists, tuple(figures))
+
+
+class _Search:
+    """The batches of a search, those on disk and those to come."""
+
+    def __init__(
+        self, job: SearchJob, population: Population, directory: ResultDirectory, show: Progress
+    ) -> None:
+        self.job, self.population, self.directory, self.show = job, population, directory, show
+        self.optimiser: Optimiser = optimiser(
+            job.choice.method, len(job.free), len(job.counted), job.start, job.choice.seed
+        )
+        self.known = pd.DataFrame()  # the sets that are on disk
+        self.best = np.inf
+        self.spent = float(directory.manifest.get("timings", {}).get("run_s", 0.0))
+
+    def go_on(self) -> None:
+        """Tell the optimiser of the sets that are there, and measure the others."""
+        missing = set(self.directory.missing_blocks())
+        if len(missing) < self.directory.n_blocks:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that it is not complete
+                self.known = load(self.directory.path)
+        before = self.directory.rows_done
+        began = time.perf_counter()
+        for number in range(self.directory.n_blocks):
+            first, stop = self.directory.rows_of(number)
+            points = self.optimiser.ask(stop - first)
+            sets = sets_at(self.job.free, points)
+            if number in missing:
+                measured = self.population.measure(sets, self._telling(first, before, began))
+                frame = self._frame(number, first, sets, measured)
+                self.directory.write_part(number, frame)
+                seconds = self.spent + time.perf_counter() - began
+                self.directory.update_manifest(
+                    timings={"run_s": seconds}, counts=self.directory.counts(), complete=False
+                )
+            else:
+                frame = self._known(number, first, stop, sets)
+            scores = frame["score"].to_numpy()
+            misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
+            self.optimiser.tell(scores, misses)
+            self.best = min(self.best, float(scores.min()))
+
+    def _telling(self, first: int, before: int, began: float) -> Callable[[SweepProgress], None]:
+        total = self.directory.n_rows
+        each = self.population.rows_of_a_set
+
+        def tell(now: SweepProgress) -> None:
+            done = first + int(now.share * now.rows / each)
+            rate = (done - before) / max(time.perf_counter() - began, 1e-9)
+            best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
+            note = f"{best}{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
+            self.show(done, total, rate, done / total, note)
+
+        return tell
+
+    def _frame(
+        self,
+        generation: int,
+        first: int,
+        sets: Mapping[str, np.ndarray],
+        measured: list[dict[str, Measured]],
+    ) -> pd.DataFrame:
+        """The records of a batch."""
+        model = self.population.prepared(self.job.fit.structures[0]).plan.model
+        targets = self.job.targets
+        misses = [
+            {name: targets[name].miss(value, model) for name, value in values.items()} for values in measured
+        ]
+        lacking = [
+            "; ".join(f"{name}: {value.why}" for name, value in values.items() if value.why)
+            for values in measured
+        ]
+        counted = [any(values[name].why for name in self.job.counted) for values in measured]
+        n = len(measured)
+        status = np.where(counted, "failed", Status.complete.name)
+        frame: dict[str, Any] = {
+            "row": np.arange(first, first + n, dtype=np.int64),
+            "generation": np.full(n, generation),
+            **{name: _plain(column) for name, column in sets.items()},
+            **{
+                name: np.array([target.shown(values[name].value, model) for values in measured])
+                for name, target in targets.items()
+            },
+            **{f"{MISS}{name}": np.array([each[name] for each in misses]) for name in targets},
+            "score": np.array([score(each, targets) for each in misses]),
+            "status": pd.Categorical(status, ["failed", Status.complete.name]),
+            "why": pd.Series(lacking, dtype="str"),
+        }
+        return pd.DataFrame(frame)
+
+    def _known(self, number: int, first: int, stop: int, sets: Mapping[str, np.ndarray]) -> pd.DataFrame:
+        """The records of a batch that is on disk, whose sets have to be those that are asked for again."""
+        frame = self.known.iloc[np.searchsorted(self.known["row"], np.arange(first, stop))]
+        for name, column in sets.items():
+            if not np.array_equal(np.asarray(frame[name]), np.asarray(_plain(column))):
+                raise TableError(
+                    f"{self.directory.path} has other sets than this search chooses from row {first} on: it "
+                    "was begun on another machine. Let it end there, or begin again elsewhere (--out)."
+                )
+        return frame
+
+
+def _finalists(
+    job: SearchJob, population: Population, path: Path, near: NearBest, show: Progress
+) -> pd.DataFrame | None:
+    """The best sets, measured again at half the step; written beside the table."""
+    count = min(job.choice.finalists, len(near.best))
+    if not count:
+        return None
+    best = near.best.iloc[:count]
+    file = path / FINALISTS
+    with contextlib.suppress(OSError, ValueError):
+        known = pd.read_parquet(file)
+        if np.array_equal(known["row"], best["row"]):
+            return known
+    total = job.choice.budget
+    show(total, total, 0.0, 1.0, f"{count} finalists at half the step")
+    sets = {name: free.column(best[name].tolist()) for name, free in job.free.items()}
+    measured = population.measure(sets, share=0.5)
+    model = population.prepared(job.fit.structures[0]).plan.model
+    frame = best[["row", *job.free, "score", *job.targets]].reset_index(drop=True)
+    misses = [
+        {name: target.miss(value[name], model) for name, target in job.targets.items()} for value in measured
+    ]
+    frame["score_half"] = [score(each, job.targets) for each in misses]
+    for name, target in job.targets.items():
+        frame[f"{name}_half"] = [target.shown(value[name].value, model) for value in measured]
+    with writing(f"The finalists could not be written to {file}"):
+        replace_file(file, lambda handle: frame.to_parquet(handle, index=False))
+    return frame
+
+
+def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, Any]]:
+    """Unit and meaning of the columns."""
+    model = population.prepared(job.fit.structures[0]).plan.model
+    known = {q.name: q for q in (*model.parameters, *model.initial_conditions)}
+    found: dict[str, dict[str, Any]] = {
+        name: {"unit": known[name].unit, "meaning": known[name].meaning, "symbol": known[name].symbol}
+        for name in job.free
+        if name in known
+    }
+    for name, target in job.targets.items():
+        measure = target.measure
+        found[name] = {
+            "unit": measure.unit(model),
+            "meaning": f"{type(measure).model_fields['kind'].description}",
+            "circular": measure.circular(model),
+        }
+        found[f"{MISS}{name}"] = {"unit": "1", "meaning": f"miss of {name}, in reading errors"}
+    found["score"] = {"unit": "1", "meaning": "root mean square of the misses, in reading errors"}
+    return found
+
+
+def _plain(column: np.ndarray) -> Any:
+    """A column as a table has it: choices of structure that are words are text."""
+    return column if column.dtype.kind == "f" else np.array([str(value) for value in column], object)
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
