@@ -14,22 +14,22 @@ from gaitsweep.fitting.search import Found
 
 def outcome(found: Found) -> str:
     """What a search found: sets by status, the best one, its targets, and what is known of each constant."""
-    status = found.table["status"].astype(str)
-    counts = ", ".join(f"{int((status == name).sum())} {name}" for name in ("complete", "failed"))
+    status = [str(each) for each in found.table["status"]]
+    counts = ", ".join(f"{status.count(name)} {name}" for name in ("complete", "failed"))
     lines = [f"{len(found.table)} sets: {counts}.", f"Table: {found.path / 'table'}"]
     near = found.near
     if not len(near.best):
         return "\n".join([*lines, "No set has a value for every target."])
-    best = near.best.iloc[0]
+    best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
-        f"Best: row {int(best['row'])}, score {best['score']:.4g} (root mean square miss, in reading errors)."
+        f"Best: row {best['row']}, score {best['score']:.4g} (root mean square miss, in reading errors)."
     )
     if near.fitting:
         lines.append(f"{near.fitting} sets miss no target by more than its reading error:")
     else:
         lines.append(
-            f"No set fits all targets within their reading errors. The near-best ones, {len(near.best)} with a "
-            f"score up to {NEAR:g} times the least:"
+            f"No set fits all targets within their reading errors. The near-best ones, {len(near.best)} with "
+            f"a score up to {NEAR:g} times the least:"
         )
     constants = [
         (

@@ -45,7 +45,7 @@ class Free(Part):
         """Its choices: an array of numbers, or of objects."""
         assert self.choices is not None
         if all(isinstance(each, int | float) and not isinstance(each, bool) for each in self.choices):
-            return np.array(self.choices, float)
+            return np.array(self.choices)
         listed = np.empty(len(self.choices), object)
         listed[:] = self.choices
         return listed

@@ -20,6 +20,12 @@ METHODS = ("sobol", "cma", "nsga3")
 _NEEDS = {"cma": "cma", "nsga3": "pymoo"}
 
 
+# Points of a strategy for each constant, at most: with more it learns no faster from each generation.
+_MOST_A_DIMENSION = 8
+# Points of a Sobol sequence that are drawn at a time: a power of two, after which it is even.
+_DRAWN = 256
+
+
 class Optimiser(Protocol):
     """Gives points to try and is told how they fared."""
 
@@ -38,7 +44,7 @@ def missing_package(method: str) -> str | None:
     return package if package is not None and importlib.util.find_spec(package) is None else None
 
 
-def optimiser(method: str, dimension: int, targets: int, start: int, seed: int) -> Optimiser:
+def optimiser(method: str, dimension: int, targets: int, start: int, together: int, seed: int) -> Optimiser:
     """The optimiser of a search.
 
     Args:
@@ -46,13 +52,14 @@ def optimiser(method: str, dimension: int, targets: int, start: int, seed: int) 
         dimension: the number of free constants.
         targets: the number of targets that count.
         start: points of a Sobol sequence with which `cma` begins.
+        together: points that are usually asked for at a time.
         seed: of all that is drawn.
 
     """
     if method == "sobol":
         return Sobol(dimension, seed)
     if method == "cma":
-        return Restarts(dimension, start, seed)
+        return Restarts(dimension, start, together, seed)
     return Front(dimension, targets, seed)
 
 
@@ -64,9 +71,8 @@ class Sobol:
         self._drawn: list[np.ndarray] = []
 
     def ask(self, n: int) -> np.ndarray:
-        # drawn by powers of two, which keep the sequence even
         while sum(map(len, self._drawn)) < n:
-            self._drawn.append(self._points.random_base2(8))
+            self._drawn.append(self._points.random(_DRAWN))
         there = np.concatenate(self._drawn)
         self._drawn = [there[n:]]
         return there[:n]
@@ -117,10 +123,15 @@ class _Strategy:
 class Restarts:
     """Evolution strategies (CMA-ES) that begin anew where they end, small and large ones in turn (BIPOP).
 
-    As many run side by side as fill what is asked for. The first ones begin at the best of a Sobol sequence.
+    As many run side by side as fill what is asked for, the first with as many points as are asked for at a
+    time, within reason. They begin at the best points of a Sobol sequence and at random ones.
+
+    Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed.
     """
 
-    def __init__(self, dimension: int, start: int, seed: int) -> None:
+    def __init__(self, dimension: int, start: int, together: int, seed: int) -> None:
+        self._least = 4 + int(3 * np.log(dimension))
+        self._first = min(max(together, self._least), _MOST_A_DIMENSION * dimension)
         self._dimension, self._rng = dimension, np.random.default_rng([seed, 1])
         self._sobol, self._start = Sobol(dimension, seed), start
         self._begun: list[tuple[float, np.ndarray]] = []  # scores and points of the Sobol start
@@ -159,13 +170,12 @@ class Restarts:
 
     def _begin(self) -> None:
         """Begin a strategy: a large one where the small ones have had more points, else a small one."""
-        least = 4 + int(3 * np.log(self._dimension))
         if self._spent["large"] <= self._spent["small"]:
-            size, width, regime = least * 2**self._doublings, 0.3, "large"
-            self._doublings = min(self._doublings + 1, 6)
+            size, width, regime = self._first * 2**self._doublings, 0.3, "large"
+            self._doublings = min(self._doublings + 1, 3)
         else:
             share = self._rng.random() ** 2
-            size = int(least * (0.5 * 2**self._doublings) ** share)
+            size = int(self._least * (0.5 * self._first * 2**self._doublings / self._least) ** share)
             width, regime = 0.3 * 10.0 ** (-2.0 * self._rng.random()), "small"
         self._spent[regime] += size
         self._begun.sort(key=lambda each: each[0])

@@ -175,7 +175,7 @@ class Population:
         for names, places in alike.items():
             given = np.array([[value for _, value in self._conditions[place]] for place in places])
             set_here = {name: Column(given[:, i].astype(float)) for i, name in enumerate(names)}
-            free = {name: Column(column) for name, column in constants.items() if name not in set_here}
+            free = {name: Column(column.astype(float)) for name, column in constants.items()}
             plan = rows_with(ready.plan, [free, set_here])
             rows = np.arange(plan.n_rows)
             there = plan.at(rows, [*params, *starts])

@@ -118,9 +118,10 @@ class _Search:
     def __init__(
         self, job: SearchJob, population: Population, directory: ResultDirectory, show: Progress
     ) -> None:
+        together = directory.manifest["block"]
         self.job, self.population, self.directory, self.show = job, population, directory, show
         self.optimiser: Optimiser = optimiser(
-            job.choice.method, len(job.free), len(job.counted), job.start, job.choice.seed
+            job.choice.method, len(job.free), len(job.counted), job.start, together, job.choice.seed
         )
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
@@ -267,7 +268,7 @@ def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, A
 
 def _plain(column: np.ndarray) -> Any:
     """A column as a table has it: choices of structure that are words are text."""
-    return column if column.dtype.kind == "f" else np.array([str(value) for value in column], object)
+    return column if column.dtype.kind in "fi" else np.array([str(value) for value in column], object)
 
 
 def _version(package: str) -> str:

@@ -15,8 +15,8 @@ from gaitsweep.kinds.diagnostics import found
 from gaitsweep.kinds.numbers import Flag, InvalidValue, Positive, checked, read_real
 from gaitsweep.kinds.part import Part
 
-# The miss of a target without a value, in reading errors; a set that misses by more is not told from it.
-FAILED_MISS = 100.0
+# The miss of a target without a value, in reading errors: more than that of values that mean something.
+FAILED_MISS = 1.0e4
 
 
 def _read_wanted(value: Any) -> tuple[float, float]:

@@ -1,0 +1,247 @@
+"""Searches for planted constants, of a model in closed form and of the chain; kills, and wrong jobs."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import toy_model
+from pandas.testing import assert_frame_equal
+
+import gaitsweep as gs
+from gaitsweep.fitting.optimisers import METHODS, optimiser
+from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.search import FINALISTS, MISS
+from gaitsweep.fitting.search_job import read_search
+from gaitsweep.fitting.targets import FAILED_MISS
+from gaitsweep.kinds.diagnostics import JobError
+
+# What the search has to find: the launch speed tends to kick / (1 - restitution), 1.6 m/s.
+KICK, RESTITUTION, STIFFNESS = 0.8, 0.5, 6.0
+SPEED = KICK / (1.0 - RESTITUTION)
+APEX = np.hypot(0.5, SPEED / np.sqrt(STIFFNESS)) - 0.5
+
+TOY: dict[str, Any] = {
+    "name": "toy_search",
+    "model": "toy_model:Toy",
+    "params": {"restitution": RESTITUTION},
+    "start": {"launch_1": 1.0},
+    "run": {"kind": "settle", "max_cycles": 60, "tolerance": 1e-9},
+    "search": {
+        "free": {"kick": [0.1, 3.0], "stiffness": {"low": 1.0, "high": 20.0, "log": True}},
+        "targets": {
+            "speed": {"kind": "value", "of": "launch_1", "at": {"mass": 1}, "wanted": SPEED, "error": 0.01},
+            "apex": {"kind": "value", "of": "apex", "at": {"mass": 1}, "wanted": APEX, "error": 0.01},
+        },
+        "method": "cma",
+        "budget": 400,
+        "population": 16,
+        "seed": 3,
+    },
+}
+
+
+def job(**search: Any) -> dict[str, Any]:
+    """The toy's search with other fields of `search`."""
+    changed = copy.deepcopy(TOY)
+    changed["search"] |= search
+    return changed
+
+
+def test_planted_constants_are_found_again(tmp_path: Path) -> None:
+    found = gs.search(TOY, tmp_path / "out")
+    best = found.near.best.iloc[0]
+    assert best["kick"] == pytest.approx(KICK, rel=0.01)
+    assert best["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
+    assert found.near.fitting > 20
+    assert {each.verdict for each in found.near.constants} == {"pinned"}
+    assert list(found.table["row"]) == list(range(400))
+    assert found.finalists is not None
+    # events are located, so that half the step changes nothing
+    assert np.allclose(found.finalists["speed"], found.finalists["speed_half"], atol=1e-9)
+    assert all(file.is_file() for file in found.figures)
+
+
+def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
+    speed = {"speed": TOY["search"]["targets"]["speed"]}
+    found = gs.search(job(targets=speed, method="sobol", budget=1024, population=256), tmp_path / "out")
+    verdicts = {each.name: each.verdict for each in found.near.constants}
+    assert verdicts == {"kick": "too few sets to say", "stiffness": "free"}
+
+
+def test_misses_are_the_distance_from_what_is_wanted(tmp_path: Path) -> None:
+    table = gs.search(job(method="sobol", budget=64), tmp_path / "out").table
+    speed = table["kick"] / (1.0 - RESTITUTION)
+    assert np.allclose(table["speed"], speed, rtol=1e-6)
+    assert np.allclose(table[f"{MISS}speed"], (speed - SPEED) / 0.01, atol=1e-4)
+    assert np.allclose(table["score"], np.sqrt((table[f"{MISS}speed"] ** 2 + table[f"{MISS}apex"] ** 2) / 2))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_search_that_was_stopped_goes_on_to_the_bit(
+    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = job(method=method, budget=120, population=24)
+    whole = gs.search(asked, tmp_path / "whole").table
+    measure, calls = Population.measure, []
+
+    def stops(self: Population, *given: Any, **more: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return measure(self, *given, **more)
+
+    monkeypatch.setattr(Population, "measure", stops)
+    with pytest.raises(KeyboardInterrupt):
+        gs.search(asked, tmp_path / "parts")
+    assert len(list((tmp_path / "parts" / "table").glob("part-*.parquet"))) == 2
+    calls.append(1)
+    resumed = gs.search(asked, tmp_path / "parts").table
+    assert_frame_equal(resumed, whole, check_exact=True)
+
+
+def test_a_front_keeps_what_no_other_set_beats(tmp_path: Path) -> None:
+    # a kick that gives twice the speed: the two targets exclude each other
+    targets = copy.deepcopy(TOY["search"]["targets"])
+    targets["apex"] |= {"wanted": np.hypot(0.5, 2 * SPEED / np.sqrt(20.0)) - 0.5 + 1.0}
+    found = gs.search(job(method="nsga3", targets=targets, budget=400, population=40), tmp_path / "out")
+    misses = found.table[[f"{MISS}speed", f"{MISS}apex"]].abs().to_numpy()
+    late = misses[-80:]
+    assert np.min(misses[:, 0]) < 5.0  # each alone can be met
+    beaten = [(misses < each).all(axis=1).any() for each in late]
+    assert np.mean(beaten) < np.mean([(misses < each).all(axis=1).any() for each in misses[:80]])
+
+
+def test_structure_is_chosen_too(tmp_path: Path) -> None:
+    free = {**TOY["search"]["free"], "N": {"choices": [1, 2]}}
+    table = gs.search(job(free=free, method="sobol", budget=32, population=16), tmp_path / "out").table
+    assert set(table["N"].astype(str)) == {"1", "2"}
+    # masses do not touch each other
+    assert np.allclose(table["speed"], table["kick"] / (1.0 - RESTITUTION), rtol=1e-6)
+
+
+def test_failed_sets_stay_in_the_table(tmp_path: Path) -> None:
+    asked = job(method="sobol", budget=64)
+    asked["params"]["ceiling"] = 0.5
+    table = gs.search(asked, tmp_path / "out").table
+    fell = table["apex"].isna()
+    assert 0 < fell.sum() < 64
+    assert set(table.loc[fell, "status"].astype(str)) == {"failed"}
+    assert table.loc[fell, "why"].str.contains("fell").all()
+    assert (table.loc[fell, f"{MISS}speed"] == FAILED_MISS).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"free": {}}, "search.free is an empty mapping"),
+        ({"free": {"kicks": [0, 1]}}, "search.free.kicks is not a parameter or start value of toy; did you"),
+        ({"free": {"kick": [2, 1]}}, "goes from 2 to 1: low is below high"),
+        ({"free": {"kick": [-1, 1]}}, "search.free.kick goes to -1, but must be at least 0"),
+        ({"free": {"restitution": [0, 0.5]}}, "is free, but params.restitution fixes it"),
+        ({"free": {"kick": {"low": 0.0, "high": 1.0, "log": True}}}, "equal ratios need a value above 0"),
+        ({"targets": {}}, "search.targets is an empty mapping"),
+        ({"method": "annealing"}, "search.method"),
+        ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
+    ],
+)
+def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(JobError) as refused:
+        gs.search(job(**change), tmp_path / "out")
+    assert sentence in str(refused.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"kind": "valu"}, 'search.targets.speed.kind is "valu", which is none; did you mean value?'),
+        ({"of": "launch_2"}, "search.targets.speed.of is launch_2, which is none; did you mean launch_1"),
+        ({"error": 0}, "search.targets.speed.error is 0, but must be above 0"),
+        ({"at": {"mas": 1}}, "search.targets.speed.at.mas is not"),
+        ({"at": {"kick": 1}}, "search.targets.speed.at.kick is free: a measure cannot set it"),
+        ({"at": {"mass": -1}}, "search.targets.speed.at.mass is -1, but must be above 0"),
+        ({"held_back": True}, "are all held back"),
+    ],
+)
+def test_wrong_targets_are_refused(change: dict[str, Any], sentence: str, tmp_path: Path) -> None:
+    speed = {**TOY["search"]["targets"]["speed"], **change}
+    with pytest.raises(JobError) as refused:
+        gs.search(job(targets={"speed": speed}), tmp_path / "out")
+    assert sentence in str(refused.value)
+
+
+def test_a_search_has_no_axes_and_no_figures(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match="vary has no place beside search"):
+        read_search({**TOY, "vary": {"mass": [1, 2]}}, tmp_path)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_optimisers_stay_in_their_ranges_and_repeat(method: str) -> None:
+    def points(seed: int) -> np.ndarray:
+        made = optimiser(method, 3, 2, 16, 16, seed)
+        asked = []
+        for n in (16, 16, 16, 5):
+            shares = made.ask(n)
+            assert shares.shape == (n, 3)
+            misses = np.stack([np.sum((shares - 0.2) ** 2, axis=1), np.abs(shares[:, 0] - 0.7)], axis=1)
+            made.tell(np.sqrt(np.mean(misses**2, axis=1)), misses)
+            asked.append(shares)
+        return np.concatenate(asked)
+
+    first = points(1)
+    assert ((first >= 0.0) & (first <= 1.0)).all()
+    assert np.array_equal(first, points(1))
+    assert not np.array_equal(first, points(2))
+
+
+def test_finalists_are_kept(tmp_path: Path) -> None:
+    asked = job(budget=50, finalists=3)
+    found = gs.search(asked, tmp_path / "out")
+    known = pd.read_parquet(tmp_path / "out" / FINALISTS)
+    assert len(known) == min(3, len(found.near.best))
+    assert toy_model.Toy.name == "toy"
+
+
+@pytest.mark.slow
+def test_constants_of_the_chain_are_found_again(tmp_path: Path) -> None:
+    kappa, beta = 100.0, 0.8
+    chain = gs.models.Multilegged(N=3)
+    run = gs.Settle(max_cycles=300, tolerance=1e-6)
+    starts = {"direct": 4.5, "retrograde": 1.8}
+    truth = {
+        name: gs.sweep(chain, kappa=kappa, beta=beta, psi_1=s, psi_2=s, psi_3=3.1, run=run, verify=0).table
+        for name, s in starts.items()
+    }
+    targets = {
+        f"{name}_{of}": {
+            "kind": "value",
+            "of": of,
+            "at": {"psi_1": s, "psi_2": s},
+            "wanted": float(truth[name][f"{of}_end"].iloc[0]),
+            "error": 1e-3,
+        }
+        for name, s in starts.items()
+        for of in ("psi_1", "psi_2", "psi_3")
+    }
+    asked = {
+        "name": "planted",
+        "model": "multilegged",
+        "start": {"psi_3": 3.1},
+        "run": run.model_dump(),
+        "search": {
+            "free": {"kappa": {"low": 60, "high": 240, "log": True}, "beta": [0.72, 0.88]},
+            "targets": targets,
+            "method": "cma",
+            "budget": 640,
+            "population": 32,
+            "seed": 1,
+        },
+    }
+    best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
+    assert best["beta"] == pytest.approx(beta, rel=0.01)
+    assert best["kappa"] == pytest.approx(kappa, rel=0.01)
