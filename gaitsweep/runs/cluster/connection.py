@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import logging
 import os
 import re
 import tempfile
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +17,17 @@ from gaitsweep import near_miss
 from gaitsweep.engine.sweep.xla import usable_cores
 from gaitsweep.errors import ArgumentError
 from gaitsweep.runs.prepare import RunError
+from gaitsweep.table.files import reason
 
 if TYPE_CHECKING:
     from distributed import Client, SpecCluster  # pyright: ignore[reportMissingImports]
+    from distributed.utils import LoopRunner  # pyright: ignore[reportMissingImports]
 
 MOST_LOCAL = 1024  # workers
 _CONNECT = 5.0  # s for one try
+_BEING_WRITTEN = 10.0  # s after which a scheduler's file that cannot be read is none
+_SCHEMES = ("tcp", "tls")
+_LAST_PORT = 65535
 _HOW = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
 _LOOPBACK = "127.0.0.1"
 # A scheduler gives a task up after this many workers were lost with it, also by tasks beside it: gaitsweep
@@ -43,8 +50,8 @@ class Connection:
     """A connection to a scheduler, which may be lost and come back."""
 
     def __init__(self, where: str) -> None:
-        """Describe it: `where` is what the user wrote."""
-        self.where = where
+        """Describe it: `where` is what the user wrote; `why`: why the last try to connect failed."""
+        self.where, self.why = where, ""
         self._client: Client | None = None
 
     @property
@@ -77,27 +84,111 @@ class Connection:
 class RemoteScheduler(Connection):
     """A scheduler at an address, or one that has written its address into a file."""
 
+    def __init__(self, where: str) -> None:
+        """Describe it: an address, or the path of a file.
+
+        Raises:
+            RunError: it is no address of a scheduler.
+        """
+        super().__init__(where)
+        self._loop: LoopRunner | None = None
+        if "://" in where:
+            _check_address(where, f"--cluster {where}")
+        with contextlib.suppress(OSError):  # the file may come later
+            self._address()
+
     def try_to_connect(self) -> bool:
         from distributed import Client
+        from distributed.utils import LoopRunner, sync
 
-        self.close()
+        super().close()
+        if self._loop is None:  # one for all tries: a client that does not connect leaves its own behind
+            self._loop = LoopRunner()
+            self._loop.start()
         try:
-            self._client = Client(self._address(), timeout=_CONNECT, set_as_default=False, name="gaitsweep")
-        except (OSError, TimeoutError):
+            address = self._address()
+            sync(self._loop.loop, _greet, address)
+            self._client = Client(
+                address,
+                timeout=_CONNECT,
+                loop=self._loop.loop,
+                set_as_default=False,
+                name="gaitsweep",
+            )
+        except (OSError, TimeoutError) as error:
+            self.why = _innermost(error)
             return False
-        except ValueError as error:
-            raise RunError(f"--cluster {self.where} is no address of a scheduler: {error}.") from error
+        except (RuntimeError, TypeError, ValueError) as error:  # such as settings of TLS that are not there
+            raise RunError(
+                f"The scheduler {self.where} cannot be reached: {str(error).rstrip('.')}."
+            ) from error
         except ImportError as error:  # the versions of Dask do not fit together
             raise RunError(f"The scheduler {self.where} refuses this client: {error}.") from error
         return True
 
+    def close(self) -> None:
+        super().close()
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            loop.stop()
+
     def _address(self) -> str:
         if "://" in self.where:
             return self.where
+        file = Path(self.where)
+        text, age = file.read_text(errors="replace"), time.time() - file.stat().st_mtime
         try:
-            return str(json.loads(Path(self.where).read_text())["address"])
+            address = str(json.loads(text)["address"])
         except (KeyError, TypeError, ValueError) as error:
-            raise OSError(f"{self.where} is being written") from error
+            if age < _BEING_WRITTEN:
+                raise OSError("its file is being written") from error
+            raise RunError(
+                f"--cluster {file} is no file of a scheduler: dask scheduler --scheduler-file {file} writes "
+                'JSON with the field "address".'
+            ) from error
+        _check_address(address, f"The address {address} of {file}")
+        return address
+
+
+async def _greet(address: str) -> None:
+    """Connect to a scheduler and leave it, since a client would wait for ever for what is none.
+
+    Raises:
+        OSError: it does not answer as one.
+    """
+    from distributed import Security
+    from distributed.comm import connect
+
+    arguments = Security().get_connection_args("client")
+    try:
+        comm = await asyncio.wait_for(connect(address, timeout=_CONNECT, **arguments), 2 * _CONNECT)
+    except TimeoutError as error:
+        raise OSError("something answers there, but not as a scheduler of Dask") from error
+    comm.abort()
+
+
+def _check_address(address: str, what: str) -> None:
+    """Raise RunError where a text is no address of a scheduler; `what` begins the sentence."""
+    scheme, _, place = address.partition("://")
+    if scheme not in _SCHEMES:
+        near = f"; did you mean tcp://{place}?" if place else "."
+        raise RunError(f"{what} begins with {scheme}, but a scheduler's with tcp:// or tls://{near}")
+    port = re.fullmatch(r"(?:\[[^\]\s]+\]|[^:/\s]+):(\d{1,5})", place)
+    if port is None or not 1 <= int(port[1]) <= _LAST_PORT:
+        raise RunError(
+            f"{what} is not read: write {scheme}://HOST:PORT with a port from 1 to {_LAST_PORT}, such as "
+            f"{scheme}://{place.partition(':')[0] or 'node01'}:8786."
+        )
+
+
+def _innermost(error: BaseException) -> str:
+    """The reason of an error, in words: that of the operating system where it has caused the error."""
+    found, cause = str(error) or type(error).__name__, error.__cause__
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.strerror:
+            found = reason(cause)
+        cause = cause.__cause__
+    return reason(error) if isinstance(error, OSError) and error.strerror else found
 
 
 class GivenClient(Connection):
@@ -187,16 +278,20 @@ def connection_to(where: str) -> Connection:
         RunError: it cannot be read, or Dask is not installed.
     """
     _require_distributed()
-    if (local := re.fullmatch(r"local:(\d{1,9})", where)) is not None:
-        count = int(local[1])
-        if not 1 <= count <= MOST_LOCAL:
-            raise RunError(f"--cluster {where} asks for {count} workers: from 1 to {MOST_LOCAL} are allowed.")
-        return LocalWorkers(count)
-    if re.fullmatch(r"[a-z]+://[^/\s]+", where) or where.endswith(".json"):
-        return RemoteScheduler(where)
     scheme, colon, rest = where.partition(":")
-    near = near_miss.suggestion(scheme, ("local", "tcp", "tls")) if colon and rest else "."
-    raise RunError(f"--cluster {where} is not read: {_HOW}{near}")
+    if scheme == "local" and colon:
+        if not re.fullmatch(r"\d{1,9}", rest) or not 1 <= int(rest) <= MOST_LOCAL:
+            raise RunError(
+                f"--cluster {where} asks for {rest or 'no number of'} workers: from 1 to {MOST_LOCAL} are "
+                "allowed."
+            )
+        return LocalWorkers(int(rest))
+    if "://" in where or where.endswith(".json"):
+        return RemoteScheduler(where)
+    near = near_miss.suggestion(scheme, ("local", *_SCHEMES)) if colon and rest else "."
+    if re.fullmatch(r"\d{1,5}", rest) and near_miss.nearest(scheme, ("local", *_SCHEMES)) is None:
+        near = f"; did you mean tcp://{where}?"
+    raise RunError(f"--cluster {where or 'WHERE'} is not read: {_HOW}{near}")
 
 
 def _require_distributed() -> None:
