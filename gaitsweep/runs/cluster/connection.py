@@ -38,6 +38,8 @@ _NEVER = 10**9
 _SETTINGS = {
     # a worker that was killed is started again, however long that takes
     "distributed.deploy.lost-worker-timeout": "1 day",
+    # they talk over the loopback address, without certificates
+    "distributed.comm.require-encryption": False,
     # what Dask measures of itself takes time of the cores that compute
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -107,7 +109,7 @@ class RemoteScheduler(Connection):
             self._loop.start()
         try:
             address = self._address()
-            sync(self._loop.loop, _greet, address)
+            sync(self._loop.loop, _greet, address, _certificates())
             self._client = Client(
                 address,
                 timeout=_CONNECT,
@@ -117,6 +119,8 @@ class RemoteScheduler(Connection):
             )
         except (OSError, TimeoutError) as error:
             self.why = _innermost(error)
+            if "certificate" in self.why:  # it does not become another one
+                raise RunError(f"The scheduler {self.where} cannot be reached: {self.why}.") from error
             return False
         except (RuntimeError, TypeError, ValueError) as error:  # such as settings of TLS that are not there
             raise RunError(
@@ -150,18 +154,30 @@ class RemoteScheduler(Connection):
         return address
 
 
-async def _greet(address: str) -> None:
+def _certificates() -> dict[str, Any]:
+    """What a connection takes of Dask's settings.
+
+    Raises:
+        RunError: a file that they name cannot be read.
+    """
+    from distributed import Security
+
+    try:
+        return Security().get_connection_args("client")
+    except OSError as error:
+        raise RunError(f"A certificate that Dask's settings name cannot be read: {reason(error)}.") from error
+
+
+async def _greet(address: str, certificates: dict[str, Any]) -> None:
     """Connect to a scheduler and leave it, since a client would wait for ever for what is none.
 
     Raises:
         OSError: it does not answer as one.
     """
-    from distributed import Security
     from distributed.comm import connect
 
-    arguments = Security().get_connection_args("client")
     try:
-        comm = await asyncio.wait_for(connect(address, timeout=_CONNECT, **arguments), 2 * _CONNECT)
+        comm = await asyncio.wait_for(connect(address, timeout=_CONNECT, **certificates), 2 * _CONNECT)
     except TimeoutError as error:
         raise OSError("something answers there, but not as a scheduler of Dask") from error
     comm.abort()
