@@ -8,6 +8,7 @@ import json
 import logging
 import os
 import re
+import signal
 import tempfile
 import time
 from pathlib import Path
@@ -107,13 +108,14 @@ class RemoteScheduler(Connection):
         if self._loop is None:  # one for all tries: a client that does not connect leaves its own behind
             self._loop = LoopRunner()
             self._loop.start()
+        loop: Any = self._loop.loop
         try:
             address = self._address()
-            sync(self._loop.loop, _greet, address, _certificates())
+            sync(loop, _greet, address, _certificates())
             self._client = Client(
                 address,
                 timeout=_CONNECT,
-                loop=self._loop.loop,
+                loop=loop,
                 set_as_default=False,
                 name="gaitsweep",
             )
@@ -174,7 +176,7 @@ async def _greet(address: str, certificates: dict[str, Any]) -> None:
     Raises:
         OSError: it does not answer as one.
     """
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     try:
         comm = await asyncio.wait_for(connect(address, timeout=_CONNECT, **certificates), 2 * _CONNECT)
@@ -214,13 +216,15 @@ class GivenClient(Connection):
         """Take a client.
 
         Raises:
-            ArgumentError: it is something else.
+            ArgumentError: it is something else, or is closed.
         """
         _require_distributed()
         from distributed import Client
 
         if not isinstance(client, Client):
             raise ArgumentError(f"client is {client!r}, but takes a distributed.Client.")
+        if client.status in ("closed", "closing"):
+            raise ArgumentError("client is closed: make a new one.")
         super().__init__(str(getattr(client.scheduler, "address", "the client")))
         self._client = client
 
@@ -267,12 +271,20 @@ class LocalWorkers(Connection):
         scheduler = {"host": _LOOPBACK, "port": 0, "dashboard_address": f"{_LOOPBACK}:0"}
         dask.config.set(_SETTINGS)
         quiet: Any = logging.CRITICAL
-        self._cluster = SpecCluster(
-            workers=workers,
-            scheduler={"cls": Scheduler, "options": {**scheduler, "allowed_failures": _NEVER}},
-            silence_logs=quiet,
-            name="gaitsweep",
-        )
+        # a terminal sends Ctrl-C to the workers too: the command obeys it, and ends them; they inherit what
+        # this thread blocks
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._cluster = SpecCluster(
+                workers=workers,
+                scheduler={"cls": Scheduler, "options": {**scheduler, "allowed_failures": _NEVER}},
+                silence_logs=quiet,
+                name="gaitsweep",
+            )
+        except RuntimeError as error:
+            raise RunError(f"The workers of {self.where} do not start: {error}.") from error
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self._client = Client(self._cluster, set_as_default=False, name="gaitsweep")
         return True
 
@@ -294,6 +306,8 @@ def connection_to(where: str) -> Connection:
         RunError: it cannot be read, or Dask is not installed.
     """
     _require_distributed()
+    for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     scheme, colon, rest = where.partition(":")
     if scheme == "local" and colon:
         if not re.fullmatch(r"\d{1,9}", rest) or not 1 <= int(rest) <= MOST_LOCAL:
@@ -318,8 +332,6 @@ def _require_distributed() -> None:
             "--cluster needs Dask's package distributed, which is not installed: "
             "pip install 'gaitsweep[cluster]'."
         ) from error
-    for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
-        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _environment() -> dict[str, str]:
