@@ -151,22 +151,27 @@ class Workers:
         }
         reasons: dict[str, str] = {}
         deadline, answers = time.monotonic() + _EXAMINATION, 0
-        while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
-            for address, future in list(asked.items()):
-                if future.done():
-                    del asked[address]
-                    answers += future.status == "finished"
-                    found = None
-                    if future.status == "finished":
-                        found = future.result()
-                    elif future.status == "error":
-                        found = future.exception()
-                    if found is not None:
-                        reasons[address] = str(found)
-            wait()
-            self.look()  # those that die meanwhile are asked no more
-            asked = {address: future for address, future in asked.items() if address in self.names}
-            time.sleep(_POLL)
+        futures = list(asked.values())
+        try:
+            while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
+                for address, future in list(asked.items()):
+                    if future.done():
+                        del asked[address]
+                        answers += future.status == "finished"
+                        found = None
+                        if future.status == "finished":
+                            found = future.result()
+                        elif future.status == "error":
+                            found = future.exception()
+                        if found is not None:
+                            reasons[address] = str(found)
+                wait()
+                self.look()  # those that die meanwhile are asked no more
+                asked = {address: future for address, future in asked.items() if address in self.names}
+                time.sleep(_POLL)
+        finally:  # not when the last exception is forgotten, which may be long after
+            for future in futures:
+                future.release()
         if reasons:
             named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
             raise RunError(
