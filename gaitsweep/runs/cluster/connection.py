@@ -11,6 +11,7 @@ import re
 import signal
 import tempfile
 import time
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -272,7 +273,8 @@ class LocalWorkers(Connection):
         dask.config.set(_SETTINGS)
         quiet: Any = logging.CRITICAL
         # a terminal sends Ctrl-C to the workers too: the command obeys it, and ends them; they inherit what
-        # this thread blocks
+        # this thread blocks, unless a thread of theirs starts the tracker, which unblocks it
+        resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self._cluster = SpecCluster(
