@@ -66,7 +66,7 @@ def run_rows(
     with naming_the_file():
         _make(path, ready)
         writer = PartWriter(path, ready.job_hash, ready.work.n_rows, ready.work.block)
-        missing = [number for number in blocks if not writer.has(number)]
+        missing = writer.missing(blocks)
         if missing:
             lock = _patiently(lambda: Lock(path, shared=True))
             try:
@@ -76,7 +76,10 @@ def run_rows(
         if not all((path / TABLE / PARTS.name(n)).exists() for n in range(_count(ready))):
             return path
         # several processes may find the last part there: one of them completes the table, the others wait
-        return _patiently(lambda: run_job(job, path, progress=progress, tell=tell, strict=strict))
+        try:
+            return _patiently(lambda: run_job(job, path, progress=progress, tell=tell, strict=strict))
+        except BusyDirectory:  # one that takes longer to complete it, and does not need this process
+            return path
 
 
 def blocks_of(rows: str, n_rows: int, block: int) -> Sequence[int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,13 +49,23 @@ class PartWriter:
 
     def has(self, number: int) -> bool:
         """Whether the part of a block is there and sound."""
-        try:
-            data = read_file(self.path / TABLE / PARTS.name(number))
-            digest = read_digests(self.path).get(f"{TABLE}/{PARTS.name(number)}")
-            examined_part(data, digest, self._known, number)
-        except (OSError, DamagedPart):
-            return False
-        return True
+        return not self.missing([number])
+
+    def missing(self, numbers: Iterable[int]) -> list[int]:
+        """Those of some blocks whose part is not there or not sound."""
+        parts = {number: self.path / TABLE / PARTS.name(number) for number in numbers}
+        there = {number for number, part in parts.items() if part.exists()}
+        # digests are read after names, since the line of a file is written before its name
+        digests = read_digests(self.path) if there else {}
+
+        def sound(number: int, part: Path) -> bool:
+            try:
+                examined_part(read_file(part), digests.get(f"{TABLE}/{part.name}"), self._known, number)
+            except (OSError, DamagedPart):
+                return False
+            return True
+
+        return [number for number, part in parts.items() if number not in there or not sound(number, part)]
 
     def encoded(
         self, number: int, frame: pd.DataFrame, quantities: Mapping[str, Mapping[str, Any]] | None = None

@@ -13,7 +13,7 @@ from test_run import JOB, command
 import gaitsweep as gs
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.runs.row_range import blocks_of, run_rows
-from gaitsweep.table import Snapshot, TableError
+from gaitsweep.table import Snapshot, TableError, part_writer
 from gaitsweep.table.block_locks import BlockLocks
 from gaitsweep.table.files import Lock
 from gaitsweep.table.part_writer import PartWriter
@@ -164,3 +164,29 @@ def test_a_writer_sees_only_sound_parts(job: gs.Job, tmp_path: Path) -> None:
     assert writer.has(3)
     assert not writer.has(4)
     assert not PartWriter(run.path, "f" * 64, 120, 32).has(3)
+
+
+def test_the_digests_of_a_table_are_read_once_for_all_its_parts(
+    job: gs.Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read for each part, they would cost the square of the number of parts."""
+    run = gs.run(job, tmp_path / "whole")
+    reads: list[Path] = []
+    read = part_writer.read_digests
+    monkeypatch.setattr(part_writer, "read_digests", lambda folder: reads.append(folder) or read(folder))
+    assert PartWriter(run.path, run.manifest["job_hash"], 120, 32).missing(range(5)) == [4]
+    assert reads == [run.path]
+
+
+def test_a_share_ends_well_while_another_process_completes_the_table(
+    job: gs.Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gaitsweep.runs.row_range.PATIENCE", 0.0)
+    out = tmp_path / "shares"
+    run_rows(job, "0:96", out)
+    others = Lock(out, shared=True)  # another process has not left yet
+    assert run_rows(job, "96:128", out) == out
+    others.release()
+    assert Snapshot.of(out).rows_done == 120
+    run_rows(job, "96:128", out)
+    assert gs.Result(out).manifest["complete"]

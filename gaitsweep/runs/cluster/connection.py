@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import logging
 import os
 import re
+import signal
 import tempfile
+import time
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +19,17 @@ from gaitsweep import near_miss
 from gaitsweep.engine.sweep.xla import usable_cores
 from gaitsweep.errors import ArgumentError
 from gaitsweep.runs.prepare import RunError
+from gaitsweep.table.files import reason
 
 if TYPE_CHECKING:
     from distributed import Client, SpecCluster  # pyright: ignore[reportMissingImports]
+    from distributed.utils import LoopRunner  # pyright: ignore[reportMissingImports]
 
 MOST_LOCAL = 1024  # workers
 _CONNECT = 5.0  # s for one try
+_BEING_WRITTEN = 10.0  # s after which a scheduler's file that cannot be read is none
+_SCHEMES = ("tcp", "tls")
+_LAST_PORT = 65535
 _HOW = "write local:N, tcp://HOST:PORT (or tls://HOST:PORT), or the file of a scheduler, FILE.json"
 _LOOPBACK = "127.0.0.1"
 # A scheduler gives a task up after this many workers were lost with it, also by tasks beside it: gaitsweep
@@ -31,6 +40,8 @@ _NEVER = 10**9
 _SETTINGS = {
     # a worker that was killed is started again, however long that takes
     "distributed.deploy.lost-worker-timeout": "1 day",
+    # they talk over the loopback address, without certificates
+    "distributed.comm.require-encryption": False,
     # what Dask measures of itself takes time of the cores that compute
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -43,8 +54,8 @@ class Connection:
     """A connection to a scheduler, which may be lost and come back."""
 
     def __init__(self, where: str) -> None:
-        """Describe it: `where` is what the user wrote."""
-        self.where = where
+        """Describe it: `where` is what the user wrote; `why`: why the last try to connect failed."""
+        self.where, self.why = where, ""
         self._client: Client | None = None
 
     @property
@@ -77,27 +88,126 @@ class Connection:
 class RemoteScheduler(Connection):
     """A scheduler at an address, or one that has written its address into a file."""
 
+    def __init__(self, where: str) -> None:
+        """Describe it: an address, or the path of a file.
+
+        Raises:
+            RunError: it is no address of a scheduler.
+        """
+        super().__init__(where)
+        self._loop: LoopRunner | None = None
+        if "://" in where:
+            _check_address(where, f"--cluster {where}")
+        with contextlib.suppress(OSError):  # the file may come later
+            self._address()
+
     def try_to_connect(self) -> bool:
         from distributed import Client
+        from distributed.utils import LoopRunner, sync
 
-        self.close()
+        super().close()
+        if self._loop is None:  # one for all tries: a client that does not connect leaves its own behind
+            self._loop = LoopRunner()
+            self._loop.start()
+        loop: Any = self._loop.loop
         try:
-            self._client = Client(self._address(), timeout=_CONNECT, set_as_default=False, name="gaitsweep")
-        except (OSError, TimeoutError):
+            address = self._address()
+            sync(loop, _greet, address, _certificates())
+            self._client = Client(
+                address,
+                timeout=_CONNECT,
+                loop=loop,
+                set_as_default=False,
+                name="gaitsweep",
+            )
+        except (OSError, TimeoutError) as error:
+            self.why = _innermost(error)
+            if "certificate" in self.why:  # it does not become another one
+                raise RunError(f"The scheduler {self.where} cannot be reached: {self.why}.") from error
             return False
-        except ValueError as error:
-            raise RunError(f"--cluster {self.where} is no address of a scheduler: {error}.") from error
+        except (RuntimeError, TypeError, ValueError) as error:  # such as settings of TLS that are not there
+            raise RunError(
+                f"The scheduler {self.where} cannot be reached: {str(error).rstrip('.')}."
+            ) from error
         except ImportError as error:  # the versions of Dask do not fit together
             raise RunError(f"The scheduler {self.where} refuses this client: {error}.") from error
         return True
 
+    def close(self) -> None:
+        super().close()
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            loop.stop()
+
     def _address(self) -> str:
         if "://" in self.where:
             return self.where
+        file = Path(self.where)
+        text, age = file.read_text(errors="replace"), time.time() - file.stat().st_mtime
         try:
-            return str(json.loads(Path(self.where).read_text())["address"])
+            address = str(json.loads(text)["address"])
         except (KeyError, TypeError, ValueError) as error:
-            raise OSError(f"{self.where} is being written") from error
+            if age < _BEING_WRITTEN:
+                raise OSError("its file is being written") from error
+            raise RunError(
+                f"--cluster {file} is no file of a scheduler: dask scheduler --scheduler-file {file} writes "
+                'JSON with the field "address".'
+            ) from error
+        _check_address(address, f"The address {address} of {file}")
+        return address
+
+
+def _certificates() -> dict[str, Any]:
+    """What a connection takes of Dask's settings.
+
+    Raises:
+        RunError: a file that they name cannot be read.
+    """
+    from distributed import Security
+
+    try:
+        return Security().get_connection_args("client")
+    except OSError as error:
+        raise RunError(f"A certificate that Dask's settings name cannot be read: {reason(error)}.") from error
+
+
+async def _greet(address: str, certificates: dict[str, Any]) -> None:
+    """Connect to a scheduler and leave it, since a client would wait for ever for what is none.
+
+    Raises:
+        OSError: it does not answer as one.
+    """
+    from distributed.comm.core import connect
+
+    try:
+        comm = await asyncio.wait_for(connect(address, timeout=_CONNECT, **certificates), 2 * _CONNECT)
+    except TimeoutError as error:
+        raise OSError("something answers there, but not as a scheduler of Dask") from error
+    comm.abort()
+
+
+def _check_address(address: str, what: str) -> None:
+    """Raise RunError where a text is no address of a scheduler; `what` begins the sentence."""
+    scheme, _, place = address.partition("://")
+    if scheme not in _SCHEMES:
+        near = f"; did you mean tcp://{place}?" if place else "."
+        raise RunError(f"{what} begins with {scheme}, but a scheduler's with tcp:// or tls://{near}")
+    port = re.fullmatch(r"(?:\[[^\]\s]+\]|[^:/\s]+):(\d{1,5})", place)
+    if port is None or not 1 <= int(port[1]) <= _LAST_PORT:
+        raise RunError(
+            f"{what} is not read: write {scheme}://HOST:PORT with a port from 1 to {_LAST_PORT}, such as "
+            f"{scheme}://{place.partition(':')[0] or 'node01'}:8786."
+        )
+
+
+def _innermost(error: BaseException) -> str:
+    """The reason of an error, in words: that of the operating system where it has caused the error."""
+    found, cause = str(error) or type(error).__name__, error.__cause__
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.strerror:
+            found = reason(cause)
+        cause = cause.__cause__
+    return reason(error) if isinstance(error, OSError) and error.strerror else found
 
 
 class GivenClient(Connection):
@@ -107,13 +217,15 @@ class GivenClient(Connection):
         """Take a client.
 
         Raises:
-            ArgumentError: it is something else.
+            ArgumentError: it is something else, or is closed.
         """
         _require_distributed()
         from distributed import Client
 
         if not isinstance(client, Client):
             raise ArgumentError(f"client is {client!r}, but takes a distributed.Client.")
+        if client.status in ("closed", "closing"):
+            raise ArgumentError("client is closed: make a new one.")
         super().__init__(str(getattr(client.scheduler, "address", "the client")))
         self._client = client
 
@@ -160,12 +272,21 @@ class LocalWorkers(Connection):
         scheduler = {"host": _LOOPBACK, "port": 0, "dashboard_address": f"{_LOOPBACK}:0"}
         dask.config.set(_SETTINGS)
         quiet: Any = logging.CRITICAL
-        self._cluster = SpecCluster(
-            workers=workers,
-            scheduler={"cls": Scheduler, "options": {**scheduler, "allowed_failures": _NEVER}},
-            silence_logs=quiet,
-            name="gaitsweep",
-        )
+        # a terminal sends Ctrl-C to the workers too: the command obeys it, and ends them; they inherit what
+        # this thread blocks, unless a thread of theirs starts the tracker, which unblocks it
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._cluster = SpecCluster(
+                workers=workers,
+                scheduler={"cls": Scheduler, "options": {**scheduler, "allowed_failures": _NEVER}},
+                silence_logs=quiet,
+                name="gaitsweep",
+            )
+        except RuntimeError as error:
+            raise RunError(f"The workers of {self.where} do not start: {error}.") from error
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self._client = Client(self._cluster, set_as_default=False, name="gaitsweep")
         return True
 
@@ -187,16 +308,22 @@ def connection_to(where: str) -> Connection:
         RunError: it cannot be read, or Dask is not installed.
     """
     _require_distributed()
-    if (local := re.fullmatch(r"local:(\d{1,9})", where)) is not None:
-        count = int(local[1])
-        if not 1 <= count <= MOST_LOCAL:
-            raise RunError(f"--cluster {where} asks for {count} workers: from 1 to {MOST_LOCAL} are allowed.")
-        return LocalWorkers(count)
-    if re.fullmatch(r"[a-z]+://[^/\s]+", where) or where.endswith(".json"):
-        return RemoteScheduler(where)
+    for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     scheme, colon, rest = where.partition(":")
-    near = near_miss.suggestion(scheme, ("local", "tcp", "tls")) if colon and rest else "."
-    raise RunError(f"--cluster {where} is not read: {_HOW}{near}")
+    if scheme == "local" and colon:
+        if not re.fullmatch(r"\d{1,9}", rest) or not 1 <= int(rest) <= MOST_LOCAL:
+            raise RunError(
+                f"--cluster {where} asks for {rest or 'no number of'} workers: from 1 to {MOST_LOCAL} are "
+                "allowed."
+            )
+        return LocalWorkers(int(rest))
+    if "://" in where or where.endswith(".json"):
+        return RemoteScheduler(where)
+    near = near_miss.suggestion(scheme, ("local", *_SCHEMES)) if colon and rest else "."
+    if re.fullmatch(r"\d{1,5}", rest) and near_miss.nearest(scheme, ("local", *_SCHEMES)) is None:
+        near = f"; did you mean tcp://{where}?"
+    raise RunError(f"--cluster {where or 'WHERE'} is not read: {_HOW}{near}")
 
 
 def _require_distributed() -> None:
@@ -207,8 +334,6 @@ def _require_distributed() -> None:
             "--cluster needs Dask's package distributed, which is not installed: "
             "pip install 'gaitsweep[cluster]'."
         ) from error
-    for name in ("distributed", "distributed.client"):  # whose levels Dask sets itself
-        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _environment() -> dict[str, str]:

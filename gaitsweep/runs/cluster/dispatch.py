@@ -15,7 +15,8 @@ import json
 import secrets
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, ClassVar
+from concurrent.futures import CancelledError
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from gaitsweep.table.block_locks import BLOCK_LOCKS
 # Tasks in flight: two for each worker, so that none waits for the client, or as many as end in this time (s).
 _AHEAD = 1.0
 _MOST_IN_FLIGHT = 4096
+_MOST_GATHERED = 16  # parts that come back through the scheduler at the same time
 # Between two looks at the tasks (s): where many end in a second, and where few do, since each look costs time
 # of a core on which a worker may run.
 _POLL_OFTEN, _POLL, _MANY = 0.01, 0.05, 10.0
@@ -49,6 +51,7 @@ _MOST_FAILURES = 3  # of a block by an error
 _TIMES_LONGEST, _LEAST_LIMIT = 10.0, 120.0
 # A worker waits so long (s) for another process that holds its block, and at most half the limit.
 _LOCK_PATIENCE = 60.0
+_LOOK_AT_HELD = 10.0  # s between two looks at what each worker holds
 _PROBE = ".probe-"  # a file of the client that workers look for
 _LAG = 60.0  # s after which a file that another machine has written is seen
 
@@ -66,6 +69,13 @@ class _InFlight:
     future: Any
     since: float
     only: list[str] | None
+
+
+class _Held(NamedTuple):
+    """The keys of the tasks that a worker holds, and since when (s) none of its tasks has ended."""
+
+    keys: set[Any]
+    since: float
 
 
 class Cluster:
@@ -93,6 +103,7 @@ class Cluster:
         self.collect, self._limit = collect, limit
         self._ticket: JobTicket | None = None
         self._group, self._submitted = f"gaitsweep-{secrets.token_hex(4)}", itertools.count()
+        self._free_keys: collections.deque[Any] = collections.deque()
 
     @property
     def note(self) -> str:
@@ -131,7 +142,8 @@ class Cluster:
                 self.workers.connect(wait)
             yield
         finally:
-            probe.unlink(missing_ok=True)
+            for left in directory.path.glob(f"{probe.name}*"):  # also by workers that were killed
+                left.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Leave the cluster; workers of this command end."""
@@ -185,14 +197,27 @@ class Cluster:
             [number for number, _ in tasks],
             [rows for _, rows in tasks],
             assignment=assignment,
-            # one group of tasks, since a scheduler keeps what it knows of each group
-            key=[(self._group, number, next(self._submitted)) for number, _ in tasks],
+            key=[self._key() for _ in tasks],
             pure=False,
             retries=0,
             workers=only,
             resources=self.workers.resources,
         )
         return [_InFlight(future, now, only) for future in futures]
+
+    def _key(self) -> Any:
+        """A name for a task.
+
+        A scheduler keeps what it knows of each group of tasks, so that there is one group; and the names of
+        the last 100 000 tasks, so that names are used again, long after their tasks have ended.
+        """
+        if len(self._free_keys) > 2 * _MOST_IN_FLIGHT:
+            return self._free_keys.popleft()
+        return self._group, next(self._submitted)
+
+    def free_key(self, key: Any) -> None:
+        """Give the name of a task back that has ended well; another's task may still be under way."""
+        self._free_keys.append(key)
 
     def limit(self, longest: float | None) -> float:
         """The time (s) that a task may take, the longest so far having taken `longest`."""
@@ -227,6 +252,7 @@ class Dispatch:
         self._longest: float | None = None  # s, of the tasks that have ended
         self._rate, self._ends, self._counted = 0.0, 0, self._began  # blocks a second, of the last while
         self._expired_at = self._began
+        self._held: dict[str, _Held] = {}  # by the worker's address
 
     def run(self) -> None:
         try:
@@ -292,25 +318,39 @@ class Dispatch:
 
     def _take_ended(self) -> int:
         """Take what has ended, well or not; returns how many tasks that were."""
-        ended = [(number, task) for number, task in self.flight.items() if task.future.done()]
-        sound = [(number, task) for number, task in ended if task.future.status == "finished"]
+        # asked once: when the scheduler is lost, it changes meanwhile
+        status = {number: task.future.status for number, task in self.flight.items() if task.future.done()}
+        sound = [number for number, each in status.items() if each == "finished"]
+        if self.cluster.collect:
+            for number in sound[_MOST_GATHERED:]:  # the others are taken at the next look
+                del status[number]
+            sound = sound[:_MOST_GATHERED]
+        errors = {
+            number: self.flight[number].future.exception(timeout=30)
+            for number, each in status.items()
+            if each == "error"
+        }
         if self.cluster.collect and sound:
-            parts = self.workers.client.gather([task.future for _, task in sound])
-            for (number, _), data in zip(sound, parts, strict=True):
+            try:
+                parts = self.workers.client.gather([self.flight[number].future for number in sound])
+            except CancelledError:  # the scheduler is lost, and the parts that it had with it
+                return 0
+            for number, data in zip(sound, parts, strict=True):
                 self.directory.write_part_bytes(number, data)
         now = time.monotonic()
-        for number, task in ended:
-            del self.flight[number]
-            if task.future.status == "finished":
+        for number in status:
+            task = self.flight.pop(number)
+            if number in errors:
+                self._fail(number, errors[number])
+            elif status[number] == "finished":
                 self._end(number)
                 self._longest = max(self._longest or 0.0, now - task.since)
                 self._ends += 1
-            elif task.future.status == "error":
-                self._fail(number, task.future.exception(timeout=30))
+                self.cluster.free_key(task.future.key)
             else:  # cancelled: the scheduler was lost, or the cluster restarted
                 self.waiting.appendleft(number)
             task.future.release()
-        return len(ended)
+        return len(status)
 
     def _end(self, number: int) -> None:
         first, stop = self.directory.rows_of(number)
@@ -350,32 +390,38 @@ class Dispatch:
             self._give_back(gone)
 
     def _expire(self) -> None:
-        """End workers that have held a block for too long."""
+        """End workers none of whose tasks has ended for too long; a task may wait behind another."""
         now = time.monotonic()
         if not self.workers.slots:  # nobody runs
+            self._held = {}
             for task in self.flight.values():
                 task.since = now
             return
         limit = self.cluster.limit(self._longest)
-        if now - self._expired_at < min(1.0, limit / 4):
+        if limit == float("inf") or now - self._expired_at < min(_LOOK_AT_HELD, limit / 4):
             return
         self._expired_at = now
-        late = {task.future.key: number for number, task in self.flight.items() if now - task.since > limit}
-        if not late:
-            return
+        ours = {task.future.key: number for number, task in self.flight.items()}
+        before, self._held = self._held, {}
         for address, keys in self.workers.client.processing().items():
-            held = sorted(late[key] for key in keys if key in late)
+            held = {key for key in keys if key in ours}
             if not held:
                 continue
-            first, stop = self.directory.rows_of(held[0])
+            known = before.get(address)
+            since = now if known is None or known.keys - held else known.since
+            if now - since <= limit:
+                self._held[address] = _Held(held, since)
+                continue
+            number = min(ours[key] for key in held)
+            first, stop = self.directory.rows_of(number)
             name = self.workers.names.get(address, address)
             self.workers.tell(
-                f"The worker {name} is ended, and its blocks go elsewhere: block {held[0]} (rows {first} to "
+                f"The worker {name} is ended, and its blocks go elsewhere: block {number} (rows {first} to "
                 f"{stop - 1}) took longer than {limit:.0f} s there."
             )
             self.workers.restart(address)
-        for task in self.flight.values():
-            task.since = time.monotonic()
+            for key in held:
+                self.flight[ours[key]].since = time.monotonic()
 
     def _settle(self) -> None:
         """See that all parts are there; what is not is given out again."""

@@ -14,6 +14,7 @@ from gaitsweep.runs.prepare import RunError
 _LOOK = 1.0  # s between two looks
 _POLL = 0.01  # s between two looks at a task
 _AWAY = 0.1  # s between two tries to connect
+_EMPTY = 5.0  # s without workers after which that is told
 # Workers that are busy with other work are not waited for longer (s), once one has answered.
 _EXAMINATION = 30.0
 
@@ -36,6 +37,7 @@ class Workers:
         self._told: set[str] = set()
         self._looked = -_LOOK
         self._away = False
+        self._empty: float | None = None  # since when there are none
 
     @property
     def client(self) -> Any:  # its methods are typed for a use with `await` too
@@ -70,6 +72,10 @@ class Workers:
             self._away = not self.connection.try_to_connect()
             if self._away:
                 self.names, self.slots = {}, 0
+                self._tell_once(
+                    f"The scheduler {self.connection.where} does not answer ({self.connection.why}): it is "
+                    "waited for."
+                )
                 wait()
                 time.sleep(_AWAY)
         self._away = False
@@ -93,6 +99,12 @@ class Workers:
         else:
             self.slots = len(self.usable)
         self.most = max(self.most, len(self.usable))
+        if found:
+            self._empty = None
+        elif self._empty is None:
+            self._empty = now
+        elif now - self._empty > _EMPTY:
+            self._tell_once(f"The scheduler {self.connection.where} has no workers: they are waited for.")
         if self.names and not self.usable:
             raise RunError(
                 f"No worker of {self.connection.where} can compute this job. "
@@ -105,7 +117,9 @@ class Workers:
             return
         self._refused[address] = why
         self._looked = -_LOOK
-        sentence = f"The worker {self.names.get(address, address)} is refused: {why}."
+        self._tell_once(f"The worker {self.names.get(address, address)} is refused: {why}.")
+
+    def _tell_once(self, sentence: str) -> None:
         if sentence not in self._told:
             self._told.add(sentence)
             self.tell(sentence)
@@ -137,22 +151,27 @@ class Workers:
         }
         reasons: dict[str, str] = {}
         deadline, answers = time.monotonic() + _EXAMINATION, 0
-        while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
-            for address, future in list(asked.items()):
-                if future.done():
-                    del asked[address]
-                    answers += future.status == "finished"
-                    found = None
-                    if future.status == "finished":
-                        found = future.result()
-                    elif future.status == "error":
-                        found = future.exception()
-                    if found is not None:
-                        reasons[address] = str(found)
-            wait()
-            self.look()  # those that die meanwhile are asked no more
-            asked = {address: future for address, future in asked.items() if address in self.names}
-            time.sleep(_POLL)
+        futures = list(asked.values())
+        try:
+            while asked and self.connection.alive and (time.monotonic() < deadline or not answers):
+                for address, future in list(asked.items()):
+                    if future.done():
+                        del asked[address]
+                        answers += future.status == "finished"
+                        found = None
+                        if future.status == "finished":
+                            found = future.result()
+                        elif future.status == "error":
+                            found = future.exception()
+                        if found is not None:
+                            reasons[address] = str(found)
+                wait()
+                self.look()  # those that die meanwhile are asked no more
+                asked = {address: future for address, future in asked.items() if address in self.names}
+                time.sleep(_POLL)
+        finally:  # not when the last exception is forgotten, which may be long after
+            for future in futures:
+                future.release()
         if reasons:
             named = {f"{self.names.get(a, a)}: {why}." for a, why in reasons.items()}
             raise RunError(

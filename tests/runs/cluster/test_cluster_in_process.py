@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
+import socket
+import threading
 import time
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -13,10 +18,11 @@ import pytest
 import toy_model
 
 import gaitsweep as gs
-from gaitsweep.runs.cluster import dispatch, task
+from gaitsweep.runs.cluster import connection, dispatch, task
 from gaitsweep.runs.cluster.connection import GivenClient, connection_to
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
 from gaitsweep.runs.cluster.identity import WorkerUnfit, difference
+from gaitsweep.runs.cluster.workers import Workers
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
@@ -99,6 +105,7 @@ def test_workers_that_do_not_share_the_directory_are_named(
     assert "--collect" in said
     assert not list((tmp_path / "out" / "table").iterdir())
     assert not list((tmp_path / "out").glob(".probe*"))
+    _until_no_task(client)  # though the exception is still known here
 
 
 def test_a_worker_that_differs_is_refused_by_its_name_and_what_differs(
@@ -170,6 +177,17 @@ def test_a_block_that_fails_is_named_and_the_others_go_on(
     pd.testing.assert_frame_equal(run.table, whole.table, check_exact=True)
 
 
+def _tasks(dask_scheduler: Any) -> list[str]:
+    return [f"{task.key}: {task.state}, wanted by {task.who_wants}" for task in dask_scheduler.tasks.values()]
+
+
+def _until_no_task(client: Any) -> None:
+    deadline = time.monotonic() + 10.0
+    while left := client.run_on_scheduler(_tasks):
+        assert time.monotonic() < deadline, left
+        time.sleep(0.05)
+
+
 def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
     job = gs.Job(**{**JOB, "vary": {"launch_1": {"linspace": [0.2, 3.0, 480]}}})  # longer than a look
     whole = gs.run(job, tmp_path / "whole").table
@@ -183,10 +201,7 @@ def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
         gs.run(job, tmp_path / "out", progress=stop, client=client)
     assert Snapshot.of(tmp_path / "out").rows_done > 0
     assert not list((tmp_path / "out").glob(".probe*"))
-    deadline = time.monotonic() + 10.0
-    while client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)):
-        assert time.monotonic() < deadline, "the scheduler keeps tasks"
-        time.sleep(0.05)
+    _until_no_task(client)
     run = gs.run(job, tmp_path / "out", client=client)
     pd.testing.assert_frame_equal(run.table, whole, check_exact=True)
 
@@ -223,13 +238,112 @@ def test_a_second_client_is_refused_by_the_name_of_the_first(client: Any, tmp_pa
     [
         ("loacl:2", "did you mean local?"),
         ("local:0", "from 1 to 1024 are allowed"),
+        ("local:-1", "asks for -1 workers"),
         ("node07", "write local:N, tcp://HOST:PORT"),
+        ("10.0.0.7:8786", "did you mean tcp://10.0.0.7:8786?"),
+        ("http://node07:8786", "begins with http, .* did you mean tcp://node07:8786?"),
+        ("tcp://node07", "with a port from 1 to 65535, such as tcp://node07:8786"),
+        ("tcp://node07:87860", "with a port from 1 to 65535"),
     ],
 )
 def test_other_addresses_are_refused(where: str, said: str) -> None:
-    with pytest.raises(RunError) as refusal:
+    with pytest.raises(RunError, match=re.escape(said).replace(re.escape(".*"), ".*")):
         connection_to(where)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("no JSON", 'writes JSON with the field "address"'),
+        ('{"id": 1}', 'writes JSON with the field "address"'),
+        ('{"address": 5}', "The address 5 of "),
+    ],
+)
+def test_a_file_that_is_none_of_a_scheduler_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "scheduler.json"
+    connection_to(str(file))  # it may come later
+    file.write_text(text)
+    os.utime(file, (0, 0))
+    with pytest.raises(RunError) as refusal:
+        connection_to(str(file))
     assert said in str(refusal.value)
+    file.write_text("")  # the scheduler begins to write it
+    connection_to(str(file))
+
+
+def test_a_scheduler_that_does_not_answer_is_told_and_costs_no_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connection, "_CONNECT", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as nothing:  # which takes connections, and says nothing
+        where = f"tcp://127.0.0.1:{nothing.getsockname()[1]}"
+        mute = connection_to(where)
+        assert not mute.try_to_connect()
+        assert mute.why == "something answers there, but not as a scheduler of Dask"
+        before = threading.active_count()
+        for _ in range(3):
+            assert not mute.try_to_connect()
+        assert threading.active_count() <= before
+        mute.close()
+    told: list[str] = []
+    workers = Workers(connection_to(where), told.append)
+    tries: list[None] = []
+
+    def stop() -> None:
+        tries.append(None)
+        if len(tries) > 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        workers.connect(stop)
+    workers.connection.close()
+    assert told  # refused at once, or after a time
+    assert all(
+        re.fullmatch(rf"The scheduler {where} does not answer \(.*\): it is waited for\.", t) for t in told
+    )
+
+
+def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each of two workers holds two blocks of 7 s, of which the second waits; the limit is 10 s."""
+    now, told, ended = 0.0, [], []
+    held = {"a": [0, 2], "b": [1, 3]}
+    monkeypatch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: now))
+    workers = SimpleNamespace(
+        slots=2,
+        names={"a": "left", "b": "right"},
+        tell=told.append,
+        restart=lambda address: ended.append((address, now)),
+        client=SimpleNamespace(processing=lambda: held),
+    )
+    cluster: Any = SimpleNamespace(workers=workers, limit=lambda longest: 10.0)
+    directory: Any = SimpleNamespace(rows_of=lambda number: (8 * number, 8 * number + 8))
+    nothing: Any = None
+    blocks = dispatch.Dispatch(cluster, directory, nothing, range(4), nothing, None)
+    blocks.flight = {n: dispatch._InFlight(SimpleNamespace(key=n), 0.0, None) for n in range(4)}
+    for second in range(17):
+        now = float(second)
+        held["a"] = [0, 2] if second < 7 else [2, 4] if second < 14 else [4]
+        blocks._expire()
+    assert [address for address, _ in ended] == ["b"]
+    assert 10.0 < ended[0][1] <= 15.0
+    where = "block 1 (rows 8 to 15) took longer than 10 s there"
+    assert told == [f"The worker right is ended, and its blocks go elsewhere: {where}."]
+
+
+def test_names_of_tasks_are_used_again(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that a scheduler does not remember more of them with each block."""
+    monkeypatch.setattr(dispatch, "_MOST_IN_FLIGHT", 4)
+    keys: list[Any] = []
+    key = Cluster._key
+    monkeypatch.setattr(Cluster, "_key", lambda self: keys.append(key(self)) or keys[-1])
+    job = gs.Job(**{**JOB, "vary": {"launch_1": {"linspace": [0.2, 3.0, 240]}}})
+    whole = gs.run(job, tmp_path / "whole").table
+    run = gs.run(job, tmp_path / "out", client=client)
+    pd.testing.assert_frame_equal(run.table, whole, check_exact=True)
+    assert len(keys) == 30
+    assert len(set(keys)) <= 13
 
 
 def test_a_reason_and_its_worker_travel_as_a_pickle() -> None:
@@ -255,3 +369,11 @@ def test_a_sweep_of_keywords_on_a_cluster(client: Any, tmp_path: Path) -> None:
 def test_a_client_is_one_of_dasks() -> None:
     with pytest.raises(gs.ArgumentError, match=r"client is 1, but takes a distributed\.Client\."):
         gs.sweep(toy_model.Toy(), launch_1=[1.0], client=1)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_client_that_is_closed_is_refused_before_anything_is_written(client: Any, tmp_path: Path) -> None:
+    closed = distributed.Client(client.cluster, set_as_default=False)
+    closed.close()
+    with pytest.raises(gs.ArgumentError, match="client is closed: make a new one"):
+        gs.run(gs.Job(**JOB), tmp_path / "out", client=closed)
+    assert not (tmp_path / "out").exists()

@@ -71,6 +71,7 @@ class Run:
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
+            start_new_session=True,  # a group of processes, as a terminal's
         )
 
     @property
@@ -120,6 +121,17 @@ def test_local_workers_are_children_on_the_loopback_address(tmp_path: Path) -> N
     assert set(listening) == {"127.0.0.1"}
     run.ended()
     until(lambda: not any(_lives(each) for each in family))
+    check(run.out, tmp_path, job)
+
+
+def test_a_terminals_ctrl_c_reaches_local_workers_too_and_is_obeyed_by_the_command(tmp_path: Path) -> None:
+    job = job_of(40, pause=0.2)
+    run = Run(tmp_path, job, "--cluster", "local:2")
+    until(lambda: run.parts >= 2)
+    os.killpg(run.process.pid, signal.SIGINT)
+    errors = run.ended(code=130)
+    assert re.fullmatch(r"Stopped: \d+ of 320 rows are safe in .*\n", errors)
+    Run(tmp_path, job, "--cluster", "local:2").ended()
     check(run.out, tmp_path, job)
 
 
