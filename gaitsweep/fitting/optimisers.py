@@ -133,7 +133,8 @@ class Restarts:
         self._least = 4 + int(3 * np.log(dimension))
         self._first = min(max(together, self._least), _MOST_A_DIMENSION * dimension)
         self._dimension, self._rng = dimension, np.random.default_rng([seed, 1])
-        self._sobol, self._start = Sobol(dimension, seed), start
+        # whole batches, so that a strategy's generation is one batch where it has as many points
+        self._sobol, self._start = Sobol(dimension, seed), -(-start // together) * together
         self._begun: list[tuple[float, np.ndarray]] = []  # scores and points of the Sobol start
         self._waiting: deque[tuple[int, int, np.ndarray]] = deque()  # strategy, place, point
         self._strategies: dict[int, _Strategy] = {}
