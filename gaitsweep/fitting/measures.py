@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.kinds.numbers import InvalidValue, Text, checked, read_real
 from gaitsweep.kinds.part import Part, Registry
@@ -56,10 +53,14 @@ At = Annotated[
 
 
 class Measured(NamedTuple):
-    """The value of a measure; NaN where it has none, and then why, in a few words."""
+    """Values (n,) of a measure, NaN where a set has none, and then why (n,), in a few words."""
 
-    value: float
-    why: str = ""
+    values: np.ndarray
+    why: np.ndarray
+
+
+# Columns of the rows of n sets: (n, conditions) each, names as text.
+SetRows = Mapping[str, np.ndarray]
 
 
 class Measure(Part):
@@ -77,8 +78,8 @@ class Measure(Part):
         """The parameters and starts of each of its rows."""
         return [dict(zip(self.at, values, strict=True)) for values in itertools.product(*self.at.values())]
 
-    def value(self, rows: pd.DataFrame, model: Model) -> Measured:
-        """Its value from the last records of its rows, in the order of `conditions`."""
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        """Its values from the last records of the rows of n sets, (n, conditions) each."""
         raise NotImplementedError
 
     def unit(self, model: Model) -> str:
@@ -100,17 +101,16 @@ class Value(Measure):
     kind: Literal["value"] = Field(description="value: a column of a row's last record")
     of_: Text = Field(alias="of", description="the column, such as an observable")
 
-    def value(self, rows: pd.DataFrame, model: Model) -> Measured:
-        status = rows["status"].astype(str)
-        unsound = [each for each in status if each not in SOUND]
-        if unsound:
-            return Measured(math.nan, unsound[0])
-        values = rows[self._column(rows.columns)].to_numpy(float)
-        if self.circular(model):
-            mean = float(np.angle(np.mean(np.exp(1j * values))))
-        else:
-            mean = float(np.mean(values))
-        return Measured(mean) if math.isfinite(mean) else Measured(math.nan, f"{self.of_} is missing")
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        status = rows["status"]
+        unsound = ~np.isin(status, list(SOUND))
+        seen = rows[self._column(rows)].astype(float)
+        values = np.angle(np.mean(np.exp(1j * seen), axis=1)) if self.circular(model) else seen.mean(axis=1)
+        first = status[np.arange(len(status)), unsound.argmax(axis=1)]
+        why = np.where(
+            unsound.any(axis=1), first, np.where(np.isfinite(values), "", f"{self.of_} is missing")
+        )
+        return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in (*model.observables, *model.label_fields)}.get(self.of_, "1")
@@ -137,16 +137,16 @@ class Edge(Measure):
     along: Text = Field(description="the parameter, whose list stands in `at`, from the gait's side")
     gait: Text = Field(description="the gait that is lost")
 
-    def value(self, rows: pd.DataFrame, model: Model) -> Measured:
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
         holds = np.asarray(self.at[self.along])
-        has = (rows["gait"].astype(str) == self.gait) & ~rows["status"].astype(str).isin(list(FAILED))
-        there = has.to_numpy()
-        first = holds.size if there.all() else int(np.argmin(there))
-        if first == 0:
-            return Measured(math.nan, f"no {self.gait} at {self.along} = {holds[0]:g}")
-        if first == holds.size:
-            return Measured(math.nan, f"{self.gait} is not lost by {self.along} = {holds[-1]:g}")
-        return Measured(float(0.5 * (holds[first - 1] + holds[first])))
+        has = (rows["gait"] == self.gait) & ~np.isin(rows["status"], list(FAILED))
+        first = np.where(has.all(axis=1), holds.size, np.argmin(has, axis=1))
+        never, always = first == 0, first == holds.size
+        after = np.clip(first, 1, holds.size - 1)
+        values = np.where(never | always, np.nan, 0.5 * (holds[after - 1] + holds[after]))
+        why = np.where(never, f"no {self.gait} at {self.along} = {holds[0]:g}", "")
+        why = np.where(always, f"{self.gait} is not lost by {self.along} = {holds[-1]:g}", why)
+        return Measured(values, why)
 
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in model.parameters}.get(self.along, "1")
@@ -164,9 +164,9 @@ class Share(Measure):
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
     gait: Text = Field(description="the gait")
 
-    def value(self, rows: pd.DataFrame, model: Model) -> Measured:
-        failed = rows["status"].astype(str).isin(list(FAILED)).to_numpy()
-        return Measured(float(np.mean((rows["gait"].astype(str) == self.gait).to_numpy() & ~failed)))
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        failed = np.isin(rows["status"], list(FAILED))
+        return _always(((rows["gait"] == self.gait) & ~failed).mean(axis=1))
 
     def unit(self, model: Model) -> str:
         return "1"
@@ -180,8 +180,8 @@ class Failures(Measure):
 
     kind: Literal["failures"] = Field(description="failures: the share of rows that fall or fail otherwise")
 
-    def value(self, rows: pd.DataFrame, model: Model) -> Measured:
-        return Measured(float(np.mean(rows["status"].astype(str).isin(list(FAILED)))))
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        return _always(np.isin(rows["status"], list(FAILED)).mean(axis=1))
 
     def unit(self, model: Model) -> str:
         return "1"
@@ -190,6 +190,6 @@ class Failures(Measure):
 MEASURES: Registry[Measure] = Registry("measure", [Value, Edge, Share, Failures])
 
 
-def difference(ours: float, wanted: float, circular: bool) -> float:
-    """How far a value is from another, angles by the shorter way."""
-    return float(wrapped_difference(ours - wanted)) if circular else ours - wanted
+def _always(values: np.ndarray) -> Measured:
+    """Values that every set has."""
+    return Measured(values, np.full(values.size, ""))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -83,31 +82,29 @@ class Population:
         sets: Mapping[str, np.ndarray],
         progress: Callable[[SweepProgress], None] | None = None,
         share: float = 1.0,
-    ) -> list[dict[str, Measured]]:
-        """What is measured of each set.
+    ) -> dict[str, Measured]:
+        """What is measured of each set, by the name of the measure.
+
+        A set with a value that the model does not allow, or with steps too long for it, has no values.
 
         Args:
             sets: constants and choices of structure, (n,) by name.
             progress: told how far the rows are.
             share: the length of steps as a share of the job's own.
-
-        Returns:
-            The measures by name, for each set; those of a set with a value that the model does not allow, or
-            with steps too long for it, have no value.
         """
         n = next(iter(sets.values())).size
-        found: list[dict[str, Measured]] = [{} for _ in range(n)]
+        found = {name: Measured(np.full(n, np.nan), np.full(n, "", object)) for name in self.measures}
         for structure, mine in self._by_structure(sets, n):
             ready = self.prepared(structure)
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
-            frames, refused = self._frames(ready, constants, mine.size, progress, share)
-            for place, frame, why in zip(mine, frames, refused, strict=True):
-                found[place] = {
-                    name: Measured(math.nan, why)
-                    if why
-                    else measure.value(frame.iloc[self._rows_of[name]], ready.plan.model)
-                    for name, measure in self.measures.items()
-                }
+            rows, refused = self._rows(ready, constants, mine.size, progress, share)
+            good = mine[refused == ""]
+            for name, measure in self.measures.items():
+                found[name].why[mine] = refused
+                if good.size:
+                    places = self._rows_of[name]
+                    seen = measure.of_sets({k: v[:, places] for k, v in rows.items()}, ready.plan.model)
+                    found[name].values[good], found[name].why[good] = seen
         return found
 
     def _by_structure(
@@ -125,23 +122,22 @@ class Population:
             for key in dict.fromkeys(keys)
         ]
 
-    def _frames(
+    def _rows(
         self,
         ready: Prepared,
         constants: Values,
         n: int,
         progress: Callable[[SweepProgress], None] | None,
         share: float,
-    ) -> tuple[list[pd.DataFrame], list[str]]:
-        """The rows of each of n sets, in the order of the conditions, and why a set was refused, or ""."""
+    ) -> tuple[Values, np.ndarray]:
+        """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or ""."""
         each = self.rows_of_a_set
         params, starts, refused = self._values(ready, constants, n)
         starts[SHARE] = np.full(n * each, share)
-        good = np.flatnonzero([not why for why in refused])
-        rows = (good[:, None] * each + np.arange(each)).ravel()
-        frames = [pd.DataFrame()] * n
+        good = np.flatnonzero(refused == "")
         if not good.size:
-            return frames, refused
+            return {}, refused
+        rows = (good[:, None] * each + np.arange(each)).ravel()
         chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
 
         def values(first: int, last: int) -> tuple[Values, Values]:
@@ -158,16 +154,15 @@ class Population:
         results: list[BlockResult] = []
         sweep(work, [0], lambda _, result: results.append(result), progress)
         table = ready.job.run.table(ready.plan.model, {}, results[0])
-        for place, number in enumerate(good):
-            frames[number] = table.iloc[place * each : (place + 1) * each]
-        return frames, refused
+        names = [str(name) for name in table.columns if name != "row"]
+        return {name: _array(table[name]).reshape(good.size, each) for name in names}, refused
 
-    def _values(self, ready: Prepared, constants: Values, n: int) -> tuple[Values, Values, list[str]]:
+    def _values(self, ready: Prepared, constants: Values, n: int) -> tuple[Values, Values, np.ndarray]:
         """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
         each, model = self.rows_of_a_set, ready.plan.model
         params = {q.name: np.empty(n * each) for q in model.parameters}
         starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
-        refused = [""] * n
+        refused = np.full(n, "", object)
         # conditions that set the same names are one plan: the others keep the job's own value or formula
         alike: dict[tuple[str, ...], list[int]] = {}
         for place, condition in enumerate(self._conditions):
@@ -209,7 +204,15 @@ def _lanes(ready: Prepared, n_rows: int) -> int:
     return min(given or default_lanes(ready.engine, n_rows, ready.work.devices[0].platform), max(8, n_rows))
 
 
-def _note(refused: list[str], wrong: np.ndarray, each: int, why: str) -> None:
+def _array(column: Any) -> np.ndarray:
+    """A column of a table as an array, names as text."""
+    if isinstance(column.dtype, pd.CategoricalDtype):
+        names = np.array([*map(str, column.cat.categories), ""])
+        return names[column.cat.codes.to_numpy()]
+    return column.to_numpy() if column.dtype.kind in "fiub" else column.astype(str).to_numpy()
+
+
+def _note(refused: np.ndarray, wrong: np.ndarray, each: int, why: str) -> None:
     """Note why sets are refused whose rows (n * each,) are wrong."""
     for number in np.flatnonzero(wrong.reshape(-1, each).any(axis=1)):
         refused[number] = refused[number] or why

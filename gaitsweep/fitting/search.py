@@ -28,7 +28,7 @@ from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search_figures import draw_search
 from gaitsweep.fitting.search_job import SearchJob
-from gaitsweep.fitting.targets import score
+from gaitsweep.fitting.targets import scores
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.figures import Progress
@@ -150,10 +150,10 @@ class _Search:
                 )
             else:
                 frame = self._known(number, first, stop, sets)
-            scores = frame["score"].to_numpy()
             misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
-            self.optimiser.tell(scores, misses)
-            self.best = min(self.best, float(scores.min()))
+            told = frame["score"].to_numpy()
+            self.optimiser.tell(told, misses)
+            self.best = min(self.best, float(told.min()))
 
     def _telling(self, first: int, before: int, began: float) -> Callable[[SweepProgress], None]:
         total = self.directory.n_rows
@@ -173,33 +173,27 @@ class _Search:
         generation: int,
         first: int,
         sets: Mapping[str, np.ndarray],
-        measured: list[dict[str, Measured]],
+        measured: Mapping[str, Measured],
     ) -> pd.DataFrame:
         """The records of a batch."""
         model = self.population.prepared(self.job.fit.structures[0]).plan.model
         targets = self.job.targets
-        misses = [
-            {name: targets[name].miss(value, model) for name, value in values.items()} for values in measured
+        misses = {name: target.misses(measured[name], model) for name, target in targets.items()}
+        n = next(iter(misses.values())).size
+        failed = np.any([measured[name].why != "" for name in self.job.counted], axis=0)
+        why = [
+            "; ".join(f"{name}: {each}" for name, each in zip(measured, reasons, strict=True) if each)
+            for reasons in zip(*(each.why for each in measured.values()), strict=True)
         ]
-        lacking = [
-            "; ".join(f"{name}: {value.why}" for name, value in values.items() if value.why)
-            for values in measured
-        ]
-        counted = [any(values[name].why for name in self.job.counted) for values in measured]
-        n = len(measured)
-        status = np.where(counted, "failed", Status.complete.name)
         frame: dict[str, Any] = {
             "row": np.arange(first, first + n, dtype=np.int64),
             "generation": np.full(n, generation),
             **{name: _plain(column) for name, column in sets.items()},
-            **{
-                name: np.array([target.shown(values[name].value, model) for values in measured])
-                for name, target in targets.items()
-            },
-            **{f"{MISS}{name}": np.array([each[name] for each in misses]) for name in targets},
-            "score": np.array([score(each, targets) for each in misses]),
-            "status": pd.Categorical(status, ["failed", Status.complete.name]),
-            "why": pd.Series(lacking, dtype="str"),
+            **{name: target.shown(measured[name].values, model) for name, target in targets.items()},
+            **{f"{MISS}{name}": each for name, each in misses.items()},
+            "score": scores(misses, targets),
+            "status": pd.Categorical.from_codes(failed.astype(int), [Status.complete.name, "failed"]),
+            "why": pd.Series(why, dtype="str"),
         }
         return pd.DataFrame(frame)
 
@@ -234,12 +228,10 @@ def _finalists(
     measured = population.measure(sets, share=0.5)
     model = population.prepared(job.fit.structures[0]).plan.model
     frame = best[["row", *job.free, "score", *job.targets]].reset_index(drop=True)
-    misses = [
-        {name: target.miss(value[name], model) for name, target in job.targets.items()} for value in measured
-    ]
-    frame["score_half"] = [score(each, job.targets) for each in misses]
+    misses = {name: target.misses(measured[name], model) for name, target in job.targets.items()}
+    frame["score_half"] = scores(misses, job.targets)
     for name, target in job.targets.items():
-        frame[f"{name}_half"] = [target.shown(value[name].value, model) for value in measured]
+        frame[f"{name}_half"] = target.shown(measured[name].values, model)
     with writing(f"The finalists could not be written to {file}"):
         replace_file(file, lambda handle: frame.to_parquet(handle, index=False))
     return frame

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
+from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model
-from gaitsweep.fitting.measures import Measure, Measured, difference
+from gaitsweep.fitting.measures import Measure, Measured
 from gaitsweep.kinds.diagnostics import found
 from gaitsweep.kinds.numbers import Flag, InvalidValue, Positive, checked, read_real
 from gaitsweep.kinds.part import Part
@@ -60,27 +60,23 @@ class Target:
     def __init__(self, name: str, measure: Measure, aim: Aim) -> None:
         self.name, self.measure, self.aim = name, measure, aim
 
-    def shown(self, value: float, model: Model) -> float:
-        """A value as the table has it: an angle within half a turn of what is wanted."""
+    def shown(self, values: np.ndarray, model: Model) -> np.ndarray:
+        """Values (n,) as the table has them: angles within half a turn of what is wanted."""
         if not self.measure.circular(model):
-            return value
+            return values
         middle = 0.5 * sum(self.aim.wanted)
-        return middle + difference(value, middle, True)
+        return middle + wrapped_difference(values - middle)
 
-    def miss(self, measured: Measured, model: Model) -> float:
-        """How far a value is from what is wanted, in reading errors; FAILED_MISS at most."""
-        if math.isnan(measured.value):
-            return FAILED_MISS
-        circular = self.measure.circular(model)
+    def misses(self, measured: Measured, model: Model) -> np.ndarray:
+        """How far values (n,) are from what is wanted, in reading errors; at most FAILED_MISS."""
+        values = self.shown(measured.values, model)
         low, high = self.aim.wanted
-        below, above = (difference(measured.value, end, circular) for end in (low, high))
-        if below >= 0.0 and above <= 0.0:
-            return 0.0
-        nearest = min(below, above, key=abs)
-        return float(np.clip(nearest / self.aim.error, -FAILED_MISS, FAILED_MISS))
+        beyond = np.where(values < low, values - low, np.where(values > high, values - high, 0.0))
+        misses = np.clip(beyond / self.aim.error, -FAILED_MISS, FAILED_MISS)
+        return np.where(np.isnan(values), FAILED_MISS, misses)
 
 
-def score(misses: Mapping[str, float], targets: Mapping[str, Target]) -> float:
-    """The root mean square of the misses that count, in reading errors."""
+def scores(misses: Mapping[str, np.ndarray], targets: Mapping[str, Target]) -> np.ndarray:
+    """The root mean squares (n,) of the misses that count, in reading errors."""
     counted = [misses[name] for name, target in targets.items() if not target.aim.held_back]
-    return float(np.sqrt(np.mean(np.square(counted))))
+    return np.sqrt(np.mean(np.square(counted), axis=0))
