@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +20,7 @@ from gaitsweep.version import version
 
 if TYPE_CHECKING:
     from gaitsweep.job import Job
+    from gaitsweep.runs.cluster.dispatch import Cluster
     from gaitsweep.runs.figures import Progress
 
 STOPPED = 130  # by Ctrl-C
@@ -142,15 +143,9 @@ def run(
                 from gaitsweep.runs.row_range import run_rows
 
                 path = run_rows(job, rows, out, progress=progress, tell=tell, strict=strict)
-            elif cluster is not None:
-                from gaitsweep.runs.cluster.connection import connection_to
-                from gaitsweep.runs.cluster.dispatch import Cluster
-
-                connection = connection_to(cluster)
-                with Cluster(connection, collect=collect, limit=block_limit, tell=tell) as workers:
-                    path = run_job(job, out, progress=progress, tell=tell, strict=strict, cluster=workers)
             else:
-                path = run_job(job, out, progress=progress, tell=tell, strict=strict)
+                with _workers(cluster, collect=collect, limit=block_limit, tell=tell) as workers:
+                    path = run_job(job, out, progress=progress, tell=tell, strict=strict, cluster=workers)
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None  # SIGTERM brings its own
@@ -164,6 +159,21 @@ def run(
     if lasting and not _leans_on_others(job):
         sources = [job_file, *([] if job.config is None else [job_file.parent / job.config])]
         again.remember(command, sources, path, outcome, "".join(f"{each}\n" for each in told))
+
+
+@contextlib.contextmanager
+def _workers(
+    where: str | None, *, collect: bool = False, limit: float | None = None, tell: Callable[[str], None]
+) -> Iterator[Cluster | None]:
+    """The workers of a cluster, None where none is named."""
+    if where is None:
+        yield None
+        return
+    from gaitsweep.runs.cluster.connection import connection_to
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
+    with Cluster(connection_to(where), collect=collect, limit=limit, tell=tell) as workers:
+        yield workers
 
 
 @contextlib.contextmanager
@@ -323,6 +333,12 @@ def search(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
     ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster", metavar="WHERE", help="Workers of Dask that compute the rows, as of `run`."
+        ),
+    ] = None,
 ) -> None:
     """Search constants of a model that meet targets, or go on; say which constants the targets pin."""
     from gaitsweep.cli import show_search
@@ -332,8 +348,8 @@ def search(
     from gaitsweep.fitting.search import run_search
 
     try:
-        with _shown_progress() as progress:
-            found = run_search(job, out, progress=progress, tell=_tell)
+        with _shown_progress() as progress, _workers(cluster, tell=_tell) as workers:
+            found = run_search(job, out, progress=progress, tell=_tell, cluster=workers)
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None

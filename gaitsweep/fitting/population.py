@@ -23,6 +23,8 @@ from gaitsweep.runs.prepare import Prepared, prepare
 
 Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
+# Told how far the rows of a batch are; None where nobody is.
+Tell = Callable[[SweepProgress], None] | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +49,9 @@ class Population:
         job_of: the job of a choice of structure; constants and conditions replace its own values.
         structure: the names of which `job_of` takes the choices.
         measures: what is measured, by name.
+
+    `run_elsewhere` may be set to what computes the rows of an ordinary job, a cluster say; it is told how far
+    they are by what `measure` is given.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class Population:
         measures: Mapping[str, Measure],
     ) -> None:
         self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
+        self.run_elsewhere: Callable[[Job, Tell], pd.DataFrame] | None = None
         self._ready: dict[tuple[Any, ...], Prepared] = {}
         # conditions that several measures share are run once
         places: dict[Condition, int] = {}
@@ -64,6 +70,14 @@ class Population:
             for name, measure in measures.items()
         }
         self._conditions = list(places)
+
+    @property
+    def _alike(self) -> dict[tuple[str, ...], list[int]]:
+        """The conditions that set the same names; names that they do not set have the job's own value."""
+        alike: dict[tuple[str, ...], list[int]] = {}
+        for place, condition in enumerate(self._conditions):
+            alike.setdefault(tuple(name for name, _ in condition), []).append(place)
+        return alike
 
     @property
     def rows_of_a_set(self) -> int:
@@ -80,7 +94,7 @@ class Population:
     def measure(
         self,
         sets: Mapping[str, np.ndarray],
-        progress: Callable[[SweepProgress], None] | None = None,
+        progress: Tell = None,
         share: float = 1.0,
     ) -> dict[str, Measured]:
         """What is measured of each set, by the name of the measure.
@@ -127,7 +141,7 @@ class Population:
         ready: Prepared,
         constants: Values,
         n: int,
-        progress: Callable[[SweepProgress], None] | None,
+        progress: Tell,
         share: float,
     ) -> tuple[Values, np.ndarray]:
         """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or ""."""
@@ -137,6 +151,8 @@ class Population:
         good = np.flatnonzero(refused == "")
         if not good.size:
             return {}, refused
+        if self.run_elsewhere is not None and share == 1.0:
+            return self._rows_elsewhere(ready, {k: v[good] for k, v in constants.items()}, progress), refused
         rows = (good[:, None] * each + np.arange(each)).ravel()
         chosen = [{name: column[rows] for name, column in values.items()} for values in (params, starts)]
 
@@ -154,8 +170,30 @@ class Population:
         results: list[BlockResult] = []
         sweep(work, [0], lambda _, result: results.append(result), progress)
         table = ready.job.run.table(ready.plan.model, {}, results[0])
-        names = [str(name) for name in table.columns if name != "row"]
-        return {name: _array(table[name]).reshape(good.size, each) for name in names}, refused
+        columns = (str(name) for name in table.columns)
+        return {name: _array(table[name]).reshape(good.size, each) for name in columns}, refused
+
+    def _rows_elsewhere(self, ready: Prepared, constants: Values, progress: Tell) -> Values:
+        """The columns (n, conditions) of sets whose rows another process computes, as jobs of their own."""
+        assert self.run_elsewhere is not None
+        n = next(iter(constants.values())).size
+        found: Values = {}
+        for names, places in self._alike.items():
+            given = [dict(self._conditions[place]) for place in places]
+            written = ready.job.resolved()
+            groups = [{name: column.tolist() for name, column in constants.items()}]
+            if names:
+                groups.append({name: [each[name] for each in given] for name in names})
+            varied = {name for group in groups for name in group}
+            for field in ("params", "start"):
+                written[field] = {k: v for k, v in written[field].items() if k not in varied}
+            written |= {"vary": {"zip": groups}, "verify": 0}
+            table = self.run_elsewhere(Job.model_validate(written), progress)
+            for name in table.columns:
+                seen = _array(table[name])
+                whole = found.setdefault(str(name), np.empty((n, self.rows_of_a_set), seen.dtype))
+                whole[:, places] = seen.reshape(n, len(places))
+        return found
 
     def _values(self, ready: Prepared, constants: Values, n: int) -> tuple[Values, Values, np.ndarray]:
         """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
@@ -163,11 +201,7 @@ class Population:
         params = {q.name: np.empty(n * each) for q in model.parameters}
         starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
         refused = np.full(n, "", object)
-        # conditions that set the same names are one plan: the others keep the job's own value or formula
-        alike: dict[tuple[str, ...], list[int]] = {}
-        for place, condition in enumerate(self._conditions):
-            alike.setdefault(tuple(name for name, _ in condition), []).append(place)
-        for names, places in alike.items():
+        for names, places in self._alike.items():
             given = np.array([[value for _, value in self._conditions[place]] for place in places])
             set_here = {name: Column(given[:, i].astype(float)) for i, name in enumerate(names)}
             free = {name: Column(column.astype(float)) for name, column in constants.items()}

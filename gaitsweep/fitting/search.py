@@ -9,11 +9,12 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import importlib.metadata
+import shutil
 import time
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -25,19 +26,27 @@ from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.measures import Measured
 from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
-from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.population import Population, Tell
 from gaitsweep.fitting.search_figures import draw_search
 from gaitsweep.fitting.search_job import SearchJob
 from gaitsweep.fitting.targets import scores
+from gaitsweep.job import Job
 from gaitsweep.runs import provenance
-from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import Progress
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.table import ResultDirectory, TableError, load, replace_file, writing
 
+if TYPE_CHECKING:
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.
 _DECIDING = ("numpy", "scipy", "cma", "pymoo")
+# The folder of the rows of a batch, where a cluster computes them.
+BATCH = "batch"
+# Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
+_FEWEST_ROWS, _WORKERS = 16, 4
 # Names of the columns of misses.
 MISS = "miss_"
 
@@ -64,6 +73,7 @@ def run_search(
     *,
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
+    cluster: Cluster | None = None,
 ) -> Found:
     """Measure the sets that a search's directory still lacks, and say what they tell of the constants.
 
@@ -72,6 +82,7 @@ def run_search(
         out: its result directory, `results/NAME` by default.
         progress: told how far it is.
         tell: told, in a sentence each, what was found and mended in the directory.
+        cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
         RunError, TableError: a sentence each; what was measured before stays, and the next run goes on.
@@ -103,6 +114,8 @@ def run_search(
             versions=provenance.versions() | versions,
             git_commit=provenance.git_commit(),
         )
+        if cluster is not None:
+            population.run_elsewhere = _Rows(path / BATCH, cluster)
         _Search(job, population, directory, show).go_on()
         table = load(path)
         near = near_best(table, job)
@@ -110,6 +123,29 @@ def run_search(
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
         figures = draw_search(path, job, table, near)
     return Found(job, path, table, near, finalists, tuple(figures))
+
+
+class _Rows:
+    """Rows that a cluster computes, in a directory that is removed when they are there."""
+
+    def __init__(self, path: Path, cluster: Cluster) -> None:
+        self._path, self._cluster = path, cluster
+
+    def __call__(self, job: Job, progress: Tell) -> pd.DataFrame:
+        began = time.perf_counter()
+        block = max(_FEWEST_ROWS, job.plan.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
+        engine = job.engine.model_copy(update={"block": block})
+
+        def tell(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+            if progress is not None:
+                progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
+
+        # what a client that was killed has left may be of another batch
+        shutil.rmtree(self._path, ignore_errors=True)
+        one = job.model_copy(update={"engine": engine})
+        table = load(run_job(one, self._path, progress=tell, figures=False, cluster=self._cluster))
+        shutil.rmtree(self._path)
+        return table
 
 
 class _Search:

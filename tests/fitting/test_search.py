@@ -15,7 +15,7 @@ from pandas.testing import assert_frame_equal
 import gaitsweep as gs
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search import FINALISTS, MISS
+from gaitsweep.fitting.search import BATCH, FINALISTS, MISS, run_search
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.fitting.targets import FAILED_MISS
 from gaitsweep.kinds.diagnostics import JobError
@@ -245,3 +245,20 @@ def test_constants_of_the_chain_are_found_again(tmp_path: Path) -> None:
     best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
     assert best["beta"] == pytest.approx(beta, rel=0.01)
     assert best["kappa"] == pytest.approx(kappa, rel=0.01)
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
+    from gaitsweep.runs.cluster.connection import connection_to
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
+    asked = read_search(job(budget=48, population=16), Path.cwd())
+    alone = run_search(asked, tmp_path / "alone")
+    with Cluster(connection_to("local:2")) as workers:
+        shared = run_search(asked, tmp_path / "shared", cluster=workers)
+    assert_frame_equal(shared.table, alone.table, check_exact=True)
+    parts = sorted((tmp_path / "alone" / "table").glob("*.parquet"))
+    assert [each.read_bytes() for each in parts] == [
+        (tmp_path / "shared" / "table" / each.name).read_bytes() for each in parts
+    ]
+    assert not (tmp_path / "shared" / BATCH).exists()
