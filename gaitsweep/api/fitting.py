@@ -8,7 +8,6 @@ from typing import Any
 
 from gaitsweep.fitting.search import Found, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
-from gaitsweep.kinds.part import plain
 
 
 def search(job: str | Path | Mapping[str, Any], out: str | Path | None = None) -> Found:
@@ -26,5 +25,5 @@ def search(job: str | Path | Mapping[str, Any], out: str | Path | None = None) -
         JobError: all that is wrong with the job.
         RunError, TableError: it cannot run here, or the directory cannot be used.
     """
-    read = load_search(job) if isinstance(job, str | Path) else read_search(plain(job), Path.cwd())
+    read = load_search(job) if isinstance(job, str | Path) else read_search(job, Path.cwd())
     return run_search(read, out)

@@ -19,7 +19,7 @@ from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.targets import Aim, Target
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, word
-from gaitsweep.kinds.part import Part
+from gaitsweep.kinds.part import Part, plain
 
 # Sets that are measured together where the job does not say.
 _SETS_TOGETHER = 64
@@ -115,7 +115,8 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
 
 def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     """A search from its mapping; raises JobError with all that is wrong."""
-    wrong: list[Diagnostic] = []
+    wrong: list[Diagnostic]
+    data, wrong = plain(data), []
     search = data.get("search")
     if not isinstance(search, Mapping):
         text = "is missing" if search is None else f"is {found(search)}"
