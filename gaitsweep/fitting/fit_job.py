@@ -12,8 +12,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from gaitsweep import effort, near_miss
+from gaitsweep.engine.propose import own_steps
 from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.measures import MEASURES, Measure
+from gaitsweep.fitting.measures import MEASURES, FixedPoint, Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.config import Config
@@ -180,7 +181,15 @@ def read_fit_job(
             _refuse([Diagnostic(("run", "kind"), text)])
         columns = table_columns(job.plan, job.run)
         for name, measure in measures.items():
-            unknown = measure.wrong(columns, job.plan.model.gaits)
+            if isinstance(measure, FixedPoint):
+                unknown = measure.wrong_for(job.plan.model)
+                if own_steps(job.integration.method, job.plan.model) is not None:
+                    text = (
+                        "is fixed_point, but steps of fixed length give a return map no derivative: use rk4."
+                    )
+                    wrong.append(Diagnostic((field, listed, name, "kind"), text))
+            else:
+                unknown = measure.wrong(columns, job.plan.model.gaits)
             if unknown is not None:
                 key, value, allowed = unknown
                 text = f"is {value}, which is none{near_miss.suggestion(value, allowed)}"

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
+from gaitsweep.analysis.continuation import floquet
+from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status, Verdict
-from gaitsweep.kinds.numbers import InvalidValue, Text, checked, read_real
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
+from gaitsweep.kinds.numbers import CountOrZero, InvalidValue, Text, checked, read_real
 from gaitsweep.kinds.part import Part, Registry
 
 MOST_CONDITIONS = 10_000  # rows of one measure
 
+_MULTIPLIER, _UNSTABLE = "multiplier", "unstable"
 SOUND = Status.of(Verdict.sound)
 FAILED = Status.of(Verdict.failed)
 
@@ -65,6 +70,8 @@ SetRows = Mapping[str, np.ndarray]
 
 class Measure(Part):
     """A number that is measured of a set of constants."""
+
+    on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows
 
     at: At = Field(description="parameters and starts of its rows by name; lists multiply")
 
@@ -187,7 +194,61 @@ class Failures(Measure):
         return "1"
 
 
-MEASURES: Registry[Measure] = Registry("measure", [Value, Edge, Share, Failures])
+class FixedPoint(Measure):
+    """A fixed point of the return map near where a start leads: its multiplier, or an observable there.
+
+    It is found by Newton's method, so it may be unstable; the map needs located events.
+    """
+
+    on_map: ClassVar[bool] = True
+    kind: Literal["fixed_point"] = Field(
+        description="fixed_point: of the return map, by Newton's method: a multiplier or an observable"
+    )
+    of_: Text = Field(
+        alias="of",
+        description="multiplier (the largest modulus), unstable (how many exceed 1), or an observable",
+    )
+    settle: CountOrZero = Field(default=30, description="cycles before Newton's method begins")
+    fix: list[Text] = Field(default=[], description="conserved quantities that stay as they are")
+
+    def of_starts(self, mapping: BatchedReturnMap, values: SetRows, starts: SetRows, n: int) -> Measured:
+        """Its values for n sets, whose one condition has these parameters and starts (n,)."""
+        points, reached = mapping.settled(starts, values, self.settle)
+        fixed = newton(mapping, points, values, fix=self.fix)
+        found = np.full(n, np.nan)
+        there = np.flatnonzero(fixed.converged & (reached == ReturnStatus.crossed))
+        if there.size:
+            images = fixed.images
+            if self.of_ in images.observed:
+                found[there] = np.asarray(images.observed[self.of_], float)[there]
+            else:
+                names = [quantity.name for quantity in mapping.conserved]
+                held = images.conserved_jacobian[there][:, [names.index(name) for name in self.fix]]
+                size = np.abs(floquet.multipliers(images.jacobian[there], held))
+                found[there] = size[:, 0] if self.of_ == _MULTIPLIER else (size > 1.0).sum(axis=1)
+        why = np.where(np.isnan(found), "no fixed point found", "")
+        return Measured(found, why)
+
+    def unit(self, model: Model) -> str:
+        return {q.name: q.unit for q in model.observables}.get(self.of_, "1")
+
+    def circular(self, model: Model) -> bool:
+        return any(q.name == self.of_ and q.circular for q in model.observables)
+
+    def wrong_for(self, model: Model) -> tuple[str, str, Sequence[str]] | None:
+        """As `wrong`, of a model."""
+        if len(self.conditions) != 1:
+            return "at", "a list", ["one number for each name"]
+        allowed = [_MULTIPLIER, _UNSTABLE, *(q.name for q in model.observables)]
+        if self.of_ not in allowed:
+            return "of", self.of_, allowed
+        chart = model.chart()
+        names = [] if chart is None else [q.name for q in chart.conserved]
+        unknown = [name for name in self.fix if name not in names]
+        return ("fix", unknown[0], names or ["none"]) if unknown else None
+
+
+MEASURES: Registry[Measure] = Registry("measure", [Value, Edge, Share, Failures, FixedPoint])
 
 
 def _always(values: np.ndarray) -> Measured:

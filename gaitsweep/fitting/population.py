@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.engine.numerics import SHARE
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.measures import Measure, Measured
+from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
 from gaitsweep.job import Job
 from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
@@ -68,16 +69,9 @@ class Population:
         self._rows_of = {
             name: [places.setdefault(tuple(sorted(c.items())), len(places)) for c in measure.conditions]
             for name, measure in measures.items()
+            if not measure.on_map
         }
         self._conditions = list(places)
-
-    @property
-    def _alike(self) -> dict[tuple[str, ...], list[int]]:
-        """The conditions that set the same names; names that they do not set have the job's own value."""
-        alike: dict[tuple[str, ...], list[int]] = {}
-        for place, condition in enumerate(self._conditions):
-            alike.setdefault(tuple(name for name, _ in condition), []).append(place)
-        return alike
 
     @property
     def rows_of_a_set(self) -> int:
@@ -115,7 +109,10 @@ class Population:
             good = mine[refused == ""]
             for name, measure in self.measures.items():
                 found[name].why[mine] = refused
-                if good.size:
+                if measure.on_map:
+                    at_points = self._on_map(ready, constants, measure, mine.size, share)
+                    found[name].values[mine], found[name].why[mine] = at_points
+                elif good.size:
                     places = self._rows_of[name]
                     seen = measure.of_sets({k: v[:, places] for k, v in rows.items()}, ready.plan.model)
                     found[name].values[good], found[name].why[good] = seen
@@ -146,7 +143,9 @@ class Population:
     ) -> tuple[Values, np.ndarray]:
         """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or ""."""
         each = self.rows_of_a_set
-        params, starts, refused = self._values(ready, constants, n)
+        params, starts, refused = _values(ready, constants, self._conditions, n)
+        if not each:
+            return {}, refused
         starts[SHARE] = np.full(n * each, share)
         good = np.flatnonzero(refused == "")
         if not good.size:
@@ -178,7 +177,7 @@ class Population:
         assert self.run_elsewhere is not None
         n = next(iter(constants.values())).size
         found: Values = {}
-        for names, places in self._alike.items():
+        for names, places in _alike(self._conditions).items():
             given = [dict(self._conditions[place]) for place in places]
             written = ready.job.resolved()
             groups = [{name: column.tolist() for name, column in constants.items()}]
@@ -195,33 +194,58 @@ class Population:
                 whole[:, places] = seen.reshape(n, len(places))
         return found
 
-    def _values(self, ready: Prepared, constants: Values, n: int) -> tuple[Values, Values, np.ndarray]:
-        """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
-        each, model = self.rows_of_a_set, ready.plan.model
-        params = {q.name: np.empty(n * each) for q in model.parameters}
-        starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
-        refused = np.full(n, "", object)
-        for names, places in self._alike.items():
-            given = np.array([[value for _, value in self._conditions[place]] for place in places])
-            set_here = {name: Column(given[:, i].astype(float)) for i, name in enumerate(names)}
-            free = {name: Column(column.astype(float)) for name, column in constants.items()}
-            plan = rows_with(ready.plan, [free, set_here])
-            rows = np.arange(plan.n_rows)
-            there = plan.at(rows, [*params, *starts])
-            at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
-            for held in (params, starts):
-                for name, column in held.items():
-                    column[at] = there[name]
-            for quantity in (*model.parameters, *model.initial_conditions):
-                _note(
-                    refused,
-                    ~inside(there[quantity.name], quantity),
-                    len(places),
-                    f"{quantity.name} out of range",
-                )
-            too_long = longer_than_right(plan, ready.job.run, ready.work.numerics)
-            _note(refused, too_long, len(places), "steps too long")
-        return params, starts, refused
+    def _on_map(self, ready: Prepared, constants: Values, measure: Measure, n: int, share: float) -> Measured:
+        """What is measured of each of n sets on the return map."""
+        assert isinstance(measure, FixedPoint)
+        (condition,) = measure.conditions
+        params, starts, refused = _values(ready, constants, [tuple(sorted(condition.items()))], n)
+        found = Measured(np.full(n, np.nan), refused)
+        good = np.flatnonzero(refused == "")
+        if good.size:
+            work = ready.work
+            mapping = BatchedReturnMap(work.model, (), work.numerics, work.engine, share=share)
+            values, begun = ({k: column[good] for k, column in each.items()} for each in (params, starts))
+            found.values[good], found.why[good] = measure.of_starts(mapping, values, begun, good.size)
+        return found
+
+
+def _alike(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:
+    """The conditions that set the same names; names that they do not set have the job's own value."""
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for place, condition in enumerate(conditions):
+        alike.setdefault(tuple(name for name, _ in condition), []).append(place)
+    return alike
+
+
+def _values(
+    ready: Prepared, constants: Values, conditions: Sequence[Condition], n: int
+) -> tuple[Values, Values, np.ndarray]:
+    """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
+    each, model = len(conditions), ready.plan.model
+    params = {q.name: np.empty(n * each) for q in model.parameters}
+    starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
+    refused = np.full(n, "", object)
+    for names, places in _alike(conditions).items():
+        given = np.array([[value for _, value in conditions[place]] for place in places])
+        set_here = {name: Column(given[:, i].astype(float)) for i, name in enumerate(names)}
+        free = {name: Column(column.astype(float)) for name, column in constants.items()}
+        plan = rows_with(ready.plan, [free, set_here])
+        rows = np.arange(plan.n_rows)
+        there = plan.at(rows, [*params, *starts])
+        at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
+        for held in (params, starts):
+            for name, column in held.items():
+                column[at] = there[name]
+        for quantity in (*model.parameters, *model.initial_conditions):
+            _note(
+                refused,
+                ~inside(there[quantity.name], quantity),
+                len(places),
+                f"{quantity.name} out of range",
+            )
+        too_long = longer_than_right(plan, ready.job.run, ready.work.numerics)
+        _note(refused, too_long, len(places), "steps too long")
+    return params, starts, refused
 
 
 def rows_with(plan: Plan, groups: Sequence[Mapping[str, Column]]) -> Plan:

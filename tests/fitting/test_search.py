@@ -73,6 +73,22 @@ def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
     assert verdicts == {"kick": "too few sets to say", "stiffness": "free"}
 
 
+def test_multipliers_and_points_of_the_return_map(tmp_path: Path) -> None:
+    # launch speeds are u_n+1 = restitution u_n + kick: the multiplier is the restitution
+    targets = {
+        "slope": {"kind": "fixed_point", "of": "multiplier", "at": {"mass": 1}, "wanted": 0.5, "error": 0.01},
+        "speed": {"kind": "fixed_point", "of": "launch_1", "at": {"mass": 1}, "wanted": 1.6, "error": 0.01},
+        "unstable": {"kind": "fixed_point", "of": "unstable", "at": {"mass": 1}, "wanted": 0, "error": 1},
+    }
+    free = {"kick": [0.1, 3.0], "restitution": [0.1, 0.9]}
+    asked = job(free=free, targets=targets, method="sobol", budget=32, finalists=1)
+    del asked["params"]
+    table = gs.search(asked, tmp_path / "out").table
+    assert np.allclose(table["slope"], table["restitution"], atol=1e-6)
+    assert np.allclose(table["speed"], table["kick"] / (1.0 - table["restitution"]), rtol=1e-6)
+    assert (table["unstable"] == 0).all()
+
+
 def test_misses_are_the_distance_from_what_is_wanted(tmp_path: Path) -> None:
     table = gs.search(job(method="sobol", budget=64), tmp_path / "out").table
     speed = table["kick"] / (1.0 - RESTITUTION)
