@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,31 @@ class Population:
                     seen = measure.of_sets({k: v[:, places] for k, v in rows.items()}, ready.plan.model)
                     found[name].values[good], found[name].why[good] = seen
         return found
+
+    def of(self, names: Collection[str]) -> Population:
+        """The same sets, of which only these measures are taken."""
+        some = {name: measure for name, measure in self.measures.items() if name in names}
+        other = Population(self._job_of, self._structure, some)
+        other._ready, other.run_elsewhere = self._ready, self.run_elsewhere
+        return other
+
+    def measure_in_turn(
+        self, sets: Mapping[str, np.ndarray], first: Collection[str], progress: Tell = None
+    ) -> dict[str, Measured]:
+        """As `measure`, but the measures `first` before the others, which sets without all of these lack."""
+        begun = self.of(first).measure(sets, progress)
+        whole = np.all([each.why == "" for each in begun.values()], axis=0)
+        others = [name for name in self.measures if name not in begun]
+        found = {
+            name: Measured(np.full(whole.size, np.nan), np.full(whole.size, "", object)) for name in others
+        }
+        if others and whole.any():
+            rest = self.of(others).measure({name: each[whole] for name, each in sets.items()}, progress)
+            for name in others:
+                found[name].values[whole], found[name].why[whole] = rest[name]
+        for each in found.values():
+            each.why[~whole] = "not measured"
+        return {name: begun[name] if name in begun else found[name] for name in self.measures}
 
     def _by_structure(
         self, sets: Mapping[str, np.ndarray], n: int

@@ -177,7 +177,11 @@ class _Search:
             points = self.optimiser.ask(stop - first)
             sets = sets_at(self.job.free, points)
             if number in missing:
-                measured = self.population.measure(sets, self._telling(first, before, began))
+                tell = self._telling(first, before, began)
+                if self.job.choice.first:
+                    measured = self.population.measure_in_turn(sets, self.job.choice.first, tell)
+                else:
+                    measured = self.population.measure(sets, tell)
                 frame = self._frame(number, first, sets, measured)
                 self.directory.write_part(number, frame)
                 seconds = self.spent + time.perf_counter() - began
@@ -196,7 +200,7 @@ class _Search:
         each = self.population.rows_of_a_set
 
         def tell(now: SweepProgress) -> None:
-            done = first + int(now.share * now.rows / each)
+            done = first + int(now.share * now.rows / each)  # at most: rows that are not needed are left out
             rate = (done - before) / max(time.perf_counter() - began, 1e-9)
             best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
             note = f"{best}{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"

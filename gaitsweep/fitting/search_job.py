@@ -12,13 +12,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from gaitsweep import near_miss
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.targets import Aim, Target
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
-from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, word
+from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, Text, word
 from gaitsweep.kinds.part import Part, plain
 
 # Sets that are measured together where the job does not say.
@@ -41,6 +42,11 @@ class Choice(Part):
     start: CountOrZero | None = Field(
         default=None,
         description="sets of a Sobol sequence with which cma begins; by default a tenth of the budget",
+    )
+    first: list[Text] = Field(
+        default=[],
+        description="targets that are measured first: a set without a value for one of them is not measured "
+        "further, which saves the time of sets that fall or never settle",
     )
     seed: Seed = Field(default=0, description="seed of all that is drawn")
     finalists: CountOrZero = Field(
@@ -139,6 +145,10 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     job = SearchJob(fit, targets, choice, {key: value for key, value in data.items() if value is not None})
     if not job.counted:
         raise JobError([Diagnostic(("search", "targets"), "are all held back: one of them has to count.")])
+    for place, name in enumerate(choice.first):
+        if name not in targets:
+            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+            raise JobError([Diagnostic(("search", "first", place), text)])
     if choice.method == "nsga3" and len(job.counted) < 2:
         text = "is nsga3, which needs two targets or more that count: take cma."
         raise JobError([Diagnostic(("search", "method"), text)])

@@ -151,9 +151,27 @@ def test_failed_sets_stay_in_the_table(tmp_path: Path) -> None:
     assert (table.loc[fell, f"{MISS}speed"] == FAILED_MISS).all()
 
 
+def test_sets_that_fail_first_are_not_measured_further(tmp_path: Path) -> None:
+    asked = job(method="sobol", budget=64)
+    asked["params"]["ceiling"] = 0.5
+    low = {**TOY["search"]["targets"]["speed"], "at": {"ceiling": 1000.0}}
+    asked["search"]["targets"]["low"] = low
+    del asked["params"]["ceiling"]
+    asked["search"]["targets"]["apex"]["at"] = {"ceiling": 0.5}
+    whole = gs.search(asked, tmp_path / "whole").table
+    asked["search"]["first"] = ["apex"]
+    turned = gs.search(asked, tmp_path / "turned").table
+    fell = turned["apex"].isna()
+    assert 0 < fell.sum() < 64
+    assert turned.loc[fell, "low"].isna().all()
+    assert turned.loc[fell, "why"].str.contains("low: not measured").all()
+    assert_frame_equal(turned[~fell], whole[~fell], check_exact=True)
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
+        ({"first": ["speeed"]}, "search.first[0] is speeed, which is no target; did you mean speed?"),
         ({"free": {}}, "search.free is an empty mapping"),
         ({"free": {"kicks": [0, 1]}}, "search.free.kicks is not a parameter or start value of toy; did you"),
         ({"free": {"kick": [2, 1]}}, "goes from 2 to 1: low is below high"),
