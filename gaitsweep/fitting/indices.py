@@ -19,6 +19,7 @@ _FEWEST_TRAJECTORIES = 4
 _FEWEST_GIVEN = 100  # rows of RBD-FAST, which sums ten harmonics
 # Mean resultant length of angles below which they lie so far around the circle that a cut matters.
 _SPREAD = 0.5
+_OWN_SET = "the job's own values"
 
 COLUMNS = ("method", "output", "parameter", "index", "value", "confidence", "rows", "unit", "note")
 # The index by which parameters are sorted, and the others, by method.
@@ -95,10 +96,10 @@ def _importance(found: Mapping[str, _Index]) -> float:
     """By what a parameter is sorted: the largest change, mu_star, ST, or S1 where there is no ST."""
     changes = [abs(each.value) for name, each in found.items() if name.startswith("change")]
     main = [found[name].value for name in ("mu_star", "ST", "S1") if name in found]
-    known = [each for each in (changes or main) if np.isfinite(each)]
+    known = [each for each in (*changes, *main) if np.isfinite(each)]
     if not known:
         return -np.inf
-    return max(changes, default=known[0]) if not changes else max(known)
+    return max(known) if changes else known[0]
 
 
 def _on_line(output: Output) -> tuple[np.ndarray, str]:
@@ -133,13 +134,7 @@ def _changes(design: Design, output: Output) -> dict[str, dict[str, _Index]]:
         for word, place in (("low", low), ("middle", middle), ("high", high)):
             if word == "middle" and place == 0:
                 continue
-            where = (
-                "the job's own set"
-                if not np.isfinite(y[0])
-                else f"the {word} end"
-                if word != "middle"
-                else "the middle"
-            )
+            where = {"middle": "the middle"}.get(word, f"the {word} end") if np.isfinite(y[0]) else _OWN_SET
             value = change(place, 0)
             why = "" if np.isfinite(value) else f"no value at {where}"
             found[f"change_{word}"] = _Index(value, np.nan, 2, why)
@@ -154,7 +149,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _In
     if circular:
         why = "an angle has no zero, to which a change could be relative"
     elif not np.isfinite(dy) or not np.isfinite(y):
-        why = "no value at one of the ends, or of the job's own set"
+        why = f"no value at one of the ends, or at {_OWN_SET}"
     elif x == 0.0 or y == 0.0:
         why = f"the job's own {'parameter' if x == 0.0 else 'output'} is 0"
     else:
@@ -268,7 +263,7 @@ def _constant(y: np.ndarray) -> bool:
 
 @contextlib.contextmanager
 def _seeded(seed: int) -> Iterator[None]:
-    """A context for SALib, which takes seed 0 for none and then draws from NumPy's generator of the process."""
+    """A context for SALib, which takes seed 0 for none and then draws from NumPy's global generator."""
     state = np.random.get_state()
     np.random.seed(seed % 2**32)
     try:

@@ -118,7 +118,7 @@ class SensitivityJob:
             "job": job_hash,
             "block": block,
             "sets": {name: column.tolist() for name, column in self.design.sets.items()},
-            "outputs": {name: measure.model_dump(mode="json") for name, measure in self.outputs.items()},
+            "outputs": {name: dict(measure) for name, measure in self.outputs.items()},
         }
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
 
@@ -261,7 +261,7 @@ def _read_analysis(
 
 
 def _own_values(fit: FitJob) -> FitJob:
-    """The job with its own values of all parameters that have one, the others in the middle of their ranges."""
+    """The job with its own values of all parameters; a start without one is in the middle of its range."""
     needed = {
         name: each
         for name, each in fit.free.items()
