@@ -1,11 +1,11 @@
 """A model whose settled state is a known function of its parameters: indices of sensitivity in closed form.
 
-Two numbers y run to their targets, y' = 30 (target - y) per second, and the section is the end of each second,
-so that they are there to e^-30 at the first crossing. The targets are Ishigami's function and a linear one:
+Two numbers y run to their targets, y' = 30 (target - y) per second. The section is the end of each second, so
+that they are there to e^-30 at the first crossing. The targets are Ishigami's function and a linear one:
 
     sin x_1 + 7 sin^2 x_2 + 0.1 x_3^4 sin x_1,        x_1 + 2 x_2 - 0.5 x_3
 
-An angle is a third of the linear one, before 0 and after it. A row counts as fallen where x_1 > limit.
+An angle is a third of the linear one, which goes through 0. A row counts as fallen where x_1 > limit.
 """
 
 from __future__ import annotations

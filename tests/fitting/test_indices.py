@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from response_model import A, B, COEFFICIENTS, ishigami, ishigami_indices
+from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
 
 from gaitsweep.fitting.designs import Design, design_of
 from gaitsweep.fitting.free import Free
