@@ -7,6 +7,7 @@ import math
 import pandas as pd
 
 from gaitsweep.cli.show import counts
+from gaitsweep.fitting.indices import INDICES
 from gaitsweep.fitting.sensitivity import FIGURE, INDICES_FILE, Sensitivity
 from gaitsweep.table.manifest import FIGURES, TABLE
 
@@ -29,7 +30,8 @@ def _of_output(output: str, indices: pd.DataFrame) -> list[str]:
     first = indices.iloc[0]
     units = {str(unit) for unit in indices["unit"]} - {"1"}
     unit = f" ({units.pop()})" if len(units) == 1 else ""
-    names = list(dict.fromkeys(indices["index"]))
+    known = set(indices["index"][indices["value"].notna()])  # why others have no value stands below
+    names = [name for name in INDICES[first["method"]] if name in known]
     rows = [["", *names]]
     for parameter, own in indices.groupby("parameter", sort=False):
         by_index = {each["index"]: each for each in own.to_dict("records")}
