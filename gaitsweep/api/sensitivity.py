@@ -34,6 +34,7 @@ def sensitivity(
     start: Mapping[str, Any] | None = None,
     numerics: Mapping[str, Any] | None = None,
     engine: str | Mapping[str, Any] | None = None,
+    verify: int | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     **values: Any,
@@ -53,6 +54,7 @@ def sensitivity(
         out: the result directory; a stopped analysis goes on there. Without it the result is in memory, but
             that of a job file goes to `results/NAME`.
         params, start, numerics, engine: as for `gaitsweep.sweep`.
+        verify: sets that are measured again at half the step; 32 by default, 0: none.
         overrides: settings for a job file, such as "sensitivity.n=64".
         progress: called now and then with sets done, sets in all, sets a second, the share done, a remark.
         values: parameters and start values by name, numbers or formulas.
@@ -64,7 +66,7 @@ def sensitivity(
     """
     if isinstance(model, Path) or (isinstance(model, str) and model.endswith((".yaml", ".yml"))):
         given = {"parameters": parameters, "outputs": outputs, "n": n, "run": run, "params": params}
-        given |= {"start": start, "numerics": numerics, "engine": engine, **values}
+        given |= {"start": start, "numerics": numerics, "engine": engine, "verify": verify, **values}
         stray = next((name for name, value in given.items() if value is not None), None)
         if stray is not None:
             raise ArgumentError(f"{stray} stands in the job file {model}: change it there, or by overrides.")
@@ -79,6 +81,7 @@ def sensitivity(
         start=start,
         numerics=numerics,
         engine={"name": engine} if isinstance(engine, str) else engine,
+        verify=verify,
     )
     axes = fields.pop("vary")
     if axes:

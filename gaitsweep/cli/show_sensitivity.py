@@ -19,6 +19,8 @@ def outcome(found: Sensitivity) -> str:
     lines = [f"{len(found.table)} sets: {counts(by_status)}."]
     for output, indices in found.indices.groupby("output", sort=False):
         lines += ["", *_of_output(str(output), indices)]
+    if found.half_step is not None and not found.half_step.many:  # else it was a warning
+        lines += ["", found.half_step.sentence]
     if found.path is not None:
         files = {"Table": TABLE, "Indices": INDICES_FILE, "Figure": f"{FIGURES}/{FIGURE}"}
         lines += ["", *(f"{name}: {found.path / file}" for name, file in files.items())]

@@ -71,7 +71,7 @@ def indices(design: Design, outputs: Mapping[str, Output], seed: int) -> pd.Data
     """
     parts = []
     for name, output in outputs.items():
-        values, note = _on_line(output)
+        values, note = unwrapped(output), _remark(output)
         if design.method == "one_at_a_time":
             method, of = "one_at_a_time", _changes(design, output)
         elif design.method == "morris":
@@ -102,17 +102,24 @@ def _importance(found: Mapping[str, _Index]) -> float:
     return max(known) if changes else known[0]
 
 
-def _on_line(output: Output) -> tuple[np.ndarray, str]:
-    """The values of an output, angles unwrapped around their circular mean, and a remark on them."""
-    if not output.circular:
-        return output.values, ""
-    known = output.values[np.isfinite(output.values)]
-    if not known.size:
-        return output.values, ""
-    resultant = np.mean(np.exp(1j * known))
-    mean = np.angle(resultant)
-    note = "" if np.abs(resultant) >= _SPREAD else "angles all around the circle, cut opposite to their mean"
-    return mean + wrapped_difference(output.values - mean), note
+def unwrapped(output: Output) -> np.ndarray:
+    """The values of an output, angles in the turn around their circular mean."""
+    if not output.circular or not np.isfinite(output.values).any():
+        return output.values
+    mean = np.angle(_resultant(output))
+    return mean + wrapped_difference(output.values - mean)
+
+
+def _resultant(output: Output) -> complex:
+    """The mean of angles as points of the unit circle."""
+    return complex(np.nanmean(np.exp(1j * output.values)))
+
+
+def _remark(output: Output) -> str:
+    """A remark on angles that a cut parts anywhere."""
+    if not output.circular or not np.isfinite(output.values).any() or abs(_resultant(output)) >= _SPREAD:
+        return ""
+    return "angles all around the circle, cut opposite to their mean"
 
 
 def _missing(names: tuple[str, ...], why: str, rows: int) -> dict[str, _Index]:

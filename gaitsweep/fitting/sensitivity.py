@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.indices import Output, indices
+from gaitsweep.fitting.indices import Output, indices, unwrapped
 from gaitsweep.fitting.measures import Measure, Measured
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
@@ -35,17 +36,49 @@ FIGURE = "sensitivity.png"
 _STATUSES = ["complete", "failed"]
 
 
+# Share of an output's standard deviation by which a set may differ at half the step.
+SMALL = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class HalfStep:
+    """What some sets give at half the step, beside the table.
+
+    `differ`: by output, the sets that differ by more than SMALL of its standard deviation, or that have a
+    value at one of the steps only; `largest`: the largest difference, in the output's unit.
+    """
+
+    sets: int
+    differ: dict[str, int]
+    largest: dict[str, float]
+
+    @property
+    def many(self) -> bool:
+        """Whether more than a tenth of the sets differ."""
+        return max(self.differ.values()) > 0.1 * self.sets
+
+    @property
+    def sentence(self) -> str:
+        """How many sets differ, by output, and by how much at most."""
+        far = [f"{name} in {n} (at most {self.largest[name]:.2g})" for name, n in self.differ.items() if n]
+        than = "by more than a tenth of the output's standard deviation"
+        if not far:
+            return f"At half the step none of {self.sets} sets differs {than}."
+        return f"At half the step, of {self.sets} sets, these differ {than}: {', '.join(far)}."
+
+
 @dataclasses.dataclass(frozen=True)
 class Sensitivity:
     """What a sensitivity analysis gave.
 
     `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
     parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
-    `path` is the result directory, None of a result in memory.
+    `half_step` says what some sets give at half the step; `path` is the result directory, None in memory.
     """
 
     table: pd.DataFrame
     indices: pd.DataFrame
+    half_step: HalfStep | None = None
     path: Path | None = None
 
     def figure(self) -> Figure:
@@ -93,8 +126,12 @@ def run_sensitivity(
         if not directory.manifest.get("complete"):
             directory.tidy_digests()
             directory.update_manifest(counts=directory.counts(), complete=True)
+        table = load(path)
+        half_step = _at_half_the_step(job, population, directory, table, progress)
+        if half_step is not None and half_step.many:
+            tell(f"Warning: {half_step.sentence}")
         progress(n, n, 0.0, 1.0, "indices")
-        found = _analysed(job, path, ready.plan.model)
+        found = dataclasses.replace(_analysed(job, table, ready.plan.model), path=path, half_step=half_step)
         _write(found, path)
     return found
 
@@ -186,9 +223,47 @@ def _meaning(measure: Measure) -> str:
     return f"{' '.join((fields['kind'], *words))}, at {at}"
 
 
-def _analysed(job: SensitivityJob, path: Path, model: Model) -> Sensitivity:
+def _at_half_the_step(
+    job: SensitivityJob,
+    population: Population,
+    directory: ResultDirectory,
+    table: pd.DataFrame,
+    progress: Progress,
+) -> HalfStep | None:
+    """What some sets give at half the step, now or when it was asked before; None where none are asked."""
+    n, ready = len(table), population.prepared({})
+    model, asked = ready.plan.model, min(ready.job.verify, n)
+    known = directory.manifest.get("half_step")
+    if isinstance(known, dict) and known.get("sets") == asked:
+        return HalfStep(**known)
+    if asked == 0:
+        return None
+
+    def tell(now: SweepProgress) -> None:
+        progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
+
+    rows = np.unique(np.linspace(0, n - 1, asked).round().astype(int))
+    sets = {name: column[rows] for name, column in job.design.sets.items()}
+    again = _records(0, sets, list(job.outputs), population.measure(sets, tell, 0.5))
+    differ, largest = {}, {}
+    for name, measure in job.outputs.items():
+        before, after = table[name].to_numpy(float)[rows], again[name].to_numpy(float)
+        values = unwrapped(Output(table[name].to_numpy(float), "", measure.circular(model)))
+        apart = after - before
+        if measure.circular(model):
+            apart = wrapped_difference(apart)
+        lost = np.isnan(before) != np.isnan(after)
+        both = np.isfinite(apart)
+        limit = SMALL * np.nanstd(values) if np.isfinite(values).any() else 0.0
+        differ[name] = int(lost.sum() + (np.abs(apart[both]) > limit).sum())
+        largest[name] = float(np.abs(apart[both]).max(initial=0.0))
+    found = HalfStep(asked, differ, largest)
+    directory.update_manifest(half_step=dataclasses.asdict(found))
+    return found
+
+
+def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensitivity:
     """The indices of a complete table; the failures are an output of their own where there are some."""
-    table = load(path)
     outputs = {
         name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
         for name, measure in job.outputs.items()
@@ -198,7 +273,7 @@ def _analysed(job: SensitivityJob, path: Path, model: Model) -> Sensitivity:
         outputs[FAILURES] = Output(failed.astype(float))
     found = indices(job.design, outputs, job.analysis.seed)
     found.attrs["quantities"] = _quantities(job, model)
-    return Sensitivity(table, found, path)
+    return Sensitivity(table, found)
 
 
 def _write(found: Sensitivity, path: Path) -> None:

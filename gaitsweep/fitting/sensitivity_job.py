@@ -103,7 +103,7 @@ class SensitivityJob:
         kept = {
             name: value
             for name, value in job.resolved(engine=engine).items()
-            if name not in ("vary", "figures", "verify")
+            if name not in ("vary", "figures")
         }
         return {**kept, "sensitivity": self.written}
 
@@ -149,14 +149,10 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
         text = "is missing" if written is None else f"is {found(written)}"
         needs = f"{text}: it has parameters, outputs, method, and n."
         raise JobError([Diagnostic(("sensitivity",), needs)])
-    if data.get("verify") is not None:
-        text = "has no place beside sensitivity, whose sets are not run again at half the step: take it out."
-        wrong.append(Diagnostic(("verify",), text))
     ranges, shares = _read_parameters(written.get("parameters"), wrong)
     outputs = _read_outputs(written.get("outputs"), {*ranges, *shares}, wrong)
     analysis = _read_analysis(written, ranges, wrong)
-    job = {key: value for key, value in data.items() if key != "verify"}
-    fit = read_fit_job("sensitivity", job, folder, ranges, outputs, "outputs", wrong)
+    fit = read_fit_job("sensitivity", data, folder, ranges, outputs, "outputs", wrong)
     assert analysis is not None  # else it was refused
     base = _own_values(fit).job_of({})
     for name in shares:

@@ -20,7 +20,7 @@ _DRAWN = {
     "rbd_fast": {"S1": "$S_1$, alone (RBD-FAST)"},
 }
 _ACROSS = 3  # panels beside each other
-_ROW, _REST = 0.26, 1.0  # inches: of a parameter, and of a panel's title and axis
+_ROW, _REST = 0.2, 0.9  # inches: of a parameter, and of a panel's title and axis
 
 
 def sensitivity_figure(indices: pd.DataFrame) -> Figure:
@@ -32,7 +32,7 @@ def sensitivity_figure(indices: pd.DataFrame) -> Figure:
     """
     outputs = list(dict.fromkeys(indices["output"]))
     parameters = len(set(indices["parameter"]))
-    across = min(_ACROSS, len(outputs))
+    across = 2 if len(outputs) == 4 else min(_ACROSS, len(outputs))
     down = -(-len(outputs) // across)
     bars = max(len(_DRAWN[method]) for method in set(indices["method"]))
     height = down * (_REST + parameters * _ROW * max(1.0, 0.6 * bars)) + 0.35
@@ -79,12 +79,12 @@ def _panel(axes: Axes, here: pd.DataFrame, indices: pd.DataFrame) -> dict[str, A
             values,
             thick,
             xerr=None if np.isnan(half).all() else np.nan_to_num(half),
-            color=SPARE_COLOURS[(1, 0)[number]],
+            color=SPARE_COLOURS[2 if method == "rbd_fast" else (1, 0)[number]],
             error_kw={"elinewidth": 0.8, "capsize": 1.5},
         )
     axes.axvline(0.0, color="black", linewidth=0.6)
     axes.set_yticks(place, [symbol(indices, name) for name in names])
-    axes.invert_yaxis()
+    axes.set_ylim(len(names) - 0.45, -0.55)
     unit = here["unit"].iloc[0]
     what = {"one_at_a_time": "change", "morris": "effect of the whole range"}.get(method)
     if what is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -205,7 +206,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "n without a use": ({"method": "one_at_a_time"}, "n has no place with one_at_a_time"),
     "a field": ({"outptus": {}}, "outptus is not a field of sensitivity; did you mean outputs?"),
     "an axis": ({"top": {"vary": {"x_1": [1, 2]}}}, "vary has no place beside sensitivity"),
-    "a self-check": ({"top": {"verify": 8}}, "verify has no place beside sensitivity"),
     "a run of many records": (
         {"top": {"run": {"kind": "return_map", "crossings": 3}}},
         "run.kind is return_map",
@@ -254,3 +254,52 @@ def test_keywords_are_checked(tmp_path: Path) -> None:
         gs.sensitivity(response_model.Response, x_1=[1.0, 2.0], y_0=0.0)
     with pytest.raises(ArgumentError, match="overrides are for a job file"):
         gs.sensitivity(response_model.Response, overrides=["a=1"])
+
+
+@pytest.mark.parametrize(("far", "differ"), [(0.0, 0), (1.0e8, 8)])
+def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> None:
+    """Steps of 50 ms leave 5e-12 of the start after a second, so 5e-4 of 1e8, and half the steps 1e-5."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        found = gs.sensitivity(
+            response_model.Response,
+            parameters={"x_1": [0.0, 1.0e-3], "x_2": [0.0, 1.0e-3]},
+            outputs={"straight": {"kind": "value", "of": "linear", "at": {"y_0": far}}},
+            method="morris",
+            n=8,
+            run=gs.FixedTime(duration=1.5),
+            numerics={"method": "rk4", "dt": 0.05},
+            verify=8,
+            x_3=0.0,
+        )
+    assert found.half_step is not None
+    assert (found.half_step.sets, found.half_step.differ) == (8, {"straight": differ})
+    assert 1e-12 * far <= found.half_step.largest["straight"] <= 1e-11 * far + 1e-9
+    assert ["At half the step, of 8 sets" in str(each.message) for each in told] == [True] * (differ > 0)
+
+
+@pytest.mark.slow
+def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
+    """Ambe 2021, eq. (17): the lag between inner legs is (1 - beta) pi (2 - (3 m_B - m) g / (kappa a))."""
+    found = gs.sensitivity(
+        gs.models.MultileggedReduced(N=3),
+        parameters={"m_B": "5%", "kappa": "5%", "beta": "2%", "omega": "20%"},
+        outputs={
+            "lag": {"kind": "value", "of": "psi_2", "at": {"psi_1": 1.0, "psi_2": 1.0, "psi_3": 1.0}},
+        },
+        method="morris",
+        n=4,
+        run=gs.Settle(max_cycles=300, tolerance=1.0e-9),
+        verify=0,
+    )
+    x = found.table
+    exact = (1.0 - x["beta"]) * np.pi * (2.0 - (3.0 * x["m_B"] - 1.0) * 9.8 / (x["kappa"] * 0.4))
+    np.testing.assert_allclose(x["lag"], exact, atol=1e-8)
+    mu = found.indices[found.indices["index"] == "mu"].set_index("parameter")["value"]
+    assert list(mu.index) == ["beta", "m_B", "kappa", "omega"]
+    # the effect of the range of beta, .032, with the others anywhere in theirs
+    steepest = (
+        -0.032 * np.pi * (2.0 - (3.0 * np.array([0.855, 0.945]) - 1.0) * 9.8 / (np.array([105, 95]) * 0.4))
+    )
+    assert steepest[0] < mu["beta"] < steepest[1]
+    assert abs(mu["omega"]) < 1e-8
