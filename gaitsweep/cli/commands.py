@@ -264,18 +264,33 @@ def models(name: Annotated[str | None, typer.Argument(metavar="[NAME]")] = None)
 @app.command()
 def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")]) -> None:
     """Check jobs without running them, a line each."""
-    from gaitsweep.job import JobError, load_job
+    from gaitsweep.job import JobError
 
     bad = 0
     for job_file in job_files:
         try:
-            rows = load_job(job_file).plan.n_rows
-            print(f"{job_file}: good, {rows} row{'s' * (rows != 1)}")
+            print(f"{job_file}: good, {_size_of(job_file)}")
         except JobError as error:
             bad += 1
             print(error, file=sys.stderr)
     if bad:
         raise typer.Exit(2)
+
+
+def _size_of(job_file: Path) -> str:
+    """How many rows a job has, or sets of constants; raises JobError where it is bad."""
+    from gaitsweep.fitting.search_job import load_search
+    from gaitsweep.fitting.sensitivity_job import load_sensitivity
+    from gaitsweep.job import load_job
+    from gaitsweep.job.yaml_document import read_document
+
+    fields = read_document(job_file).data
+    if "search" in fields:
+        return f"{load_search(job_file).choice.budget} sets"
+    if "sensitivity" in fields:
+        return f"{load_sensitivity(job_file).design.n_rows} sets"
+    rows = load_job(job_file).plan.n_rows
+    return f"{rows} row{'s' * (rows != 1)}"
 
 
 @app.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -158,26 +158,23 @@ def _measure(
             progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
 
         part = {name: column[first:last] for name, column in sets.items()}
-        measured = population.measure(part, tell)
-        directory.write_part(number, _records(first, part, list(job.outputs), measured))
+        directory.write_part(number, _records(first, part, population.measure(part, tell)))
         directory.update_manifest(timings={"run_s": spent + time.perf_counter() - began})
 
 
-def _records(
-    first: int, sets: dict[str, np.ndarray], outputs: list[str], measured: list[dict[str, Measured]]
-) -> pd.DataFrame:
+def _records(first: int, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]) -> pd.DataFrame:
     """The records of sets: their status, and why outputs have no value."""
+    n = next(iter(sets.values())).size
     why = [
-        "; ".join(f"{name}: {each[name].why}" for name in outputs if math.isnan(each[name].value))
-        for each in measured
+        "; ".join(f"{name}: {each.why[i]}" for name, each in measured.items() if math.isnan(each.values[i]))
+        for i in range(n)
     ]
-    status = pd.Categorical(["failed" if each else "complete" for each in why], _STATUSES)
     return pd.DataFrame(
         {
-            "row": first + np.arange(len(measured), dtype=np.int64),
-            "status": status,
+            "row": first + np.arange(n, dtype=np.int64),
+            "status": pd.Categorical(["failed" if each else "complete" for each in why], _STATUSES),
             **sets,
-            **{name: np.array([each[name].value for each in measured]) for name in outputs},
+            **{name: each.values for name, each in measured.items()},
             "why": why,
         }
     )
@@ -244,10 +241,10 @@ def _at_half_the_step(
 
     rows = np.unique(np.linspace(0, n - 1, asked).round().astype(int))
     sets = {name: column[rows] for name, column in job.design.sets.items()}
-    again = _records(0, sets, list(job.outputs), population.measure(sets, tell, 0.5))
+    again = population.measure(sets, tell, 0.5)
     differ, largest = {}, {}
     for name, measure in job.outputs.items():
-        before, after = table[name].to_numpy(float)[rows], again[name].to_numpy(float)
+        before, after = table[name].to_numpy(float)[rows], again[name].values
         values = unwrapped(Output(table[name].to_numpy(float), "", measure.circular(model)))
         apart = after - before
         if measure.circular(model):

@@ -74,6 +74,14 @@ def test_morris_of_simulated_rows(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["sensitivity", str(tmp_path / "out" / "job.yaml"), "--out", str(tmp_path / "out")]) == 0
 
 
+def test_check_counts_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = written(tmp_path, JOB, "good.yaml"), written(tmp_path, JOB.replace("x_1: [", "x_9: ["))
+    assert main(["check", str(good), str(bad)]) == 2
+    out, err = capsys.readouterr()
+    assert out == f"{good}: good, 40 sets\n"
+    assert "sensitivity.parameters.x_9 is not a parameter" in err
+
+
 def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     """Parts of 32 sets, a row each, since both outputs have the same conditions."""
     job = load_sensitivity(written(tmp_path, JOB, "job.yaml"), ["sensitivity.outputs.straight.at.y_0=1.0"])
