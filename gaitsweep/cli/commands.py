@@ -279,15 +279,17 @@ def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")
 
 def _size_of(job_file: Path) -> str:
     """How many rows a job has, or sets of constants; raises JobError where it is bad."""
-    from gaitsweep.fitting.search_job import load_search
-    from gaitsweep.fitting.sensitivity_job import load_sensitivity
     from gaitsweep.job import load_job
     from gaitsweep.job.yaml_document import read_document
 
     fields = read_document(job_file).data
     if "search" in fields:
+        from gaitsweep.fitting.search_job import load_search
+
         return f"{load_search(job_file).choice.budget} sets"
     if "sensitivity" in fields:
+        from gaitsweep.fitting.sensitivity_job import load_sensitivity
+
         return f"{load_sensitivity(job_file).design.n_rows} sets"
     rows = load_job(job_file).plan.n_rows
     return f"{rows} row{'s' * (rows != 1)}"

@@ -189,7 +189,7 @@ def _describe(job: SensitivityJob, ready: Prepared, directory: ResultDirectory) 
         precision=ready.work.numerics.precision,
         method=ready.work.numerics.method,
         quantities=_quantities(job, model),
-        versions=provenance.versions(),
+        versions=provenance.versions() | {"SALib": provenance.version_of("SALib")},
         git_commit=provenance.git_commit(),
     )
 

@@ -41,6 +41,7 @@ FAILURES = "failures"
 # Columns of the table of sets, beside parameters and outputs.
 COLUMNS = ("row", "status", "why")
 _PER_CENT = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*%\s*")
+MOST_SETS = 10**7
 _FEWEST = {"morris": 4, "sobol": 8}  # trajectories, base points
 
 
@@ -151,7 +152,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
         raise JobError([Diagnostic(("sensitivity",), needs)])
     ranges, shares = _read_parameters(written.get("parameters"), wrong)
     outputs = _read_outputs(written.get("outputs"), {*ranges, *shares}, wrong)
-    analysis = _read_analysis(written, ranges, wrong)
+    analysis = _read_analysis(written, ranges, len(ranges) + len(shares), wrong)
     fit = read_fit_job("sensitivity", data, folder, ranges, outputs, "outputs", wrong)
     assert analysis is not None  # else it was refused
     base = _own_values(fit).job_of({})
@@ -224,8 +225,9 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
 
 
 def _read_analysis(
-    written: Mapping[str, Any], ranges: Mapping[str, Free], wrong: list[Diagnostic]
+    written: Mapping[str, Any], ranges: Mapping[str, Free], k: int, wrong: list[Diagnostic]
 ) -> Analysis | None:
+    """The analysis of k parameters, of which some have ranges; what is wrong is added to `wrong`."""
     rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
     for key in [key for key in rest if key not in Analysis.model_fields]:
         allowed = ["parameters", "outputs", *Analysis.model_fields]
@@ -249,6 +251,8 @@ def _read_analysis(
         below = 2 ** (n.bit_length() - 1)
         text = f"is {n}, but sobol takes a power of two, which keeps its points even: {below} or {2 * below}."
         wrong.append(Diagnostic(path, text))
+    elif (sets := n * (k + (1 if method == "morris" else 2))) > MOST_SETS:
+        wrong.append(Diagnostic(path, f"is {n}, which makes {sets} sets; there are at most {MOST_SETS}."))
     for name, each in ranges.items():
         if method == "morris" and each.whole:
             text = "is whole, but the steps of morris are shares of a range: take sobol or one_at_a_time."

@@ -211,6 +211,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no n": ({"n": None}, "n is missing: the number of trajectories."),
     "few": ({"n": 2}, "n is 2, but morris takes at least 4 trajectories."),
     "no power of two": ({"method": "sobol", "n": 100}, "n is 100, but sobol takes a power of two"),
+    "too many": ({"n": 10**8}, "n is 100000000, which makes 400000000 sets; there are at most 10000000."),
     "n without a use": ({"method": "one_at_a_time"}, "n has no place with one_at_a_time"),
     "a field": ({"outptus": {}}, "outptus is not a field of sensitivity; did you mean outputs?"),
     "an axis": ({"top": {"vary": {"x_1": [1, 2]}}}, "vary has no place beside sensitivity"),
