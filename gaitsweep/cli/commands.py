@@ -230,10 +230,15 @@ def plot(directory: Directory) -> None:
     for path in paths:
         print(path)
     if not paths:
-        print(
-            f"The job of {directory} asks for no figure: add `figures:` to it and run it again.",
-            file=sys.stderr,
-        )
+        from gaitsweep.table import Snapshot
+
+        job = Snapshot.of(directory).job
+        command = next((name for name in ("search", "sensitivity") if name in job), None)
+        if command is None:
+            text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
+        else:
+            text = f"The figures of {directory} are drawn by `gaitsweep {command}`: run it again."
+        print(text, file=sys.stderr)
 
 
 app.command()(animate)
