@@ -109,7 +109,7 @@ def run_sensitivity(
     progress = progress or (lambda *_, **__: None)
     population = job.population()
     ready = population.prepared({})
-    n, rows = job.design.n_rows, population.rows_of_a_set
+    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point takes no row
     block = min(n, max(1, rows_of_a_part(ready.job.engine.block, n * rows) // rows))
     resolved = job.resolved(ready.job, ready.engine)
     if ready.note is not None:

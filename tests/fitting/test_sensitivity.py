@@ -312,3 +312,23 @@ def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
     )
     assert steepest[0] < mu["beta"] < steepest[1]
     assert abs(mu["omega"]) < 1e-8
+
+
+def test_a_fixed_point_is_an_output_too() -> None:
+    """It takes no row of the run; the linear function there has its coefficients as effects."""
+    found = gs.sensitivity(
+        response_model.Response,
+        parameters={"x_1": [-1.0, 1.0], "x_2": [-1.0, 1.0]},
+        outputs={"there": {"kind": "fixed_point", "of": "linear", "at": {"y_0": 0.0}, "settle": 1}},
+        method="one_at_a_time",
+        run=gs.FixedTime(duration=1.5),
+        verify=2,
+        x_1=0.5,
+        x_2=0.0,
+        x_3=0.0,
+    )
+    assert list(found.table["why"]) == [""] * 6
+    high = found.indices[found.indices["index"] == "change_high"].set_index("parameter")["value"]
+    np.testing.assert_allclose(high.loc[["x_1", "x_2"]], [0.5, 2.0], rtol=1e-7)
+    assert found.half_step is not None
+    assert found.half_step.differ == {"there": 0}
