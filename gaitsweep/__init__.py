@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.api.fitting import search as search
     from gaitsweep.api.maps import PoincareMap as PoincareMap
     from gaitsweep.api.maps import return_map as return_map
+    from gaitsweep.api.sensitivity import sensitivity as sensitivity
     from gaitsweep.api.trajectories import simulate as simulate
     from gaitsweep.api.trajectories import sweep as sweep
     from gaitsweep.contract import HybridModel as HybridModel
@@ -70,6 +71,7 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "api.analyses": ("hysteresis",),
         "api.fitting": ("search",),
         "api.maps": ("PoincareMap", "return_map"),
+        "api.sensitivity": ("sensitivity",),
         "api.trajectories": ("simulate", "sweep"),
         "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
         "errors": ("ArgumentError", "UserError"),

@@ -35,7 +35,28 @@ def job_of(
     any_start: bool = False,
     **fields: Any,
 ) -> Job:
-    """The job that runs a model with these keywords.
+    """The job that runs a model with these keywords; see `fields_of`.
+
+    Raises:
+        ArgumentError: a name that the model does not have, or an array of several dimensions.
+        JobError: other things that are wrong with the job.
+    """
+    return Job.model_validate(
+        fields_of(model, values, run=run, params=params, start=start, any_start=any_start, **fields)
+    )
+
+
+def fields_of(
+    model: AnyModel,
+    values: Mapping[str, Any],
+    *,
+    run: BaseModel | Mapping[str, Any],
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    any_start: bool = False,
+    **fields: Any,
+) -> dict[str, Any]:
+    """The fields of the job that runs a model with these keywords.
 
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute".
@@ -49,7 +70,6 @@ def job_of(
 
     Raises:
         ArgumentError: a name that the model does not have, or an array of several dimensions.
-        JobError: other things that are wrong with the job.
     """
     name, structure = _named(model)
     given = dict(values)
@@ -85,17 +105,15 @@ def job_of(
         for key, quantity in spec.starts.items():
             if key not in given and quantity.default is None:
                 constants["start"][key] = _allowed(quantity)
-    return Job.model_validate(
-        {
-            "name": re.sub(r"\W", "_", spec.model.name) or "model",
-            "model": name,
-            "structure": structure,
-            **constants,
-            "vary": vary,
-            "run": run,
-            **{key: value for key, value in fields.items() if value is not None},
-        }
-    )
+    return {
+        "name": re.sub(r"\W", "_", spec.model.name) or "model",
+        "model": name,
+        "structure": structure,
+        **constants,
+        "vary": vary,
+        "run": run,
+        **{key: value for key, value in fields.items() if value is not None},
+    }
 
 
 def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:

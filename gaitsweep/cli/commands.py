@@ -34,6 +34,13 @@ app = typer.Typer(
 )
 
 JobFile = Annotated[Path, typer.Argument(metavar="JOB.yaml", help="The job: what is swept, and how.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
+]
 Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directory.")]
 
 
@@ -55,13 +62,8 @@ def _options(
 @app.command()
 def run(
     job_file: JobFile,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
-    ] = None,
+    out: Out = None,
+    settings: Settings = None,
     engine: Annotated[
         str | None,
         typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; the job's by default."),
@@ -177,12 +179,12 @@ def _workers(
 
 
 @contextlib.contextmanager
-def _shown_progress() -> Iterator[Progress]:
-    """How a run's progress is shown, and its stop by Ctrl-C obeyed, while it is under way."""
+def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
+    """How the progress of a run is shown, in rows or sets, and its stop by Ctrl-C obeyed."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.cli.stop import stop_requests
 
-    with stop_requests() as obey, shown_progress() as shown:
+    with stop_requests() as obey, shown_progress(unit) as shown:
 
         def progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
             obey()
@@ -228,10 +230,15 @@ def plot(directory: Directory) -> None:
     for path in paths:
         print(path)
     if not paths:
-        print(
-            f"The job of {directory} asks for no figure: add `figures:` to it and run it again.",
-            file=sys.stderr,
-        )
+        from gaitsweep.table import Snapshot
+
+        job = Snapshot.of(directory).job
+        command = next((name for name in ("search", "sensitivity") if name in job), None)
+        if command is None:
+            text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
+        else:
+            text = f"The figures of {directory} are drawn by `gaitsweep {command}`: run it again."
+        print(text, file=sys.stderr)
 
 
 app.command()(animate)
@@ -262,18 +269,35 @@ def models(name: Annotated[str | None, typer.Argument(metavar="[NAME]")] = None)
 @app.command()
 def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")]) -> None:
     """Check jobs without running them, a line each."""
-    from gaitsweep.job import JobError, load_job
+    from gaitsweep.job import JobError
 
     bad = 0
     for job_file in job_files:
         try:
-            rows = load_job(job_file).plan.n_rows
-            print(f"{job_file}: good, {rows} row{'s' * (rows != 1)}")
+            print(f"{job_file}: good, {_size_of(job_file)}")
         except JobError as error:
             bad += 1
             print(error, file=sys.stderr)
     if bad:
         raise typer.Exit(2)
+
+
+def _size_of(job_file: Path) -> str:
+    """How many rows a job has, or sets of constants; raises JobError where it is bad."""
+    from gaitsweep.job import load_job
+    from gaitsweep.job.yaml_document import read_document
+
+    fields = read_document(job_file).data
+    if "search" in fields:
+        from gaitsweep.fitting.search_job import load_search
+
+        return f"{load_search(job_file).choice.budget} sets"
+    if "sensitivity" in fields:
+        from gaitsweep.fitting.sensitivity_job import load_sensitivity
+
+        return f"{load_sensitivity(job_file).design.n_rows} sets"
+    rows = load_job(job_file).plan.n_rows
+    return f"{rows} row{'s' * (rows != 1)}"
 
 
 @app.command()
@@ -326,13 +350,8 @@ def search(
     job_file: Annotated[
         Path, typer.Argument(metavar="JOB.yaml", help="A job with `search:` in the place of `vary:`.")
     ],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
-    ] = None,
+    out: Out = None,
+    settings: Settings = None,
     cluster: Annotated[
         str | None,
         typer.Option(
@@ -354,6 +373,30 @@ def search(
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None
     print(show_search.outcome(found))
+
+
+@app.command()
+def sensitivity(
+    job_file: Annotated[
+        Path, typer.Argument(metavar="JOB.yaml", help="A job with `sensitivity:` in the place of `vary:`.")
+    ],
+    out: Out = None,
+    settings: Settings = None,
+) -> None:
+    """Measure how much results depend on each constant, or go on: a table, the indices and their figure."""
+    from gaitsweep.cli import show_sensitivity
+    from gaitsweep.fitting.sensitivity_job import load_sensitivity
+
+    job = load_sensitivity(job_file, list(settings or ()))
+    from gaitsweep.fitting.sensitivity import run_sensitivity
+
+    try:
+        with _shown_progress("sets") as progress:
+            found = run_sensitivity(job, out, progress=progress, tell=_tell)
+    except KeyboardInterrupt as error:
+        print(_stopped(job.name, out), file=sys.stderr)
+        raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None
+    print(show_sensitivity.outcome(found))
 
 
 @app.command(name="schema")

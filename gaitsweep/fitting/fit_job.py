@@ -171,8 +171,8 @@ def read_fit_job(
         Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
         raise JobError([Diagnostic(("model",), "is missing.")])
     fit = FitJob(field, given, folder, free, measures, spec)
-    wrong.extend(_wrong_constants(fit))
-    wrong.extend(_wrong_measures(fit, listed))
+    wrong.extend(wrong_constants(fit))
+    wrong.extend(wrong_measures(fit, listed))
     _refuse(wrong)
     for structure in fit.structures:
         job = fit.job_of(structure)
@@ -218,7 +218,8 @@ def _refuse(wrong: Sequence[Diagnostic]) -> None:
         raise JobError(wrong)
 
 
-def _wrong_constants(fit: FitJob) -> list[Diagnostic]:
+def wrong_constants(fit: FitJob) -> list[Diagnostic]:
+    """What is wrong with the free constants of a job."""
     wrong = []
     for name, each in fit.free.items():
         path = (fit.field, _free_field(fit), name)
@@ -230,7 +231,8 @@ def _wrong_constants(fit: FitJob) -> list[Diagnostic]:
             wrong.append(Diagnostic(path, unknown))
             continue
         for field in ("params", "start"):
-            if name in (fit.given.get(field) or {}):
+            # the job's own value is that of a search's constant or its range; a sensitivity needs both
+            if fit.field == "search" and name in (fit.given.get(field) or {}):
                 text = f"is free, but {field}.{name} fixes it: take one of the two out."
                 wrong.append(Diagnostic(path, text))
         quantity = fit.spec.quantities[name]
@@ -246,7 +248,8 @@ def _free_field(fit: FitJob) -> str:
     return "free" if fit.field == "search" else "parameters"
 
 
-def _wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
+def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
+    """What is wrong with the conditions of measures, which stand in the field `listed`."""
     wrong = []
     for name, measure in fit.measures.items():
         for condition, values in measure.at.items():

@@ -64,7 +64,7 @@ def test_no_module_rebinds_a_function() -> None:
     for module in pkgutil.walk_packages(gs.__path__, "gaitsweep."):
         if not module.name.endswith("__main__") and "painter" not in module.name:
             importlib.import_module(module.name)
-    for name in ("run", "sweep", "simulate", "basins", "return_map", "hysteresis", "load"):
+    for name in ("run", "sweep", "simulate", "basins", "return_map", "hysteresis", "load", "sensitivity"):
         assert callable(getattr(gs, name)), name
 
 

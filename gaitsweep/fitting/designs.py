@@ -1,0 +1,94 @@
+"""The sets of parameters of a sensitivity analysis, by its method."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from gaitsweep.fitting.free import Free, sets_at
+
+METHODS = ("one_at_a_time", "morris", "sobol")
+LEVELS = 4  # of each range, on which Morris's trajectories run
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """Sets of parameters.
+
+    `sets` (n,) by name; `shares` (n, parameters) of their ranges, from 0 to 1, for morris and sobol;
+    `places`, for one_at_a_time, the rows of each parameter's low end, middle and high end. Row 0 of
+    one_at_a_time is the job itself.
+    """
+
+    method: str
+    sets: dict[str, np.ndarray]
+    shares: np.ndarray | None = None
+    places: dict[str, tuple[int, int, int]] | None = None
+
+    @property
+    def n_rows(self) -> int:
+        """The number of sets."""
+        return next(iter(self.sets.values())).size
+
+    @property
+    def names(self) -> list[str]:
+        """The parameters."""
+        return list(self.sets)
+
+
+def design_of(
+    method: str, n: int | None, seed: int, ranges: Mapping[str, Free], base: Mapping[str, float]
+) -> Design:
+    """The sets of a method.
+
+    Args:
+        method: one of METHODS.
+        n: trajectories (morris), or base points (sobol).
+        seed: of what is drawn.
+        ranges: by parameter.
+        base: the job's own values.
+    """
+    if method == "one_at_a_time":
+        return _one_at_a_time(ranges, base)
+    assert n is not None
+    shares = _trajectories(len(ranges), n, seed) if method == "morris" else _saltelli(len(ranges), n, seed)
+    return Design(method, sets_at(ranges, shares), shares=shares)
+
+
+def unit_cube(dimension: int) -> dict[str, object]:
+    """SALib's description of ranges from 0 to 1."""
+    names = [f"x{i}" for i in range(dimension)]
+    return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
+
+
+def _trajectories(dimension: int, n: int, seed: int) -> np.ndarray:
+    """Morris's trajectories: n (dimension + 1) points, each a step of one parameter from the one before."""
+    from SALib.sample import morris
+
+    return morris.sample(unit_cube(dimension), n, num_levels=LEVELS, seed=seed)
+
+
+def _saltelli(dimension: int, n: int, seed: int) -> np.ndarray:
+    """Saltelli's points, n (dimension + 2): for each base point A, A with each coordinate of B in turn, B."""
+    from SALib.sample import sobol
+
+    return sobol.sample(unit_cube(dimension), n, calc_second_order=False, seed=seed)
+
+
+def _one_at_a_time(ranges: Mapping[str, Free], base: Mapping[str, float]) -> Design:
+    rows = [dict(base)]
+    places = {}
+    for name, each in ranges.items():
+        low, middle, high = each.at(np.array([0.0, 0.5, 1.0])).tolist()
+        here = []
+        for value in (low, middle, high):
+            if np.isclose(value, base[name], rtol=1e-12, atol=0.0):
+                here.append(0)  # the job itself
+            else:
+                here.append(len(rows))
+                rows.append({**base, name: value})
+        places[name] = (here[0], here[1], here[2])
+    sets = {name: np.array([row[name] for row in rows]) for name in ranges}
+    return Design("one_at_a_time", sets, places=places)

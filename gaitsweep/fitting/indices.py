@@ -1,0 +1,281 @@
+"""Sensitivity indices of outputs with respect to parameters, from sets of a design."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import warnings
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.circular import wrapped_difference
+from gaitsweep.fitting.designs import LEVELS, Design, unit_cube
+
+LEVEL = 0.95  # of confidence
+_RESAMPLES = 200  # of the bootstrap
+_FEWEST_TRAJECTORIES = 4
+_FEWEST_GIVEN = 100  # rows of RBD-FAST, which sums ten harmonics
+# Mean resultant length of angles below which they lie so far around the circle that a cut matters.
+_SPREAD = 0.5
+_OWN_SET = "the job's own values"
+
+COLUMNS = ("method", "output", "parameter", "index", "value", "confidence", "rows", "unit", "note")
+# The index by which parameters are sorted, and the others, by method.
+INDICES = {
+    "one_at_a_time": ("change_low", "change_middle", "change_high", "elasticity"),
+    "morris": ("mu_star", "mu", "sigma"),
+    "sobol": ("ST", "S1"),
+    "rbd_fast": ("S1", "ST"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Output:
+    """An output of each set (n,), NaN where it has no value; its unit, and whether it is an angle (rad)."""
+
+    values: np.ndarray
+    unit: str = "1"
+    circular: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class _Index:
+    """An index: its value, half its confidence interval, the rows that it is from, and a remark."""
+
+    value: float
+    confidence: float
+    rows: int
+    note: str = ""
+
+
+def indices(design: Design, outputs: Mapping[str, Output], seed: int) -> pd.DataFrame:
+    """The indices of each output with respect to each parameter.
+
+    Args:
+        design: the sets.
+        outputs: by name; those without a value in some rows are analysed from the others.
+        seed: of the bootstrap, by which intervals are found.
+
+    Returns:
+        One record an index, with COLUMNS: `confidence` is half the interval of 95 %, NaN where the method
+        gives none; `note` says why a value is NaN, and how many rows are left where some have no value.
+        Outputs stand in their order, parameters in that of their importance.
+
+    Source:
+        Morris 1991, Technometrics 33:161, and Campolongo et al. 2007, Environ. Model. Softw. 22:1509
+        (`mu_star`, `sigma`); Saltelli et al. 2010, Comput. Phys. Commun. 181:259 (`S1`, `ST`); for outputs
+        without a value in some rows, RBD-FAST: Tarantola et al. 2006, Reliab. Eng. Syst. Saf. 91:717, in the
+        form for given data of Plischke 2010, 95:354, without bias by Tissot and Prieur 2012, 107:205.
+    """
+    parts = []
+    for name, output in outputs.items():
+        values, note = unwrapped(output), _remark(output)
+        if design.method == "one_at_a_time":
+            method, of = "one_at_a_time", _changes(design, output)
+        elif design.method == "morris":
+            method, of = "morris", _elementary_effects(design, values, seed)
+        elif np.isfinite(values).all():
+            method, of = "sobol", _variance_shares(design, values, seed)
+        else:
+            method, of = "rbd_fast", _given_data(design, values, seed)
+        for parameter in sorted(of, key=lambda each, of=of: -_importance(of[each])):
+            for index in INDICES[method]:
+                if index not in of[parameter]:
+                    continue
+                found = of[parameter][index]
+                unit = "1" if index in ("S1", "ST", "elasticity") else output.unit
+                remark = "; ".join(each for each in (found.note, note) if each)
+                record = (found.value, found.confidence, found.rows, unit, remark)
+                parts.append((method, name, parameter, index, *record))
+    return pd.DataFrame(parts, columns=list(COLUMNS))
+
+
+def _importance(found: Mapping[str, _Index]) -> float:
+    """By what a parameter is sorted: the largest change, mu_star, ST, or S1 where there is no ST."""
+    changes = [abs(each.value) for name, each in found.items() if name.startswith("change")]
+    main = [found[name].value for name in ("mu_star", "ST", "S1") if name in found]
+    known = [each for each in (*changes, *main) if np.isfinite(each)]
+    if not known:
+        return -np.inf
+    return max(known) if changes else known[0]
+
+
+def unwrapped(output: Output) -> np.ndarray:
+    """The values of an output, angles in the turn around their circular mean."""
+    if not output.circular or not np.isfinite(output.values).any():
+        return output.values
+    mean = np.angle(_resultant(output))
+    return mean + wrapped_difference(output.values - mean)
+
+
+def _resultant(output: Output) -> complex:
+    """The mean of angles as points of the unit circle."""
+    return complex(np.nanmean(np.exp(1j * output.values)))
+
+
+def _remark(output: Output) -> str:
+    """A remark on angles that a cut parts anywhere."""
+    if not output.circular or not np.isfinite(output.values).any() or abs(_resultant(output)) >= _SPREAD:
+        return ""
+    return "angles all around the circle, cut opposite to their mean"
+
+
+def _missing(names: tuple[str, ...], why: str, rows: int) -> dict[str, _Index]:
+    return {name: _Index(np.nan, np.nan, rows, why) for name in names}
+
+
+def _changes(design: Design, output: Output) -> dict[str, dict[str, _Index]]:
+    """The changes from the job's own value to the ends and the middle of each range, and the elasticity."""
+    assert design.places is not None
+    y = output.values
+
+    def change(end: int, begin: int) -> float:
+        found = y[end] - y[begin]
+        return float(wrapped_difference(found)) if output.circular else float(found)
+
+    of = {}
+    for name, (low, middle, high) in design.places.items():
+        found = {}
+        for word, place in (("low", low), ("middle", middle), ("high", high)):
+            if word == "middle" and place == 0:
+                continue
+            where = {"middle": "the middle"}.get(word, f"the {word} end") if np.isfinite(y[0]) else _OWN_SET
+            value = change(place, 0)
+            why = "" if np.isfinite(value) else f"no value at {where}"
+            found[f"change_{word}"] = _Index(value, np.nan, 2, why)
+        x = design.sets[name]
+        found["elasticity"] = _elasticity(x[0], y[0], x[high] - x[low], change(high, low), output.circular)
+        of[name] = found
+    return of
+
+
+def _elasticity(x: float, y: float, dx: float, dy: float, circular: bool) -> _Index:
+    """(dy / y) / (dx / x), over the whole range."""
+    if circular:
+        why = "an angle has no zero, to which a change could be relative"
+    elif not np.isfinite(dy) or not np.isfinite(y):
+        why = f"no value at one of the ends, or at {_OWN_SET}"
+    elif x == 0.0 or y == 0.0:
+        why = f"the job's own {'parameter' if x == 0.0 else 'output'} is 0"
+    else:
+        return _Index(float(dy / y / (dx / x)), np.nan, 3)
+    return _Index(np.nan, np.nan, 3, why)
+
+
+def _elementary_effects(design: Design, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+    """Morris's measures of the trajectories that are whole; effects are changes over the whole range."""
+    assert design.shares is not None
+    names, k = design.names, len(design.names)
+    whole = np.isfinite(y.reshape(-1, k + 1)).all(axis=1)
+    rows = int(whole.sum()) * (k + 1)
+    note = "" if whole.all() else f"{whole.sum()} of {whole.size} trajectories are whole"
+    if whole.sum() < _FEWEST_TRAJECTORIES:
+        why = f"{note}, and {_FEWEST_TRAJECTORIES} are needed"
+        return {name: _missing(INDICES["morris"], why, rows) for name in names}
+    from SALib.analyze import morris
+
+    used = np.repeat(whole, k + 1)
+    with _seeded(seed):
+        found = morris.analyze(
+            unit_cube(k),
+            design.shares[used],
+            y[used],
+            num_resamples=_RESAMPLES,
+            conf_level=LEVEL,
+            num_levels=LEVELS,
+            seed=seed,
+        )
+    return {
+        name: {
+            "mu_star": _Index(float(found["mu_star"][i]), float(found["mu_star_conf"][i]), rows, note),
+            "mu": _Index(float(found["mu"][i]), np.nan, rows, note),
+            "sigma": _Index(float(found["sigma"][i]), np.nan, rows, note),
+        }
+        for i, name in enumerate(names)
+    }
+
+
+def _variance_shares(design: Design, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+    """Sobol's indices of the first order and the total ones, of a design without a gap."""
+    names = design.names
+    if _constant(y):
+        why = "the output is the same in all rows"
+        return {name: _missing(INDICES["sobol"], why, y.size) for name in names}
+    from SALib.analyze import sobol
+
+    with _seeded(seed):
+        found = sobol.analyze(
+            unit_cube(len(names)),
+            y,
+            calc_second_order=False,
+            num_resamples=_RESAMPLES,
+            conf_level=LEVEL,
+            seed=seed,
+        )
+    return {
+        name: {
+            index: _Index(float(found[index][i]), float(found[f"{index}_conf"][i]), y.size)
+            for index in INDICES["sobol"]
+        }
+        for i, name in enumerate(names)
+    }
+
+
+def _given_data(design: Design, y: np.ndarray, seed: int) -> dict[str, dict[str, _Index]]:
+    """Indices of the first order from the sound rows.
+
+    Only the base points A and B are used, since they are drawn independently of each other; the points
+    between them share coordinates with them, and would make the intervals too narrow.
+    """
+    assert design.shares is not None
+    names, k = design.names, len(design.names)
+    place = np.arange(y.size) % (k + 2)
+    independent = (place == 0) | (place == k + 1)
+    used = independent & np.isfinite(y)
+    rows = int(used.sum())
+    note = f"{rows} of {independent.sum()} independent rows have a value"
+    total = _Index(np.nan, np.nan, rows, f"{note}, and ST needs all rows of the design")
+    if rows < _FEWEST_GIVEN:
+        why = f"{note}, and RBD-FAST needs {_FEWEST_GIVEN}"
+        return {name: _missing(INDICES["rbd_fast"], why, rows) for name in names}
+    if _constant(y[used]):
+        why = f"{note}, and it is the same in all of them"
+        return {name: _missing(INDICES["rbd_fast"], why, rows) for name in names}
+    from SALib.analyze import rbd_fast
+
+    with _seeded(seed):
+        found = rbd_fast.analyze(
+            unit_cube(k),
+            design.shares[used],
+            y[used],
+            num_resamples=_RESAMPLES,
+            conf_level=LEVEL,
+            seed=seed,
+        )
+    return {
+        name: {
+            "S1": _Index(float(found["S1"][i]), float(found["S1_conf"][i]), rows, note),
+            "ST": total,
+        }
+        for i, name in enumerate(names)
+    }
+
+
+def _constant(y: np.ndarray) -> bool:
+    """Whether values differ by no more than rounding."""
+    return bool(np.ptp(y) <= 1e-12 * np.max(np.abs(y)))
+
+
+@contextlib.contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    """A context for SALib, which takes seed 0 for none and then draws from NumPy's global generator."""
+    state = np.random.get_state()
+    np.random.seed(seed % 2**32)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of constant resamples
+            yield
+    finally:
+        np.random.set_state(state)

@@ -1,0 +1,283 @@
+"""A sensitivity analysis carried out: its sets measured into a result directory, their indices, a figure."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep.circular import wrapped_difference
+from gaitsweep.contract import Model
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.indices import Output, indices, unwrapped
+from gaitsweep.fitting.measures import Measure, Measured
+from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
+from gaitsweep.job.numerics import rows_of_a_part
+from gaitsweep.plot.sensitivity import sensitivity_figure
+from gaitsweep.runs import provenance
+from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.figures import Progress
+from gaitsweep.runs.prepare import Prepared, naming_the_file
+from gaitsweep.runs.summary import quantities_of
+from gaitsweep.table import ResultDirectory, load, replace_file
+from gaitsweep.table.files import writing
+from gaitsweep.table.manifest import FIGURES
+
+INDICES_FILE = "indices.parquet"
+FIGURE = "sensitivity.png"
+_STATUSES = ["complete", "failed"]
+
+
+# Share of an output's standard deviation by which a set may differ at half the step.
+SMALL = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class HalfStep:
+    """What some sets give at half the step, beside the table.
+
+    `differ`: by output, the sets that differ by more than SMALL of its standard deviation, or that have a
+    value at one of the steps only; `largest`: the largest difference, in the output's unit.
+    """
+
+    sets: int
+    differ: dict[str, int]
+    largest: dict[str, float]
+
+    @property
+    def many(self) -> bool:
+        """Whether more than a tenth of the sets differ."""
+        return max(self.differ.values()) > 0.1 * self.sets
+
+    @property
+    def sentence(self) -> str:
+        """How many sets differ, by output, and by how much at most."""
+        far = [f"{name} in {n} (at most {self.largest[name]:.2g})" for name, n in self.differ.items() if n]
+        than = "by more than a tenth of the output's standard deviation"
+        if not far:
+            return f"At half the step none of {self.sets} sets differs {than}."
+        return f"At half the step, of {self.sets} sets, these differ {than}: {', '.join(far)}."
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensitivity:
+    """What a sensitivity analysis gave.
+
+    `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
+    parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
+    `half_step` says what some sets give at half the step; `path` is the result directory, None in memory.
+    """
+
+    table: pd.DataFrame
+    indices: pd.DataFrame
+    half_step: HalfStep | None = None
+    path: Path | None = None
+
+    def figure(self) -> Figure:
+        """The indices as bars with their intervals, a panel an output."""
+        return sensitivity_figure(self.indices)
+
+
+def run_sensitivity(
+    job: SensitivityJob,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Sensitivity:
+    """Measure the sets that a directory still lacks, then find the indices and draw them.
+
+    Args:
+        job: the analysis.
+        out: the result directory, `results/NAME` by default.
+        progress: told how far the sets are.
+        tell: told, in a sentence each, what was found and mended in the directory.
+
+    Raises:
+        RunError, TableError: a sentence each; what was written before stays, and the next run continues.
+        KeyboardInterrupt: likewise.
+    """
+    path = RESULTS / job.name if out is None else Path(out)
+    progress = progress or (lambda *_, **__: None)
+    population = job.population()
+    ready = population.prepared({})
+    n, rows = job.design.n_rows, max(1, population.rows_of_a_set)  # a fixed point takes no row
+    block = min(n, max(1, rows_of_a_part(ready.job.engine.block, n * rows) // rows))
+    resolved = job.resolved(ready.job, ready.engine)
+    if ready.note is not None:
+        tell(ready.note)
+    with (
+        naming_the_file(),
+        ResultDirectory.open(path, resolved, job.hash(ready.job_hash, block), n, block) as directory,
+    ):
+        for note in directory.notes:
+            tell(note)
+        if missing := directory.missing_blocks():
+            _describe(job, ready, directory)
+            _measure(job, population, directory, missing, progress)
+        if not directory.manifest.get("complete"):
+            directory.tidy_digests()
+            directory.update_manifest(counts=directory.counts(), complete=True)
+        table = load(path)
+        half_step = _at_half_the_step(job, population, directory, table, progress)
+        if half_step is not None and half_step.many:
+            tell(f"Warning: {half_step.sentence}")
+        progress(n, n, 0.0, 1.0, "indices")
+        found = dataclasses.replace(_analysed(job, table, ready.plan.model), path=path, half_step=half_step)
+        _write(found, path)
+    return found
+
+
+def _measure(
+    job: SensitivityJob,
+    population: Population,
+    directory: ResultDirectory,
+    missing: list[int],
+    progress: Progress,
+) -> None:
+    """Write the missing parts, each from one batched run of its sets."""
+    n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
+    before = directory.rows_done
+    spent = directory.manifest.get("timings", {}).get("run_s", 0.0)
+    progress(before, n, 0.0, before / n, "compiling")
+    for number in missing:
+        first, last = directory.rows_of(number)
+        done = directory.rows_done
+
+        def tell(now: SweepProgress, done: int = done, size: int = last - first) -> None:
+            so_far = done + now.share * size
+            rate = (so_far - before) / max(time.perf_counter() - began, 1e-9)
+            progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
+
+        part = {name: column[first:last] for name, column in sets.items()}
+        directory.write_part(number, _records(first, part, population.measure(part, tell)))
+        directory.update_manifest(timings={"run_s": spent + time.perf_counter() - began})
+
+
+def _records(first: int, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]) -> pd.DataFrame:
+    """The records of sets: their status, and why outputs have no value."""
+    n = next(iter(sets.values())).size
+    why = [
+        "; ".join(f"{name}: {each.why[i]}" for name, each in measured.items() if math.isnan(each.values[i]))
+        for i in range(n)
+    ]
+    return pd.DataFrame(
+        {
+            "row": first + np.arange(n, dtype=np.int64),
+            "status": pd.Categorical(["failed" if each else "complete" for each in why], _STATUSES),
+            **sets,
+            **{name: each.values for name, each in measured.items()},
+            "why": why,
+        }
+    )
+
+
+def _describe(job: SensitivityJob, ready: Prepared, directory: ResultDirectory) -> None:
+    """Say in the manifest what the columns hold, and with what the sets are run."""
+    model = ready.plan.model
+    directory.update_manifest(
+        engine=ready.engine,
+        device=ready.device,
+        precision=ready.work.numerics.precision,
+        method=ready.work.numerics.method,
+        quantities=_quantities(job, model),
+        versions=provenance.versions() | {"SALib": provenance.version_of("SALib")},
+        git_commit=provenance.git_commit(),
+    )
+
+
+def _quantities(job: SensitivityJob, model: Model) -> dict[str, dict[str, Any]]:
+    """Unit, meaning and symbol of the columns."""
+    known = quantities_of(model)
+    outputs = {
+        name: {
+            "unit": measure.unit(model),
+            "meaning": _meaning(measure),
+            "circular": measure.circular(model),
+        }
+        for name, measure in job.outputs.items()
+    }
+    return {**{name: known[name] for name in job.parameters}, **outputs}
+
+
+def _meaning(measure: Measure) -> str:
+    """A measure in words: value of psi_1, at psi_1 1."""
+    at = ", ".join(
+        f"{name} {' '.join(f'{each:g}' for each in values)}" for name, values in measure.at.items()
+    )
+    fields = {
+        field.alias or name: getattr(measure, name) for name, field in type(measure).model_fields.items()
+    }
+    words = (f"{name} {value}" for name, value in fields.items() if name not in ("kind", "at"))
+    return f"{' '.join((fields['kind'], *words))}, at {at}"
+
+
+def _at_half_the_step(
+    job: SensitivityJob,
+    population: Population,
+    directory: ResultDirectory,
+    table: pd.DataFrame,
+    progress: Progress,
+) -> HalfStep | None:
+    """What some sets give at half the step, now or when it was asked before; None where none are asked."""
+    n, ready = len(table), population.prepared({})
+    model, asked = ready.plan.model, min(ready.job.verify, n)
+    known = directory.manifest.get("half_step")
+    if isinstance(known, dict) and known.get("sets") == asked:
+        return HalfStep(**known)
+    if asked == 0:
+        return None
+
+    def tell(now: SweepProgress) -> None:
+        progress(n, n, 0.0, 1.0, f"at half the step: {now.done} of {now.rows} rows")
+
+    rows = np.unique(np.linspace(0, n - 1, asked).round().astype(int))
+    sets = {name: column[rows] for name, column in job.design.sets.items()}
+    again = population.measure(sets, tell, 0.5)
+    differ, largest = {}, {}
+    for name, measure in job.outputs.items():
+        before, after = table[name].to_numpy(float)[rows], again[name].values
+        values = unwrapped(Output(table[name].to_numpy(float), "", measure.circular(model)))
+        apart = after - before
+        if measure.circular(model):
+            apart = wrapped_difference(apart)
+        lost = np.isnan(before) != np.isnan(after)
+        both = np.isfinite(apart)
+        limit = SMALL * np.nanstd(values) if np.isfinite(values).any() else 0.0
+        differ[name] = int(lost.sum() + (np.abs(apart[both]) > limit).sum())
+        largest[name] = float(np.abs(apart[both]).max(initial=0.0))
+    found = HalfStep(asked, differ, largest)
+    directory.update_manifest(half_step=dataclasses.asdict(found))
+    return found
+
+
+def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensitivity:
+    """The indices of a complete table; the failures are an output of their own where there are some."""
+    outputs = {
+        name: Output(table[name].to_numpy(float), measure.unit(model), measure.circular(model))
+        for name, measure in job.outputs.items()
+    }
+    failed = (table["status"].astype(str) == "failed").to_numpy()
+    if failed.any():
+        outputs[FAILURES] = Output(failed.astype(float))
+    found = indices(job.design, outputs, job.analysis.seed)
+    found.attrs["quantities"] = _quantities(job, model)
+    return Sensitivity(table, found)
+
+
+def _write(found: Sensitivity, path: Path) -> None:
+    with writing(f"{path / INDICES_FILE} could not be written"):
+        replace_file(path / INDICES_FILE, lambda file: found.indices.to_parquet(file, index=False))
+    with writing(f"{path / FIGURES / FIGURE} could not be written"):
+        (path / FIGURES).mkdir(exist_ok=True)
+        replace_file(
+            path / FIGURES / FIGURE, lambda file: found.figure().savefig(file, format="png", dpi=150)
+        )

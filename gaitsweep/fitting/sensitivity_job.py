@@ -1,0 +1,304 @@
+"""The job of a sensitivity analysis: constants with ranges, outputs, and the method."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import importlib.util
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from gaitsweep.errors import ArgumentError
+from gaitsweep.fitting.designs import METHODS, Design, design_of
+from gaitsweep.fitting.fit_job import (
+    FitJob,
+    read_file,
+    read_fit_job,
+    read_free,
+    read_measure,
+    read_part,
+    wrong_constants,
+    wrong_measures,
+)
+from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.population import Population
+from gaitsweep.job import Job
+from gaitsweep.job.model_spec import ModelSpec
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.kinds.numbers import Count, Seed, word
+from gaitsweep.kinds.part import Part
+
+# The output that tells which sets fail.
+FAILURES = "failures"
+# Columns of the table of sets, beside parameters and outputs.
+COLUMNS = ("row", "status", "why")
+_PER_CENT = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*%\s*")
+MOST_SETS = 10**7
+_FEWEST = {"morris": 4, "sobol": 8}  # trajectories, base points
+
+
+class Analysis(Part):
+    """How sensitivity is measured."""
+
+    method: Annotated[Literal["one_at_a_time", "morris", "sobol"], word(*METHODS)] = Field(
+        description="one_at_a_time: each parameter at the ends and the middle of its range; morris: "
+        "elementary effects along trajectories; sobol: shares of the variance"
+    )
+    n: Count | None = Field(
+        default=None, description="trajectories (morris), or base points, a power of two (sobol)"
+    )
+    seed: Seed = Field(default=0, description="seed of all that is drawn")
+
+
+@dataclasses.dataclass(frozen=True)
+class SensitivityJob:
+    """A sensitivity analysis as its file says it.
+
+    `fit` has the job with the ranges of its parameters, `base` the job's own values of them; `written` is
+    what stands under `sensitivity`.
+    """
+
+    fit: FitJob
+    base: dict[str, float]
+    analysis: Analysis
+    written: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return self.fit.name
+
+    @property
+    def parameters(self) -> dict[str, Free]:
+        """The ranges by parameter."""
+        return self.fit.free
+
+    @property
+    def outputs(self) -> dict[str, Measure]:
+        """What is measured, by name."""
+        return self.fit.measures
+
+    @property
+    def spec(self) -> ModelSpec:
+        return self.fit.spec
+
+    @functools.cached_property
+    def design(self) -> Design:
+        """The sets of parameters, a row of the table each."""
+        chosen = self.analysis
+        return design_of(chosen.method, chosen.n, chosen.seed, self.parameters, self.base)
+
+    def population(self) -> Population:
+        """What measures the sets; parameters that are not among them keep the job's values."""
+        return _own_values(self.fit).population()
+
+    def resolved(self, job: Job, engine: str) -> dict[str, Any]:
+        """The job as plain values, as the result directory keeps it, and as it can be run again."""
+        kept = {
+            name: value
+            for name, value in job.resolved(engine=engine).items()
+            if name not in ("vary", "figures")
+        }
+        return {**kept, "sensitivity": self.written}
+
+    def hash(self, job_hash: str, block: int) -> str:
+        """The sha256, in hex, of what decides the sets and what is measured of them.
+
+        Args:
+            job_hash: that of the job with its own values.
+            block: the sets of a part.
+        """
+        decides = {
+            "job": job_hash,
+            "block": block,
+            "sets": {name: column.tolist() for name, column in self.design.sets.items()},
+            "outputs": {name: dict(measure) for name, measure in self.outputs.items()},
+        }
+        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+
+
+def load_sensitivity(path: str | Path, overrides: Sequence[str] = ()) -> SensitivityJob:
+    """The sensitivity analysis in a YAML file.
+
+    Args:
+        path: the file.
+        overrides: "key=value" each, laid over it as `gaitsweep.load_job` does.
+
+    Raises:
+        JobError: all that is wrong, with file and line of each.
+    """
+    return read_file(path, overrides, read_sensitivity)
+
+
+def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
+    """A sensitivity analysis from its mapping.
+
+    Raises:
+        JobError: all that is wrong.
+        ArgumentError: the package of the method is not installed.
+    """
+    wrong: list[Diagnostic] = []
+    written = data.get("sensitivity")
+    if not isinstance(written, Mapping):
+        text = "is missing" if written is None else f"is {found(written)}"
+        needs = f"{text}: it has parameters, outputs, method, and n."
+        raise JobError([Diagnostic(("sensitivity",), needs)])
+    ranges, shares = _read_parameters(written.get("parameters"), wrong)
+    outputs = _read_outputs(written.get("outputs"), {*ranges, *shares}, wrong)
+    analysis = _read_analysis(written, ranges, len(ranges) + len(shares), wrong)
+    fit = read_fit_job("sensitivity", data, folder, ranges, outputs, "outputs", wrong)
+    assert analysis is not None  # else it was refused
+    base = _own_values(fit).job_of({})
+    for name in shares:
+        if (unknown := fit.spec.unknown(name, "vary")) is not None:
+            wrong.append(Diagnostic(("sensitivity", "parameters", name), unknown))
+    _refuse(wrong)
+    own = _own_values_of(base, [*ranges, *shares])
+    fixed = [*ranges, *shares] if analysis.method == "one_at_a_time" else list(shares)
+    wrong.extend(_follow_conditions(base, fixed, outputs))
+    free = {}
+    for name in written["parameters"]:
+        if name in ranges:
+            free[name] = ranges[name]
+        elif (around := _around(name, own[name], shares[name], wrong)) is not None:
+            free[name] = around
+    _refuse(wrong)
+    fit = dataclasses.replace(fit, free=free)
+    _refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
+    if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
+        raise ArgumentError(
+            f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."
+        )
+    return SensitivityJob(fit, {name: own[name] for name in free}, analysis, dict(written))
+
+
+def _read_parameters(value: Any, wrong: list[Diagnostic]) -> tuple[dict[str, Free], dict[str, float]]:
+    """The parameters with a range, and those with a share of the job's value around it."""
+    path = ("sensitivity", "parameters")
+    if not isinstance(value, Mapping) or not value:
+        text = f"is {found(value)}, but takes ranges by name, such as kappa: 10% or kappa: [1, 2]."
+        wrong.append(Diagnostic(path, text))
+        return {}, {}
+    ranges, shares = {}, {}
+    for key, each in value.items():
+        name, here = str(key), (*path, str(key))
+        if isinstance(each, list | Mapping):
+            read = read_free({name: each}, path, wrong)
+            if name in read and read[name].choices is not None:
+                wrong.append(Diagnostic(here, "has choices, but takes a range of numbers."))
+            else:
+                ranges |= read
+            continue
+        match = _PER_CENT.fullmatch(each) if isinstance(each, str) else None
+        if match is None:
+            text = f"is {found(each)}, but takes [low, high], or a share of the job's value such as 10%."
+            wrong.append(Diagnostic(here, text))
+        elif not 0.0 < (share := float(match[1]) / 100.0) <= 1.0:
+            wrong.append(Diagnostic(here, f"is {found(each)}, but must be above 0% and at most 100%."))
+        else:
+            shares[name] = share
+    return ranges, shares
+
+
+def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]) -> dict[str, Measure]:
+    path = ("sensitivity", "outputs")
+    if not isinstance(value, Mapping) or not value:
+        wrong.append(Diagnostic(path, f"is {found(value)}, but takes measures by name."))
+        return {}
+    taken = {*COLUMNS, FAILURES, *parameters}
+    outputs = {}
+    for key, each in value.items():
+        name, here = str(key), (*path, str(key))
+        if name in taken or not name.isidentifier():
+            text = "names a column of the table: take another name of letters, digits and _."
+            wrong.append(Diagnostic(here, text))
+        if (measure := read_measure(each, here, wrong)) is not None:
+            outputs[name] = measure
+    return outputs
+
+
+def _read_analysis(
+    written: Mapping[str, Any], ranges: Mapping[str, Free], k: int, wrong: list[Diagnostic]
+) -> Analysis | None:
+    """The analysis of k parameters, of which some have ranges; what is wrong is added to `wrong`."""
+    rest = {key: value for key, value in written.items() if key not in ("parameters", "outputs")}
+    for key in [key for key in rest if key not in Analysis.model_fields]:
+        allowed = ["parameters", "outputs", *Analysis.model_fields]
+        wrong.append(unknown_field(("sensitivity", str(key)), "sensitivity", allowed))
+        del rest[key]
+    analysis = read_part(Analysis, rest, ("sensitivity",), wrong)
+    if analysis is None:
+        return None
+    method, n, path = analysis.method, analysis.n, ("sensitivity", "n")
+    if method == "one_at_a_time":
+        if n is not None:
+            text = "has no place with one_at_a_time, whose sets follow from the ranges: take it out."
+            wrong.append(Diagnostic(path, text))
+        return analysis
+    what = "trajectories" if method == "morris" else "base points"
+    if n is None:
+        wrong.append(Diagnostic(path, f"is missing: the number of {what}."))
+    elif n < _FEWEST[method]:
+        wrong.append(Diagnostic(path, f"is {n}, but {method} takes at least {_FEWEST[method]} {what}."))
+    elif method == "sobol" and n & (n - 1):
+        below = 2 ** (n.bit_length() - 1)
+        text = f"is {n}, but sobol takes a power of two, which keeps its points even: {below} or {2 * below}."
+        wrong.append(Diagnostic(path, text))
+    elif (sets := n * (k + (1 if method == "morris" else 2))) > MOST_SETS:
+        wrong.append(Diagnostic(path, f"is {n}, which makes {sets} sets; there are at most {MOST_SETS}."))
+    for name, each in ranges.items():
+        if method == "morris" and each.whole:
+            text = "is whole, but the steps of morris are shares of a range: take sobol or one_at_a_time."
+            wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
+    return analysis
+
+
+def _own_values(fit: FitJob) -> FitJob:
+    """The job with its own values of all parameters; a start without one is in the middle of its range."""
+    needed = {
+        name: each
+        for name, each in fit.free.items()
+        if name in fit.spec.starts
+        and fit.spec.starts[name].default is None
+        and name not in (fit.given.get("start") or {})
+    }
+    return dataclasses.replace(fit, free=needed)
+
+
+def _own_values_of(job: Job, names: Sequence[str]) -> dict[str, float]:
+    values = job.plan.at(np.array([0]), names)
+    return {name: float(values[name][0]) for name in names}
+
+
+def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Measure]) -> list[Diagnostic]:
+    """Parameters whose own value is a formula of what outputs set, so that there is no one value."""
+    set_by_outputs = {name for measure in outputs.values() for name in measure.names}
+    wrong = []
+    for name in names:
+        if follows := sorted((job.plan.closure([name]) - {name}) & set_by_outputs):
+            text = f"follows {follows[0]}, which outputs set: give it a number under params."
+            wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
+    return wrong
+
+
+def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> Free | None:
+    """The range from `share` below a value to `share` above it."""
+    if not np.isfinite(value) or value == 0.0:
+        has = "is 0 in this job" if value == 0.0 else "has no value in this job"
+        text = f"{has}, of which a share is no range: give [low, high]."
+        wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
+        return None
+    low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
+    return Free(low=low, high=high)
+
+
+def _refuse(wrong: Sequence[Diagnostic]) -> None:
+    if wrong:
+        raise JobError(wrong)
