@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import importlib.metadata
 import shutil
 import time
 import warnings
@@ -97,7 +96,7 @@ def run_search(
     platform = ready.work.devices[0].platform
     at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
     together = min(job.population_on(platform, at_a_time), job.choice.budget)
-    versions = {name: _version(name) for name in _DECIDING}
+    versions = {name: provenance.version_of(name) for name in _DECIDING}
     job_hash = job.hash(device=platform, engine=ready.engine, population=together, versions=versions)
     with (
         naming_the_file(),
@@ -301,10 +300,3 @@ def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, A
 def _plain(column: np.ndarray) -> Any:
     """A column as a table has it: choices of structure that are words are text."""
     return column if column.dtype.kind in "fi" else np.array([str(value) for value in column], object)
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"

@@ -62,6 +62,7 @@ class FakeRunner(types.ModuleType):
         progress: Callable[..., None] | None = None,
         tell: Callable[[str], None] | None = None,
         strict: bool = False,
+        cluster: None = None,
     ) -> Path:
         self.calls.append((job, out))
         path = out or self.RESULTS / job.name
