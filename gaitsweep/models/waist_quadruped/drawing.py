@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
+from types import SimpleNamespace
 
 import numpy as np
 
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, hips, mjcf
 from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
@@ -23,11 +24,12 @@ _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
 
 def scaled_mjcf(values: Mapping[str, float]) -> str:
-    """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
+    """The MJCF with a row's lengths and hips, as in `WaistMechanics.geometry`; masses are those of Table I.
 
     Args:
-        values: `front_length`, `rear_width`, `link_length` and so on, m, among others.
+        values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
     """
+    joints, centre = hips(SimpleNamespace(**values), np.array)
     root = ElementTree.fromstring(mjcf())
     trunks = {
         name: np.array([values[f"{name}_length"] / 0.1, values[f"{name}_width"] / 0.1, 1.0])
@@ -43,12 +45,21 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
                 _scale(part, "pos", factor)
             if part.get("type") == "box":
                 _scale(part, "size", factor)
+        if body.get("name") in joints:
+            body.set("pos", _written(joints[str(body.get("name"))]))
+        if body.get("name") == "rear":
+            for part in (*body.findall("inertial"), *body.findall("geom")):
+                part.set("pos", _written(centre))
     return ElementTree.tostring(root, encoding="unicode")
 
 
 def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
     numbers = np.array(element.attrib[key].split(), float) * factor
-    element.set(key, " ".join(repr(float(number)) for number in numbers))
+    element.set(key, _written(numbers))
+
+
+def _written(numbers: np.ndarray) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
 
 
 class WaistDrawing:
