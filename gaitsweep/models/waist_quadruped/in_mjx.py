@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.tree.external_force import PointForce
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, factors, hips, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, displacements, factors, mjcf
 from gaitsweep.models.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.models.waist_quadruped.state import State
 
@@ -78,9 +78,9 @@ def variants() -> Variants:
     def edit(spec: Any, values: Mapping[str, float]) -> None:
         of = SimpleNamespace(**values)
         rescale(spec, *factors(of, np.stack))
-        joints, centre = hips(of, np.stack)
-        for name, at in joints.items():
-            spec.body(name).pos = at
-        spec.body("rear").ipos = centre
+        hips, centre = displacements(of, np.stack)
+        for name, by in hips.items():
+            spec.body(name).pos = spec.body(name).pos + by
+        spec.body("rear").ipos = spec.body("rear").ipos + centre
 
     return Variants(mjcf(), edit, _TABLE_1)

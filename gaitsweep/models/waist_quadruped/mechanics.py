@@ -72,11 +72,12 @@ class WaistMechanics:
         tree, of_table_1 = body()
         mass, size = factors(self, jnp.stack)
         scaled = rescaled(tree, of_table_1, mass=mass, size=size)
-        joints, centre = hips(self, jnp.stack)
-        position, com = jnp.asarray(scaled.position), jnp.asarray(scaled.com)
-        for name, at in joints.items():
-            position = position.at[tree.index(name)].set(at)
-        return dataclasses.replace(scaled, position=position, com=com.at[tree.index("rear")].set(centre))
+        moved, centre = displacements(self, jnp.stack)
+        names = [link.name for link in tree.links]
+        # stacked, since precision mixed has no updates of arrays
+        position = [scaled.position[i] + moved.get(name, 0.0) for i, name in enumerate(names)]
+        com = [scaled.com[i] + (centre if name == "rear" else 0.0) for i, name in enumerate(names)]
+        return dataclasses.replace(scaled, position=jnp.stack(position), com=jnp.stack(com))
 
     @property
     def bends(self) -> tuple[jax.Array, ...]:
@@ -295,21 +296,26 @@ def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any],
     return mass, size
 
 
-def hips(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
-    """The places of the hips in the frames of their bodies, by link, and the rear body's centre of mass, m.
+def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
+    """Displacements (3,), m, of the hips, by link, and of the rear body's centre of mass, in their bodies.
 
-    The rear body's frame is at the waist, which is at the end of the front body.
+    They are relative to the places that `factors` scales with the bodies, at which all are zero. The rear
+    body's frame is at the waist, which is at the end of the front body.
 
     Args:
         of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays.
         stack: the function that stacks them to an array (3,).
     """
-    behind = of.body_distance - 0.05 * (of.front_length / 0.1)  # the centre of mass behind the waist
-    places = {}
+    front_size, rear_size = of.front_length / 0.1, of.rear_length / 0.1
+    front_width, rear_width = of.front_width / 0.1, of.rear_width / 0.1
+    apart = 0.05 * front_size + 0.05 * rear_size - of.body_distance
+    front = of.front_hip_x - 0.048 * front_size, of.front_hip_y - 0.05 * front_width
+    rear = apart + (0.048 * rear_size - of.rear_hip_x), of.rear_hip_y - 0.05 * rear_width
+    moved = {}
     for i in LIMBS:
-        x, y = (of.front_hip_x, of.front_hip_y) if i < 2 else (-(behind + of.rear_hip_x), of.rear_hip_y)
-        places[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, 0.0])
-    return places, stack([-behind, 0.0, 0.0])
+        x, y = front if i < 2 else rear
+        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, 0.0])
+    return moved, stack([apart, 0.0, 0.0])
 
 
 def mjcf() -> str:

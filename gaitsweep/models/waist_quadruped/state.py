@@ -88,14 +88,14 @@ class State:
 
     `q` (16,) and `v` (15,) are MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether
     the stride is still growing; `held`, whether delta_13 is held, as at the start; `contact` (4,) bool;
-    `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path; `lifted` (4,): the foot has been
-    off the ground since the beginning of its swing; `landing_x`, `landing_z` (4,) m, the point
-    at which the stance line begins (LP); `wanted` rad, the delta_13 that is held; `stride_x` (m) and `stride_t` (s),
-    position and time at limb 3's last landing; of the cycle before it `speed` (m/s), `period` (s) and of each
-    foot the `duty` factor and the number of `touchdowns`, (4,). Since that landing, (4,): `stood` (s), the
-    times of lift-off less those of touchdown, and `landed`, the number of touchdowns. For the last fixed
-    step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of the phases during it,
-    `closed`: limb 3 landed in it.
+    `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path;
+    `lifted` (4,): the foot has been off the ground since the beginning of its swing; `landing_x`, `landing_z`
+    (4,) m, the point at which the stance line begins (LP); `wanted` rad, the delta_13 that is held;
+    `stride_x` (m) and `stride_t` (s), position and time at limb 3's last landing; of the cycle before it
+    `speed` (m/s), `period` (s) and of each foot the `duty` factor and the number of `touchdowns`, (4,). Since
+    that landing, (4,): `stood` (s), the times of lift-off less those of touchdown, and `landed`, the number
+    of touchdowns. For the last fixed step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of
+    the phases during it, `closed`: limb 3 landed in it.
     """
 
     q: jax.Array
