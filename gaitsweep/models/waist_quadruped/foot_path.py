@@ -70,6 +70,7 @@ class FootPath:
             around = jnp.where(swinging, -cosine, cosine)
             x = jnp.where(standing, x, self.x_c + 0.5 * self.D * around)
             return x, jnp.where(swinging, self.h * sine - self.H, z)
+        assert self.swing_ease is not None
         ease = self.swing_ease * (sine if whole else 2.0 * sine * cosine)
         x = jnp.where(swinging, self.PEP + self.D * (turn - ease) / TWO_PI, x)
         return x, jnp.where(swinging, self._rise(turn, sine, cosine) - self.H, z)

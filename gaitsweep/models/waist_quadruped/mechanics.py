@@ -98,12 +98,12 @@ class WaistMechanics:
         """The position of a foot in its lower link's frame (3,), m."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
 
-    def from_hips(self, q: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """x and z (4,) m of the feet relative to their hips, along the axes of their bodies."""
+    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> tuple[jax.Array, jax.Array]:
+        """x and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
         upper = jnp.stack([q[i] for i in HIP])
         lower = upper + jnp.stack([q[i] for i in KNEE])
-        x = -self.link_length * (jnp.sin(upper) + jnp.sin(lower))
-        return x, -self.link_length * (jnp.cos(upper) + jnp.cos(lower))
+        down = -share * self.link_length
+        return down * (jnp.sin(upper) + jnp.sin(lower)), down * (jnp.cos(upper) + jnp.cos(lower))
 
     def torques(
         self,
@@ -160,6 +160,7 @@ class WaistMechanics:
         Arguments as for `ground_forces`. An anchor follows its foot until the force along the ground is `mu`
         times the force normal to it; a force that pulls the foot down carries no friction.
         """
+        assert self.mu is not None
         K, D, *_ = self._ground()
         feet = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
         force = jnp.stack(feet)

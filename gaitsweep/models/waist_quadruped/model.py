@@ -263,7 +263,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         touches = now.contact & ~s.contact
         anchor = anchors(p, s, touches, at[:, :2])
         wanted = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
-        landing = landing_points(p, s, now.late, wanted, p.mechanics.from_hips(s.q))
+        landing = landing_points(p, s, now.late, wanted, p.mechanics.from_hips(s.q, p.landing_actual))
         s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
         return after_events(p, s, now, landing, 0.0)
 

@@ -92,10 +92,11 @@ def landing_points(
 
     Args:
         late: which limbs land after phi_AEP, (4,).
-        wanted, actual: desired and actual x and z (4,) of the feet at their landings.
+        wanted: desired x and z (4,) of the feet at their landings.
+        actual: their actual x and z (4,), times `landing_actual`.
     """
     path, onwards = p.path(s.clock, s.growing), late & (p.late_reset <= 0.0)
-    x, z = (one + p.landing_actual * (other - one) for one, other in zip(wanted, actual, strict=True))
+    x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(wanted, actual, strict=True))
     return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
 
 

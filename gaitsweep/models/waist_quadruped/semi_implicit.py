@@ -106,7 +106,7 @@ class SemiImplicit(FixedStepDynamics):
         path = p.path(s.clock, s.growing)
         phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
         x, z = path.target(phi, jnp.where(now.lands, landing_in, now.segment), (s.landing_x, s.landing_z))
-        actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q)
+        actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
         landing = landing_points(p, s, now.late, (x, z), actual)
         s = after_events(p, dataclasses.replace(s, anchor=anchor), now, landing, over, since)
         on_line = path.line(*landing, path.done(s.phi))
