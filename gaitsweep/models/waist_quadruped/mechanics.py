@@ -161,13 +161,12 @@ class WaistMechanics:
         times the force normal to it; a force that pulls the foot down carries no friction.
         """
         assert self.mu is not None
-        K, D, *_ = self._ground()
         feet = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
         force = jnp.stack(feet)
         along, normal = jnp.hypot(force[:, 0], force[:, 1]), jnp.maximum(force[:, 2], 0.0)
         limit = self.mu * normal
         share = jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
-        slid = at[:, :2] + (share[:, None] * force[:, :2] + D[:2] * speed[:, :2]) / K[:2]
+        slid = at[:, :2] + (share[:, None] * force[:, :2] + self.D_TL * speed[:, :2]) / self.K_TL
         return jnp.where((along > limit)[:, None], slid, anchors)
 
     def _ground(self) -> tuple[jax.Array, ...]:
