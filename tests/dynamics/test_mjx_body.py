@@ -34,7 +34,8 @@ TABLE_1 = FRONT | {name.replace("front", "rear"): value for name, value in FRONT
 OTHER = {
     "front_mass": 1.3, "front_length": 0.12, "front_width": 0.09,
     "rear_mass": 0.8, "rear_length": 0.095, "rear_width": 0.105, "link_mass": 0.07, "link_length": 0.1,
-    "front_hip_x": 0.051, "rear_hip_x": 0.044, "front_hip_y": 0.047, "rear_hip_y": 0.052, "body_distance": 0.11,
+    "front_hip_x": 0.051, "rear_hip_x": 0.044, "front_hip_y": 0.047, "rear_hip_y": 0.052,
+    "body_distance": 0.11,
 }  # fmt: skip
 
 

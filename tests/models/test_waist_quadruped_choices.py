@@ -58,7 +58,7 @@ def observed(
 @pytest.mark.parametrize(
     ("structure", "params"),
     [
-        ({"swing": "ellipse"}, HIPS),
+        ({"swing": "ellipse"}, {"swing_ease": 0.8, **HIPS}),
         ({"swing": "sine"}, {"swing_ease": 0.7, **GROUND}),
         ({"swing": "two_cycloids"}, {"swing_ease": 1.2, **POSTURE}),
         ({}, {**HIPS, **POSTURE, **GROUND, **RESET}),
@@ -143,6 +143,7 @@ def test_every_swing_goes_from_one_extreme_position_to_the_other(swing: str) -> 
         ("sine", 0.4, 0.6 * D, -math.pi * RISE),
         ("two_cycloids", 1.0, 0.0, 0.0),
         ("ellipse", 1.0, 0.0, -math.pi * RISE),
+        ("ellipse", 1.6, 0.0, -0.4 * math.pi * RISE),
         # that of the stance line, by which the feet go back: D (1 - beta) / beta for beta = 3/4
         ("cycloid", 4.0 / 3.0, -D / 3.0, 0.0),
     ],

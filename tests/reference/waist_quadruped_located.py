@@ -106,7 +106,8 @@ class Quadruped:
             return x + (back - x) * done, z + (-H - z) * done
         if self.swing == "ellipse":
             below = self.segment[i] == BEYOND
-            angle = math.pi * (1.0 + done if below else phi / self.AEP)  # from the PEP over the top
+            swung = phi / self.AEP - (p["swing_ease"] - 1.0) * math.sin(TWO_PI * phi / self.AEP) / TWO_PI
+            angle = math.pi * (1.0 + done if below else swung)  # from the PEP over the top
             height = p["dip"] if below else h
             return self.x_c[i] - 0.5 * D * math.cos(angle), height * math.sin(angle) - H
         if self.segment[i] == BEYOND:

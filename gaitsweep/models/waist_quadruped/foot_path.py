@@ -22,8 +22,7 @@ class FootPath:
 
     The extreme positions are at `x_c` + D/2 and `x_c` - D/2, `H` below the hip; `h` is the height of the
     swing, `dip` the depth that a foot without landing reaches below the extreme positions. `x_c` and `H` may
-    differ from limb to limb, (4,). `swing` is one of `SWINGS`; `swing_ease` slows the ends of all but the
-    ellipse, which has none.
+    differ from limb to limb, (4,). `swing` is one of `SWINGS`; `swing_ease` slows its ends.
     """
 
     phi_AEP: jax.Array
@@ -32,7 +31,7 @@ class FootPath:
     H: jax.Array
     h: jax.Array
     dip: jax.Array
-    swing_ease: jax.Array | None
+    swing_ease: jax.Array
     swing: str = dataclasses.field(default="cycloid", metadata={"static": True})
 
     @property
@@ -47,8 +46,9 @@ class FootPath:
 
         With s = phi / phi_AEP from 0 to 1, x moves from the PEP by D (s - swing_ease sin(2 pi s) / (2 pi)),
         and z rises by h sin(pi s)^2 (`cycloid`), h sin(pi s) (`sine`), or along one cycloid up and one down
-        (`two_cycloids`). `ellipse` is the half ellipse with axes D and 2 h at a constant rate of its angle;
-        without a landing it goes on along the lower half, with axes D and 2 dip.
+        (`two_cycloids`). `ellipse` is the half ellipse with axes D and 2 h, whose angle moves by
+        pi (s - (swing_ease - 1) sin(2 pi s) / (2 pi)), at a constant rate for 1; without a landing it goes on
+        along the lower half, with axes D and 2 dip.
 
         Args:
             phi: the limb's phase, rad.
@@ -59,7 +59,10 @@ class FootPath:
         turn, done = TWO_PI * (phi / self.phi_AEP), self.done(phi)
         # one angle serves both curves, since a limb follows one of them
         whole = self.swing in ("cycloid", "two_cycloids")
-        angle = jnp.where(swinging, turn if whole else 0.5 * turn, jnp.pi * done)
+        swung = turn if whole else 0.5 * turn
+        if self.swing == "ellipse":
+            swung = swung - 0.5 * (self.swing_ease - 1.0) * jnp.sin(turn)
+        angle = jnp.where(swinging, swung, jnp.pi * done)
         sine, cosine = jnp.sin(angle), jnp.cos(angle)
         # both lines end at the PEP: one begins at the landing point, the other at the AEP and dips
         from_x = jnp.where(standing, landing[0], self.PEP + self.D)
@@ -70,7 +73,6 @@ class FootPath:
             around = jnp.where(swinging, -cosine, cosine)
             x = jnp.where(standing, x, self.x_c + 0.5 * self.D * around)
             return x, jnp.where(swinging, self.h * sine - self.H, z)
-        assert self.swing_ease is not None
         ease = self.swing_ease * (sine if whole else 2.0 * sine * cosine)
         x = jnp.where(swinging, self.PEP + self.D * (turn - ease) / TWO_PI, x)
         return x, jnp.where(swinging, self._rise(turn, sine, cosine) - self.H, z)

@@ -43,7 +43,7 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     joint_angles,
     tilt,
 )
-from gaitsweep.models.waist_quadruped.parameters import EASE, MU, OBSERVABLES, PARAMETERS, SIGNALS
+from gaitsweep.models.waist_quadruped.parameters import MU, OBSERVABLES, PARAMETERS, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import (
     after_events,
     anchors,
@@ -114,8 +114,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        some = tuple(one for one in PARAMETERS if one is not EASE or self.swing != "ellipse")
-        return some if self.slip == "none" else (*some, MU)
+        return PARAMETERS if self.slip == "none" else (*PARAMETERS, MU)
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:

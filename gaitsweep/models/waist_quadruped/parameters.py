@@ -65,11 +65,7 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
     )  # fmt: skip
 
 
-# Parameters of some structures only.
-EASE = Quantity(
-    "swing_ease", "1", "slowing of x at the ends of the swing: 1 at rest, 0 uniform, 1/beta as the ground",
-    1.0, low=0.0, symbol="e", source=_SEARCH,
-)  # fmt: skip
+# Where feet slip.
 MU = _positive("mu", "1", "coefficient of friction between feet and ground", 1.0, r"\mu", "")
 PARAMETERS = (
     _positive("f", "Hz", "stiffness of the waist, as a frequency", 2.6, "f", "Aoi 2011, eq. (8)"),
@@ -119,7 +115,8 @@ PARAMETERS = (
     _flag("fore_knees", "1: the knees of the fore limbs point ahead; 0: behind", 1.0, "k_F"),
     _flag("hind_knees", "1: the knees of the hind limbs point ahead; 0: behind", 0.0, "k_H"),
     _positive("h", "m", "height to which the swing lifts a foot", 0.0393, "h", _SEARCH),
-    EASE,
+    Quantity("swing_ease", "1", "slowing of the swing at its ends; 0: uniform x; 1/beta: the ground's speed",
+             1.0, low=0.0, symbol="e", source=_SEARCH),
     _positive("dip", "m", "depth that a foot without landing reaches below", 0.009, "d", _SEARCH),
     _positive("body_mass", "kg", "mass of the front body and of the rear one", 1.0, "m_B", _TABLE_1),
     _positive("body_length", "m", "length of each body, hips in place", 0.1, "l_B", _TABLE_1),

@@ -50,6 +50,7 @@ class Params:
     gate: jax.Array
     late_reset: jax.Array
     landing_actual: jax.Array
+    swing_ease: jax.Array
     anchor_kept: jax.Array
     walk_centre: jax.Array
     walk_width: jax.Array
@@ -60,7 +61,6 @@ class Params:
     omega: jax.Array  # rad/s
     phi_AEP: jax.Array  # rad
     mechanics: WaistMechanics
-    swing_ease: jax.Array | None = None
     swing: str = dataclasses.field(default="cycloid", metadata={"static": True})
     damping: str = dataclasses.field(default="joint_rate", metadata={"static": True})
 
