@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from sweeping import complete
 
 from gaitsweep import models
 from gaitsweep.job import Job
@@ -67,6 +68,5 @@ def quadruped_skeleton(yaw: float = 0.0, **lengths: float) -> Skeleton:
     """The trot at 81 moments, with other lengths than Table I's where they are given."""
     t = 0.01 * np.arange(81)
     model = models.find("waist_quadruped")()
-    bodies = {f"{body}_{size}": 0.1 for body in ("front", "rear") for size in ("length", "width")}
-    values = bodies | {"link_length": 0.08} | lengths
+    values = {name: float(value[0]) for name, value in complete(model, lengths, 1).items()}
     return model.skeleton(values, quadruped_signals(t, yaw))

@@ -23,10 +23,19 @@ DT = 2e-4
 FEET = [f"foot_{i + 1}" for i in range(4)]
 LINKS = {"link_mass": 0.1, "link_length": 0.08}
 FRONT = {"front_mass": 1.0, "front_length": 0.1, "front_width": 0.1}
-TABLE_1 = FRONT | {name.replace("front", "rear"): value for name, value in FRONT.items()} | LINKS
+HIPS = {
+    "front_hip_x": 0.048,
+    "rear_hip_x": 0.048,
+    "front_hip_y": 0.05,
+    "rear_hip_y": 0.05,
+    "body_distance": 0.1,
+}
+TABLE_1 = FRONT | {name.replace("front", "rear"): value for name, value in FRONT.items()} | LINKS | HIPS
 OTHER = {
     "front_mass": 1.3, "front_length": 0.12, "front_width": 0.09,
     "rear_mass": 0.8, "rear_length": 0.095, "rear_width": 0.105, "link_mass": 0.07, "link_length": 0.1,
+    "front_hip_x": 0.051, "rear_hip_x": 0.044, "front_hip_y": 0.047, "rear_hip_y": 0.052,
+    "body_distance": 0.11,
 }  # fmt: skip
 
 
@@ -180,13 +189,14 @@ def rewritten(values: dict[str, float]) -> str:
         for m, long, wide in trunks
     ]
     weigh("front", trunks[0][0], boxes[0])
-    place(weigh("rear", trunks[1][0], boxes[1]), -trunks[1][1] / 2, 0.0, 0.0)
+    behind = values["body_distance"] - trunks[0][1] / 2  # the rear body's centre of mass, behind the waist
+    place(weigh("rear", trunks[1][0], boxes[1]), -behind, 0.0, 0.0)
     place(parts["rear"], -trunks[0][1] / 2, 0.0, 0.0)
     mass, link = values["link_mass"], values["link_length"]
     rod = mass * link * link / 12.0
     for i in range(4):
-        _, long, wide = trunks[i // 2]
-        x, y = (0.48 if i < 2 else -0.98) * long, (-0.5, 0.5)[i % 2] * wide
+        x = values["front_hip_x"] if i < 2 else -behind - values["rear_hip_x"]
+        y = (-1.0, 1.0)[i % 2] * values["front_hip_y" if i < 2 else "rear_hip_y"]
         place(parts[f"upper_{i + 1}"], x, y, 0.0)
         place(parts[f"lower_{i + 1}"], 0.0, 0.0, -link)
         for part in ("upper", "lower"):

@@ -67,7 +67,7 @@ def test_a_foot_at_its_anchor_oscillates_along_all_axes() -> None:
     x, v = anchor + np.array([0.01, -0.02, -0.015]), np.array([0.3, 0.2, -0.4])
     path = moved(
         lambda x, v: mechanics.anchored_force(
-            x, v, jnp.asarray(anchor[:2]), jnp.asarray(True), jnp.asarray(K), jnp.asarray(D)
+            x, v, jnp.asarray(anchor[:2]), jnp.asarray(True), jnp.full(3, K), jnp.full(3, D)
         ),
         x, v, M,
     )  # fmt: skip

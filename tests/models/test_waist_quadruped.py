@@ -173,16 +173,17 @@ def test_a_foot_out_of_reach_is_aimed_at() -> None:
 
 def test_the_ground_holds_a_foot_by_a_spring_and_a_damper() -> None:
     at, speed, anchor = jnp.array([0.1, 0.2, -1e-4]), jnp.array([0.0, 0.1, 0.3]), jnp.array([0.099, 0.2])
-    free = anchored_force(at, speed, anchor, jnp.asarray(True), 3.6e4, 175.0)
+    ground = jnp.full(3, 3.6e4), jnp.full(3, 175.0)
+    free = anchored_force(at, speed, anchor, jnp.asarray(True), *ground)
     np.testing.assert_allclose(free, [-36.0, -17.5, 3.6 - 52.5], rtol=1e-12)
-    clamped = anchored_force(at, speed, anchor, jnp.asarray(True), 3.6e4, 175.0, 1.0)
+    clamped = anchored_force(at, speed, anchor, jnp.asarray(True), *ground, clamp=1.0)
     np.testing.assert_allclose(clamped, [-36.0, -17.5, 0.0], rtol=1e-12)
-    assert not np.any(anchored_force(at, speed, anchor, jnp.asarray(False), 3.6e4, 175.0))
+    assert not np.any(anchored_force(at, speed, anchor, jnp.asarray(False), *ground))
 
 
 def test_the_foots_path_has_no_steps_in_it() -> None:
     """From segment to segment it goes on where it was; a swing begins at rest on its path."""
-    path = FootPath(*(jnp.asarray(v) for v in (0.5 * math.pi, -0.0008, 0.056, 0.133, 0.0393, 0.009)))
+    path = FootPath(*(jnp.asarray(v) for v in (0.5 * math.pi, -0.0008, 0.056, 0.133, 0.0393, 0.009, 1.0)))
     aep, end = 0.5 * math.pi, 2.0 * math.pi
     landing = (path.PEP + path.D, -path.H)
 

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from sweeping import scalars
 from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
 
 from gaitsweep import models
 from gaitsweep.job import Job
-from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.plot.limbs import limb_colours, limbs_of
 from gaitsweep.plot.movie.animation import Clip
 from gaitsweep.plot.movie.side_view import heading, turned
@@ -48,8 +48,7 @@ def test_feet_are_drawn_where_the_dynamics_has_them() -> None:
     """Two kinematics of one body: MuJoCo's of the scaled MJCF and the tree's, alike but for rounding."""
     lengths = {"front_length": 0.12, "front_width": 0.09, "rear_length": 0.11, "rear_width": 0.08}
     lengths["link_length"] = 0.09
-    ones = {name: jnp.asarray(1.0) for name in WaistMechanics.__dataclass_fields__}
-    body = WaistMechanics(**ones | {name: jnp.asarray(value) for name, value in lengths.items()})
+    body = scalars(models.find("waist_quadruped")(), **lengths).mechanics
     signals = quadruped_signals(0.01 * np.arange(81))
     drawn = quadruped_skeleton(**lengths)
     for k in (0, 33, 80):

@@ -1,6 +1,7 @@
 """The quadruped with a waist joint as an MjModel of other masses and lengths, from its page alone.
 
-Boxes of m_B, l_B x w_B x 0.05 m; rods of m_L and l_L; hips and waist where the MJCF has them, in proportion.
+Boxes of m_B, l_B x w_B x 0.05 m; rods of m_L and l_L; the waist at the end of the front body; hips where they
+are given, else where the MJCF has them, in proportion.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -20,6 +21,7 @@ def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
     """The body with `link_mass` (kg), `link_length` (m), `g`, and masses and sizes of both its bodies.
 
     `front_mass`, `rear_length` and so on; where they are left out, `body_mass`, `body_length`, `body_width`.
+    `front_hip_x`, `rear_hip_y`, `body_distance` and so on may be left out.
     """
     spec = mujoco.MjSpec.from_string(xml)
     link, length = values["link_mass"], values["link_length"]
@@ -42,5 +44,12 @@ def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
         body.pos = trunks[carrier][2] * body.pos if body.name.startswith("upper") else [0.0, 0.0, -length]
         for site in body.sites:
             site.pos = [0.0, 0.0, -length]
+    if "body_distance" in values:
+        behind = values["body_distance"] - 0.5 * (values["front_length"] / 0.1) * 0.1
+        spec.body("rear").ipos = [-behind, 0.0, 0.0]
+        for number, side in ((1, -1), (2, 1), (3, -1), (4, 1)):
+            name = "front" if number < 3 else "rear"
+            x = values["front_hip_x"] if number < 3 else -behind - values["rear_hip_x"]
+            spec.body(f"upper_{number}").pos = [x, side * values[f"{name}_hip_y"], 0.0]
     spec.option.gravity = [0.0, 0.0, -values["g"]]
     return spec.compile()

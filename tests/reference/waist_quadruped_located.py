@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.optimize import brentq
 
 from .dormand_prince import Fallen, LateEvent, advanced
 from .waist_quadruped_body import varied
 
 HIP, KNEE, WAIST = (7, 9, 12, 14), (8, 10, 13, 15), 11  # in qpos; in qvel one less
-BEND = (1.0, 1.0, -1.0, -1.0)  # knees: fore one way, hind the other
 TWO_PI = 2.0 * math.pi
 RELEASE = 1e-7  # m above the ground, where a foot is let go of
 STANCE, EARLY, LATE, BEYOND = range(4)
@@ -45,8 +45,13 @@ class Landing:
 class Quadruped:
     """The page's equations with the `values` of its parameters, and the state: y (35,) is q, v, phi."""
 
-    def __init__(self, xml: str, values: Mapping[str, float], delta_13: float) -> None:
+    def __init__(
+        self, xml: str, values: Mapping[str, float], delta_13: float, swing: str, damping: str
+    ) -> None:
         p = self.p = dict(values)
+        self.swing, self.damping = swing, damping
+        self.bend = [1.0 if p[f"{pair}_knees"] > 0.0 else -1.0 for pair in ("fore", "fore", "hind", "hind")]
+        self.x_c, self.H = ([p[f"{name}_fore"]] * 2 + [p[f"{name}_hind"]] * 2 for name in ("x_c", "H"))
         self.model = varied(xml, p)
         self.data = mujoco.MjData(self.model)
         self.sites = [self.model.site(f"foot_{i + 1}").id for i in range(4)]
@@ -57,23 +62,31 @@ class Quadruped:
         self.delta_13, self.time = delta_13, 0.0
         first = self.AEP + delta_13
         phi = np.mod([first, first - math.pi, self.AEP, self.AEP - math.pi], TWO_PI)
-        self.segment = [STANCE if a >= self.AEP else EARLY if a < 0.5 * self.AEP else LATE for a in phi]
+        self.segment = [STANCE if a >= self.AEP else EARLY if a < p["gate"] * self.AEP else LATE for a in phi]
         self.contact, self.lifted = [True] * 4, [False] * 4
         self.growing = self.held = True
         self.cycle_began, self.down_since, self.stood, self.touched = 0.0, [0.0] * 4, [0.0] * 4, [0] * 4
-        self.LP = [(p["x_c"], -p["H"])] * 4
+        self.LP = [(x, -H) for x, H in zip(self.x_c, self.H, strict=True)]
         self.y = np.zeros(35)
         self.y[PHI] = phi
         self.y[3] = 1.0
-        weight = (p["front_mass"] + p["rear_mass"] + 8.0 * p["link_mass"]) * p["g"]
-        self.y[2] = p["H"] - weight / (4.0 * p["K_TL"])
         starts = [self.path(i, 0.0, float(phi[i])) for i in range(4)]
         for i, (x, z) in enumerate(starts):
-            self.y[[HIP[i], KNEE[i]]] = self.angles(x, z, BEND[i])
+            self.y[[HIP[i], KNEE[i]]] = self.angles(x, z, self.bend[i])
         self.LP = starts
+        # pitched until fore and hind feet are equally high
+        self.slope(brentq(self.slope, -1.0, 1.0, xtol=1e-15))
+        weight = (p["front_mass"] + p["rear_mass"] + 8.0 * p["link_mass"]) * p["g"]
+        self.y[2] -= self.data.site_xpos[self.sites[0]][2] + weight / (4.0 * p["K_N"])
         self.placed(self.y)
         self.anchor = [self.data.site_xpos[site][:2].copy() for site in self.sites]
         self.jacobian = np.zeros((3, 15))
+
+    def slope(self, pitch: float) -> float:
+        """How much higher the fore feet are than the hind feet with the body pitched (m)."""
+        self.y[3], self.y[5] = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+        self.placed(self.y)
+        return self.data.site_xpos[self.sites[0]][2] - self.data.site_xpos[self.sites[2]][2]
 
     def angles(self, x: float, z: float, bend: float) -> tuple[float, float]:
         """Hip and knee of a limb with its foot at (x, z) from the hip, by the law of cosines."""
@@ -85,16 +98,37 @@ class Quadruped:
         """Where foot i should be relative to its hip (x, z), m."""
         p = self.p
         grown = t / p["T_grow"] if self.growing else 1.0
-        D, h, H = p["D"] * grown, p["h"] * grown, p["H"]
-        back, ahead = p["x_c"] - 0.5 * D, p["x_c"] + 0.5 * D
+        D, h, H = p["D"] * grown, p["h"] * grown, self.H[i]
+        back, ahead = self.x_c[i] - 0.5 * D, self.x_c[i] + 0.5 * D
         done = (phi - self.AEP) / (TWO_PI - self.AEP)
         if self.segment[i] == STANCE:
             x, z = self.LP[i]
             return x + (back - x) * done, z + (-H - z) * done
+        if self.swing == "ellipse":
+            below = self.segment[i] == BEYOND
+            swung = phi / self.AEP - (p["swing_ease"] - 1.0) * math.sin(TWO_PI * phi / self.AEP) / TWO_PI
+            angle = math.pi * (1.0 + done if below else swung)  # from the PEP over the top
+            height = p["dip"] if below else h
+            return self.x_c[i] - 0.5 * D * math.cos(angle), height * math.sin(angle) - H
         if self.segment[i] == BEYOND:
             return ahead + (back - ahead) * done, -H - p["dip"] * math.sin(math.pi * done)
         turn = TWO_PI * phi / self.AEP
-        return back + D * (turn - math.sin(turn)) / TWO_PI, 0.5 * h * (1.0 - math.cos(turn)) - H
+        x = back + D * (turn - p["swing_ease"] * math.sin(turn)) / TWO_PI
+        if self.swing == "sine":
+            return x, h * math.sin(0.5 * turn) - H
+        if self.swing == "two_cycloids":
+            half = 2.0 * min(turn, TWO_PI - turn)  # of the cycloid up, or of the one down read backwards
+            return x, h * (half - math.sin(half)) / TWO_PI - H
+        return x, 0.5 * h * (1.0 - math.cos(turn)) - H
+
+    def turning(self, i: int, t: float, phi: float, rate: float) -> tuple[float, float]:
+        """Rates of the desired hip and knee angles of limb i, by differences (rad/s)."""
+        span = 1e-6
+        late, soon = (
+            np.array(self.angles(*self.path(i, t + s, phi + s * rate), self.bend[i])) for s in (span, -span)
+        )
+        hip, knee = (late - soon) / (2.0 * span)
+        return float(hip), float(knee)
 
     def placed(self, y: np.ndarray) -> None:
         """Positions of all in the data."""
@@ -105,6 +139,7 @@ class Quadruped:
         """dy/dt with the modes as they are."""
         m, d, p = self.model, self.data, self.p
         q, v, phi = y[Q], y[V], y[PHI].tolist()
+        rate = self.phase_rates(phi)
         d.qpos[:], d.qvel[:] = q, v
         mujoco.mj_fwdPosition(m, d)
         mujoco.mj_fwdVelocity(m, d)
@@ -112,16 +147,26 @@ class Quadruped:
         push[:] = 0.0
         push[WAIST - 1] = -self.waist[0] * q[WAIST] - self.waist[1] * v[WAIST - 1]
         for i in range(4):
-            hip, knee = self.angles(*self.path(i, t, phi[i]), BEND[i])
-            push[HIP[i] - 1] = -p["kappa_1"] * (q[HIP[i]] - hip) - p["sigma_1"] * v[HIP[i] - 1]
-            push[KNEE[i] - 1] = -p["kappa_2"] * (q[KNEE[i]] - knee) - p["sigma_2"] * v[KNEE[i] - 1]
+            hip, knee = self.angles(*self.path(i, t, phi[i]), self.bend[i])
+            turning = 0.0, 0.0
+            if self.damping == "rate_error":
+                turning = self.turning(i, t, phi[i], float(rate[i]))
+            push[HIP[i] - 1] = -p["kappa_1"] * (q[HIP[i]] - hip) - p["sigma_1"] * (v[HIP[i] - 1] - turning[0])
+            push[KNEE[i] - 1] = -p["kappa_2"] * (q[KNEE[i]] - knee)
+            push[KNEE[i] - 1] -= p["sigma_2"] * (v[KNEE[i] - 1] - turning[1])
         for i in range(4):
             if self.contact[i]:
                 J = self.jacobian
                 mujoco.mj_jacSite(m, d, J, None, self.sites[i])
                 sunk = d.site_xpos[self.sites[i]].copy()
                 sunk[:2] -= self.anchor[i]
-                push += (-p["K_TL"] * sunk - p["D_TL"] * (J @ v)) @ J
+                speed = J @ v
+                force = -p["K_TL"] * sunk - p["D_TL"] * speed
+                damper = p["D_N"] * (p["D_rising"] if speed[2] > 0.0 else 1.0)
+                force[2] = -p["K_N"] * sunk[2] - damper * speed[2]
+                if p["clamp"] > 0.0:
+                    force[2] = max(force[2], 0.0)
+                push += force @ J
         mujoco.mj_fwdAcceleration(m, d)
         dy = np.empty(35)
         dy[:3] = v[:3]
@@ -136,6 +181,12 @@ class Quadruped:
         dy[3:7] *= 0.5
         dy[7:16] = v[6:]
         dy[V] = d.qacc_smooth
+        dy[PHI] = rate
+        return dy
+
+    def phase_rates(self, phi: list[float]) -> list[float]:
+        """Rates of the phases (rad/s)."""
+        p = self.p
         held = p["K_hold"] if self.held else 0.0
         pulls = [
             (i, j, p[f"K_{i + 1}{j + 1}"], p[f"K_{j + 1}{i + 1}"], p[f"delta_star_{i + 1}{j + 1}"])
@@ -148,13 +199,12 @@ class Quadruped:
             sine = math.sin(phi[i] - phi[j] - wanted)
             rate[i] -= on_i * sine
             rate[j] += on_j * sine
-        dy[PHI] = rate
-        return dy
+        return rate
 
     def guards(self, t: float, y: np.ndarray) -> np.ndarray:
         """What rises through zero at an event (10,): corners (4), feet (4), the start's ends (2)."""
         self.placed(y)
-        corners = [TWO_PI, 0.5 * self.AEP, self.AEP, TWO_PI]
+        corners = [TWO_PI, self.p["gate"] * self.AEP, self.AEP, TWO_PI]
         turned = [y[31 + i] - corners[self.segment[i]] for i in range(4)]
         heights = [self.data.site_xpos[site][2] for site in self.sites]
         feet = [up - RELEASE if on else -up for up, on in zip(heights, self.contact, strict=True)]
@@ -175,7 +225,7 @@ class Quadruped:
                     self.touched[i] += 1
                 else:
                     self.stood[i] += self.time - self.down_since[i]
-                if self.contact[i]:
+                if self.contact[i] and not (self.segment[i] == STANCE and self.p["anchor_kept"] > 0.0):
                     self.anchor[i] = self.data.site_xpos[self.sites[i]][:2].copy()
             before = self.segment[i]
             if fired[i] and before in (STANCE, BEYOND):
@@ -186,13 +236,25 @@ class Quadruped:
             self.lifted[i] |= not self.contact[i]
             late = self.segment[i] == LATE and self.lifted[i]
             if self.contact[i] and (late or self.segment[i] == BEYOND):
-                self.segment[i], self.LP[i] = STANCE, wanted[i]
-                if self.p["resetting"] > 0.0:
+                resets = late or self.p["late_reset"] > 0.0
+                self.segment[i], self.LP[i] = STANCE, self.landing_point(i, wanted[i], resets)
+                if resets and self.p["resetting"] > 0.0:
                     self.y[31 + i] = self.AEP
                 found = i == 2 or found
         self.growing &= not fired[8]
         self.held &= not fired[9]
         return self.ended() if found is True else None
+
+    def landing_point(self, i: int, wanted: tuple[float, float], resets: bool) -> tuple[float, float]:
+        """Where the line of limb i's stance begins; without a reset, at the AEP."""
+        if not resets:
+            grown = self.time / self.p["T_grow"] if self.growing else 1.0
+            return self.x_c[i] + 0.5 * self.p["D"] * grown, -self.H[i]
+        d, number = self.data, i + 1
+        frame = d.body("front" if i < 2 else "rear").xmat.reshape(3, 3)
+        foot = (d.site(f"foot_{number}").xpos - d.body(f"upper_{number}").xpos) @ frame
+        share = self.p["landing_actual"]
+        return tuple(wanted[k] + share * (foot[2 * k] - wanted[k]) for k in (0, 1))
 
     def ended(self) -> Landing:
         """What is read of the cycle that limb 3's landing ends."""
@@ -216,11 +278,19 @@ class Quadruped:
         ahead, side = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
         up = w * w - x * x - y * y + z * z
         tilted = abs(math.atan2(side, up)) > 1.2 or abs(math.asin(max(-1.0, min(1.0, ahead)))) > 1.2
-        return bool(self.y[2] < 0.4 * self.p["H"] or tilted or abs(self.y[WAIST]) > 1.5)
+        return bool(self.y[2] < 0.4 * self.H[0] or tilted or abs(self.y[WAIST]) > 1.5)
 
 
 def landings(
-    xml: str, values: Mapping[str, float], delta_13: float, crossings: int, *, rtol: float, nudge: float = 0.0
+    xml: str,
+    values: Mapping[str, float],
+    delta_13: float,
+    crossings: int,
+    *,
+    rtol: float,
+    nudge: float = 0.0,
+    swing: str = "cycloid",
+    damping: str = "joint_rate",
 ) -> list[Landing]:
     """Limb 3's first landings, `crossings` of them.
 
@@ -229,11 +299,12 @@ def landings(
         values: each of the model's parameters.
         delta_13: the start, rad; `nudge` is added to the front body's height (m).
         rtol: of the steps, relative to 1 (m, rad, m/s, rad/s).
+        swing, damping: words of the model's structure.
 
     Raises:
         Fallen: the body fell first. LateEvent: no event where one was due, or events without end.
     """
-    walker = Quadruped(xml, values, delta_13)
+    walker = Quadruped(xml, values, delta_13, swing, damping)
     walker.y[2] += nudge
     found: list[Landing] = []
     limit = 3.0 * (crossings + 1) * TWO_PI / walker.omega

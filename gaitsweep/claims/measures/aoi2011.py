@@ -35,7 +35,7 @@ from gaitsweep.dynamics.tree.spatial import turned
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.models.waist_quadruped.foot_path import LATE
-from gaitsweep.models.waist_quadruped.mechanics import BEND, HIP, KNEE, LIMBS, WAIST, body
+from gaitsweep.models.waist_quadruped.mechanics import HIP, KNEE, LIMBS, WAIST, body
 from gaitsweep.models.waist_quadruped.rhythm import after_events, phase_rates, transitions
 from gaitsweep.models.waist_quadruped.state import State
 
@@ -117,7 +117,7 @@ def torque_error(*, joints: str) -> float:
         else:
             wanted = {}
             for i in LIMBS:
-                hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), BEND[i])
+                hip, knee = _by_cosines(0.01, -0.12, float(m.link_length), float(m.bends[i]))
                 for at, angle, k, s in (
                     (HIP[i], hip, m.kappa_1, m.sigma_1),
                     (KNEE[i], knee, m.kappa_2, m.sigma_2),

@@ -88,5 +88,7 @@ def _steps_alone(name: str, model: Model) -> str | None:
     if METHODS[name].step is None or not isinstance(model, HybridModel) or model.located:
         return None
     fields = dataclasses.fields(model)  # pyright: ignore[reportArgumentType] (each is a dataclass)
-    shape = ", ".join(f"{field.name} {getattr(model, field.name)}" for field in fields)
+    chosen = {field.name: getattr(model, field.name) for field in fields}
+    defaults = {field.name: field.default for field in fields}
+    shape = ", ".join(f"{name} {value}" for name, value in chosen.items() if value != defaults[name])
     return f"is {name}, which needs a flow, but {model.name} has only steps with {shape}. Allowed: {_OWN}."

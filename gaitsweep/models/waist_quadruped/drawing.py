@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
 
 import numpy as np
 
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, displacements, mjcf
 from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
@@ -23,11 +24,12 @@ _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
 
 def scaled_mjcf(values: Mapping[str, float]) -> str:
-    """The MJCF with a row's lengths, scaled as by `WaistMechanics.geometry`; masses are those of Table I.
+    """The MJCF with a row's lengths and hips, as in `WaistMechanics.geometry`; masses are those of Table I.
 
     Args:
-        values: `front_length`, `rear_width`, `link_length` and so on, m, among others.
+        values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
     """
+    hips, centre = displacements(SimpleNamespace(**values), np.array)
     root = ElementTree.fromstring(mjcf())
     trunks = {
         name: np.array([values[f"{name}_length"] / 0.1, values[f"{name}_width"] / 0.1, 1.0])
@@ -35,19 +37,24 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     }
     link = np.full(3, values["link_length"] / 0.08)
     for geom in root.findall("default//geom[@fromto]"):
-        _scale(geom, "fromto", np.tile(link, 2))
+        _edit(geom, "fromto", lambda at: at * np.tile(link, 2))
     for body in root.iter("body"):
         factor = trunks.get(str(body.get("name")), link)
         for part in body:
             if part.get("pos"):
-                _scale(part, "pos", factor)
+                _edit(part, "pos", lambda at, by=factor: at * by)
             if part.get("type") == "box":
-                _scale(part, "size", factor)
+                _edit(part, "size", lambda at, by=factor: at * by)
+        if (by := hips.get(str(body.get("name")))) is not None:
+            _edit(body, "pos", lambda at, by=by: at + by)
+        if body.get("name") == "rear":
+            for part in (*body.findall("inertial"), *body.findall("geom")):
+                _edit(part, "pos", lambda at: at + centre)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _scale(element: ElementTree.Element, key: str, factor: np.ndarray) -> None:
-    numbers = np.array(element.attrib[key].split(), float) * factor
+def _edit(element: ElementTree.Element, key: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    numbers = change(np.array(element.attrib[key].split(), float))
     element.set(key, " ".join(repr(float(number)) for number in numbers))
 
 

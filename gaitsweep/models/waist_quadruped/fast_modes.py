@@ -16,11 +16,14 @@ def fastest_motion(p: Params) -> tuple[jax.Array, jax.Array]:
     and 50 %, for nine of ten parameter sets between 0 and 15 % (`tests/engine/test_numerics.py`).
     """
     m = p.mechanics
-    reach = jnp.minimum(jnp.hypot(p.H, 0.5 * p.D + jnp.abs(p.x_c)), 2.0 * m.link_length)
+    # the straighter limb's, and the stiffer direction's
+    farthest = jnp.max(jnp.hypot(p.H, 0.5 * p.D + jnp.abs(p.x_c)))
+    damper, spring = jnp.maximum(m.D_TL, m.D_N), jnp.maximum(m.K_TL, m.K_N)
+    reach = jnp.minimum(farthest, 2.0 * m.link_length)
     cosine = reach * reach / (2.0 * m.link_length * m.link_length) - 1.0  # of the knee angle
     free = 1.0 + 0.5 * m.link_mass / jnp.minimum(m.front_mass, m.rear_mass)
-    c = free * _fastest(m.D_TL, m.sigma_1, m.sigma_2, cosine, m.link_mass, m.link_length)
-    k = free * _fastest(m.K_TL, m.kappa_1, m.kappa_2, cosine, m.link_mass, m.link_length)
+    c = free * _fastest(damper, m.sigma_1, m.sigma_2, cosine, m.link_mass, m.link_length)
+    k = free * _fastest(spring, m.kappa_1, m.kappa_2, cosine, m.link_mass, m.link_length)
     root = jnp.sqrt(k)
     # stiffness and damping may be largest along different motions
     decays = 0.5 * c + jnp.sqrt(jnp.maximum(0.25 * c * c - 0.5 * k, 0.0))

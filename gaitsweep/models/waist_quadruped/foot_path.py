@@ -9,8 +9,10 @@ import jax.numpy as jnp
 
 from gaitsweep.dynamics.phase_oscillator import TWO_PI
 
-# Segments of the path: stance, first and second half of the swing, and after it without a landing.
+# Segments of the path: stance, first and second part of the swing, and after it without a landing.
 STANCE, EARLY, LATE, BEYOND = 0, 1, 2, 3
+# Curves of the swing; what they are is said at `FootPath.target`.
+SWINGS = ("cycloid", "sine", "ellipse", "two_cycloids")
 
 
 @jax.tree_util.register_dataclass
@@ -19,7 +21,8 @@ class FootPath:
     """The path; `phi_AEP` (rad) is the phase of the anterior extreme position, all others are in m.
 
     The extreme positions are at `x_c` + D/2 and `x_c` - D/2, `H` below the hip; `h` is the height of the
-    swing, `dip` the depth that a foot without landing reaches below the extreme positions.
+    swing, `dip` the depth that a foot without landing reaches below the extreme positions. `x_c` and `H` may
+    differ from limb to limb, (4,). `swing` is one of `SWINGS`; `swing_ease` slows its ends.
     """
 
     phi_AEP: jax.Array
@@ -28,6 +31,8 @@ class FootPath:
     H: jax.Array
     h: jax.Array
     dip: jax.Array
+    swing_ease: jax.Array
+    swing: str = dataclasses.field(default="cycloid", metadata={"static": True})
 
     @property
     def PEP(self) -> jax.Array:
@@ -39,6 +44,12 @@ class FootPath:
     ) -> tuple[jax.Array, jax.Array]:
         """Desired x and z of the foot relative to its hip, m.
 
+        With s = phi / phi_AEP from 0 to 1, x moves from the PEP by D (s - swing_ease sin(2 pi s) / (2 pi)),
+        and z rises by h sin(pi s)^2 (`cycloid`), h sin(pi s) (`sine`), or along one cycloid up and one down
+        (`two_cycloids`). `ellipse` is the half ellipse with axes D and 2 h, whose angle moves by
+        pi (s - (swing_ease - 1) sin(2 pi s) / (2 pi)), at a constant rate for 1; without a landing it goes on
+        along the lower half, with axes D and 2 dip.
+
         Args:
             phi: the limb's phase, rad.
             segment: STANCE, EARLY, LATE or BEYOND.
@@ -47,15 +58,33 @@ class FootPath:
         standing, swinging = segment == STANCE, (segment == EARLY) | (segment == LATE)
         turn, done = TWO_PI * (phi / self.phi_AEP), self.done(phi)
         # one angle serves both curves, since a limb follows one of them
-        angle = jnp.where(swinging, turn, jnp.pi * done)
+        whole = self.swing in ("cycloid", "two_cycloids")
+        swung = turn if whole else 0.5 * turn
+        if self.swing == "ellipse":
+            swung = swung - 0.5 * (self.swing_ease - 1.0) * jnp.sin(turn)
+        angle = jnp.where(swinging, swung, jnp.pi * done)
         sine, cosine = jnp.sin(angle), jnp.cos(angle)
         # both lines end at the PEP: one begins at the landing point, the other at the AEP and dips
         from_x = jnp.where(standing, landing[0], self.PEP + self.D)
         from_z = jnp.where(standing, landing[1], -self.H)
         x, z = self.line(from_x, from_z, done)
         z = z - jnp.where(standing, 0.0, self.dip * sine)
-        x = jnp.where(swinging, self.PEP + self.D * (turn - sine) / TWO_PI, x)
-        return x, jnp.where(swinging, 0.5 * self.h * (1.0 - cosine) - self.H, z)
+        if self.swing == "ellipse":
+            around = jnp.where(swinging, -cosine, cosine)
+            x = jnp.where(standing, x, self.x_c + 0.5 * self.D * around)
+            return x, jnp.where(swinging, self.h * sine - self.H, z)
+        ease = self.swing_ease * (sine if whole else 2.0 * sine * cosine)
+        x = jnp.where(swinging, self.PEP + self.D * (turn - ease) / TWO_PI, x)
+        return x, jnp.where(swinging, self._rise(turn, sine, cosine) - self.H, z)
+
+    def _rise(self, turn: jax.Array, sine: jax.Array, cosine: jax.Array) -> jax.Array:
+        """Height (m) of the swing above the extreme positions; sine and cosine as in `target`."""
+        if self.swing == "sine":
+            return self.h * sine
+        if self.swing == "cycloid":
+            return 0.5 * self.h * (1.0 - cosine)
+        climbed = self.h * (turn - sine * cosine) / jnp.pi  # as if the first cycloid went on
+        return self.h - jnp.abs(climbed - self.h)
 
     def done(self, phi: jax.Array) -> jax.Array:
         """Progress from the phase of the AEP to the end of the cycle, 0 to 1."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.tree.external_force import PointForce
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, factors, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, displacements, factors, mjcf
 from gaitsweep.models.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.models.waist_quadruped.state import State
 
@@ -20,17 +20,20 @@ if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.body import MjxBody
     from gaitsweep.dynamics.mjx.variants import Variants
 
-# Table I's masses (kg) and lengths (m), those of the MJCF.
+# Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
 _TABLE_1 = {
     **{f"{body}_mass": 1.0 for body in ("front", "rear")},
     **{f"{body}_{size}": 0.1 for body in ("front", "rear") for size in ("length", "width")},
     "link_mass": 0.1,
     "link_length": 0.08,
+    **{f"{body}_hip_x": 0.048 for body in ("front", "rear")},
+    **{f"{body}_hip_y": 0.05 for body in ("front", "rear")},
+    "body_distance": 0.1,
 }
 
 
 class WaistMjxBody(WaistBody):
-    """The body in MJX; the host compiles it for each row's masses and lengths."""
+    """The body in MJX; the host compiles it for each row's masses, lengths and places of hips."""
 
     compiled_of = tuple(_TABLE_1)
 
@@ -73,6 +76,11 @@ def variants() -> Variants:
     from gaitsweep.dynamics.mjx.variants import Variants, rescale
 
     def edit(spec: Any, values: Mapping[str, float]) -> None:
-        rescale(spec, *factors(SimpleNamespace(**values), np.stack))
+        of = SimpleNamespace(**values)
+        rescale(spec, *factors(of, np.stack))
+        hips, centre = displacements(of, np.stack)
+        for name, by in hips.items():
+            spec.body(name).pos = spec.body(name).pos + by
+        spec.body("rear").ipos = spec.body("rear").ipos + centre
 
     return Variants(mjcf(), edit, _TABLE_1)

@@ -18,8 +18,6 @@ from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
 
 LIMBS = range(4)
-# Fore knees bend one way, hind knees the other.
-BEND = (1.0, 1.0, -1.0, -1.0)
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
 # chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
 RELEASE = 1e-7
@@ -35,7 +33,7 @@ class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
     `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
-    MJX; it is empty for the tree.
+    MJX; it is empty for the tree. `mu` is None where feet do not slip.
     """
 
     kappa_w: jax.Array
@@ -46,7 +44,12 @@ class WaistMechanics:
     sigma_2: jax.Array
     K_TL: jax.Array
     D_TL: jax.Array
+    K_N: jax.Array
+    D_N: jax.Array
+    D_rising: jax.Array
     clamp: jax.Array
+    fore_knees: jax.Array
+    hind_knees: jax.Array
     g: jax.Array
     front_mass: jax.Array
     front_length: jax.Array
@@ -56,13 +59,31 @@ class WaistMechanics:
     rear_width: jax.Array
     link_mass: jax.Array
     link_length: jax.Array
+    front_hip_x: jax.Array
+    front_hip_y: jax.Array
+    rear_hip_x: jax.Array
+    rear_hip_y: jax.Array
+    body_distance: jax.Array
     numbers: dict[str, jax.Array]
+    mu: jax.Array | None = None
 
     def geometry(self) -> Geometry:
         """The geometry of Table I's body, scaled to these masses and lengths, except heights of bodies."""
         tree, of_table_1 = body()
         mass, size = factors(self, jnp.stack)
-        return rescaled(tree, of_table_1, mass=mass, size=size)
+        scaled = rescaled(tree, of_table_1, mass=mass, size=size)
+        moved, centre = displacements(self, jnp.stack)
+        names = [link.name for link in tree.links]
+        # stacked, since precision mixed has no updates of arrays
+        position = [scaled.position[i] + moved.get(name, 0.0) for i, name in enumerate(names)]
+        com = [scaled.com[i] + (centre if name == "rear" else 0.0) for i, name in enumerate(names)]
+        return dataclasses.replace(scaled, position=jnp.stack(position), com=jnp.stack(com))
+
+    @property
+    def bends(self) -> tuple[jax.Array, ...]:
+        """The sign of each limb's knee angle: 1 where the knee points ahead of the limb, else -1."""
+        fore, hind = (jnp.where(knees > 0.0, 1.0, -1.0) for knees in (self.fore_knees, self.hind_knees))
+        return fore, fore, hind, hind
 
     def feet(self, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Positions (4, 3) m and velocities (4, 3) m/s of the feet in the world."""
@@ -77,19 +98,40 @@ class WaistMechanics:
         """The position of a foot in its lower link's frame (3,), m."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
 
-    def torques(self, q: jax.Array, v: jax.Array, x: jax.Array, z: jax.Array) -> jax.Array:
+    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> tuple[jax.Array, jax.Array]:
+        """x and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
+        upper = jnp.stack([q[i] for i in HIP])
+        lower = upper + jnp.stack([q[i] for i in KNEE])
+        down = -share * self.link_length
+        return down * (jnp.sin(upper) + jnp.sin(lower)), down * (jnp.cos(upper) + jnp.cos(lower))
+
+    def torques(
+        self,
+        q: jax.Array,
+        v: jax.Array,
+        x: jax.Array,
+        z: jax.Array,
+        desired: tuple[jax.Array, jax.Array] | None = None,
+    ) -> jax.Array:
         """Generalised forces (15,): PD control of the joints, eq. (4), and the spring of the waist.
 
         Args:
             q, v: positions and velocities of the tree.
             x, z: desired positions of the feet relative to their hips, (4,) m.
+            desired: desired velocities of the feet, (4,) m/s each, where joints are damped relative to the
+                desired rates; None: they are damped by their own rates.
         """
         tau = [jnp.zeros_like(self.g)] * 15
         tau[WAIST - 1] = -self.kappa_w * q[WAIST] - self.sigma_w * v[WAIST - 1]
         for i in LIMBS:
-            hip, knee = joint_angles(x[i], z[i], self.link_length, BEND[i])
-            tau[HIP[i] - 1] = -self.kappa_1 * (q[HIP[i]] - hip) - self.sigma_1 * v[HIP[i] - 1]
-            tau[KNEE[i] - 1] = -self.kappa_2 * (q[KNEE[i]] - knee) - self.sigma_2 * v[KNEE[i] - 1]
+            hip, knee = joint_angles(x[i], z[i], self.link_length, self.bends[i])
+            hip_rate, knee_rate = v[HIP[i] - 1], v[KNEE[i] - 1]
+            if desired is not None:
+                at = x[i], z[i], desired[0][i], desired[1][i]
+                wanted = joint_rates(*at, self.link_length, self.bends[i])
+                hip_rate, knee_rate = hip_rate - wanted[0], knee_rate - wanted[1]
+            tau[HIP[i] - 1] = -self.kappa_1 * (q[HIP[i]] - hip) - self.sigma_1 * hip_rate
+            tau[KNEE[i] - 1] = -self.kappa_2 * (q[KNEE[i]] - knee) - self.sigma_2 * knee_rate
         return jnp.stack(tau)
 
     def ground_forces(
@@ -103,15 +145,34 @@ class WaistMechanics:
             contact: whether each foot is on the ground, (4,).
         """
         tree, _ = body()
-        ground = self.K_TL, self.D_TL, self.clamp
         return [
             PointForce(
                 tree.index(f"lower_{i + 1}"),
                 self._foot(),
-                anchored_force(at[i], speed[i], anchors[i], contact[i], *ground),
+                anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()),
             )
             for i in LIMBS
         ]
+
+    def slid(self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array) -> jax.Array:
+        """The anchors (4, 2), m, after feet whose forces exceed the friction cone have slipped.
+
+        Arguments as for `ground_forces`. An anchor follows its foot until the force along the ground is `mu`
+        times the force normal to it; a force that pulls the foot down carries no friction.
+        """
+        assert self.mu is not None
+        feet = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
+        force = jnp.stack(feet)
+        along, normal = jnp.hypot(force[:, 0], force[:, 1]), jnp.maximum(force[:, 2], 0.0)
+        limit = self.mu * normal
+        share = jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
+        slid = at[:, :2] + (share[:, None] * force[:, :2] + self.D_TL * speed[:, :2]) / self.K_TL
+        return jnp.where((along > limit)[:, None], slid, anchors)
+
+    def _ground(self) -> tuple[jax.Array, ...]:
+        """Springs (3,) N/m and dampers (3,) N s/m of the ground along x, y, z, `D_rising` and `clamp`."""
+        springs, dampers = (self.K_TL, self.K_TL, self.K_N), (self.D_TL, self.D_TL, self.D_N)
+        return jnp.stack(springs), jnp.stack(dampers), self.D_rising, self.clamp
 
     def accelerations(
         self, q: jax.Array, v: jax.Array, tau: jax.Array, forces: list[PointForce]
@@ -132,6 +193,7 @@ def anchored_force(
     contact: jax.Array,
     K: jax.Array,
     D: jax.Array,
+    rising: jax.Array | float = 1.0,
     clamp: jax.Array | float = 0.0,
 ) -> jax.Array:
     """Force of level ground at z = 0 on a foot (3,), N (Aoi et al. 2011, eq. A8).
@@ -140,11 +202,13 @@ def anchored_force(
         position, velocity: of the foot in the world, (3,), m and m/s.
         anchor: x and y at touchdown, (2,), m.
         contact: whether the foot is on the ground, scalar bool.
-        K, D: spring, N/m, and damper, N s/m, equal in all directions.
+        K, D: springs, N/m, and dampers, N s/m, along x, y and z, (3,).
+        rising: share of the vertical damper that acts while the foot rises.
         clamp: if above zero, the ground cannot pull.
     """
     sunk = position - jnp.concatenate([anchor, jnp.zeros(1)])
-    force = -K * sunk - D * velocity
+    damper = jnp.stack([D[0], D[1], jnp.where(velocity[2] > 0.0, D[2] * rising, D[2])])
+    force = -K * sunk - damper * velocity
     least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
     force = jnp.stack([force[0], force[1], jnp.maximum(force[2], least)])
     return jnp.where(contact, force, 0.0)
@@ -167,6 +231,29 @@ def joint_angles(
     # half the knee angle, from an isosceles triangle
     half = bend * jnp.arctan2(jnp.sqrt(jnp.maximum(4.0 * length * length - square, 0.0)), jnp.sqrt(square))
     return jnp.arctan2(-x, -z) - half, 2.0 * half
+
+
+def joint_rates(
+    x: jax.Array,
+    z: jax.Array,
+    x_rate: jax.Array,
+    z_rate: jax.Array,
+    length: jax.Array | float,
+    bend: jax.Array | float,
+) -> tuple[jax.Array, jax.Array]:
+    """Time derivatives (rad/s) of the hip and knee angles of `joint_angles`; x, z, length, bend as there.
+
+    The knee of a target out of reach does not turn.
+
+    Args:
+        x_rate, z_rate: velocity of the foot relative to the hip, m/s.
+    """
+    square = x * x + z * z
+    reach = 4.0 * length * length - square
+    # the half knee angle a has cos a = r / (2 length), at the foot's distance r from the hip
+    slope = square * jnp.where(reach > 0.0, reach, jnp.inf)
+    half = -bend * (x * x_rate + z * z_rate) / jnp.sqrt(slope)
+    return (z * x_rate - x * z_rate) / square - half, 2.0 * half
 
 
 def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -207,6 +294,28 @@ def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any],
     mass = {"front": of.front_mass, "rear": of.rear_mass} | dict.fromkeys(links, of.link_mass / 0.1)
     size = {"front": front, "rear": rear} | dict.fromkeys(links, of.link_length / 0.08)
     return mass, size
+
+
+def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
+    """Displacements (3,), m, of the hips, by link, and of the rear body's centre of mass, in their bodies.
+
+    They are relative to the places that `factors` scales with the bodies, at which all are zero. The rear
+    body's frame is at the waist, which is at the end of the front body.
+
+    Args:
+        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays.
+        stack: the function that stacks them to an array (3,).
+    """
+    front_size, rear_size = of.front_length / 0.1, of.rear_length / 0.1
+    front_width, rear_width = of.front_width / 0.1, of.rear_width / 0.1
+    apart = 0.05 * front_size + 0.05 * rear_size - of.body_distance
+    front = of.front_hip_x - 0.048 * front_size, of.front_hip_y - 0.05 * front_width
+    rear = apart + (0.048 * rear_size - of.rear_hip_x), of.rear_hip_y - 0.05 * rear_width
+    moved = {}
+    for i in LIMBS:
+        x, y = front if i < 2 else rear
+        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, 0.0])
+    return moved, stack([apart, 0.0, 0.0])
 
 
 def mjcf() -> str:

@@ -17,7 +17,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -29,10 +29,9 @@ from gaitsweep.dynamics.tree.kinematics import rates
 from gaitsweep.models.waist_quadruped.chart import LandingChart
 from gaitsweep.models.waist_quadruped.drawing import WaistDrawing
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
-from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE
+from gaitsweep.models.waist_quadruped.foot_path import EARLY, LATE, STANCE, SWINGS
 from gaitsweep.models.waist_quadruped.in_mjx import WaistMjxBody
 from gaitsweep.models.waist_quadruped.mechanics import (
-    BEND,
     HIP,
     KNEE,
     LIMBS,
@@ -44,13 +43,30 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     joint_angles,
     tilt,
 )
-from gaitsweep.models.waist_quadruped.parameters import OBSERVABLES, PARAMETERS, SIGNALS
-from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
+from gaitsweep.models.waist_quadruped.parameters import MU, OBSERVABLES, PARAMETERS, SIGNALS
+from gaitsweep.models.waist_quadruped.rhythm import (
+    after_events,
+    anchors,
+    corner,
+    desired_velocities,
+    landing_points,
+    phase_rates,
+    transitions,
+)
 from gaitsweep.models.waist_quadruped.semi_implicit import SemiImplicit, WaistBody, WaistTreeBody
 from gaitsweep.models.waist_quadruped.state import Params, State
 from gaitsweep.near_miss import suggestion
 
 BODIES = ("tree", "mjx")
+DAMPINGS = ("joint_rate", "rate_error")
+SLIPS = ("none", "coulomb")
+
+
+def _word(default: str, meaning: str, allowed: tuple[str, ...]) -> Any:
+    """A field of the structure that older jobs do not have."""
+    return dataclasses.field(
+        default=default, metadata={"meaning": meaning, "allowed": allowed, "later": True}
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +80,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             "allowed": BODIES,
         },
     )
+    swing: str = _word("cycloid", "curve of the desired foot in swing", SWINGS)
+    damping: str = _word("joint_rate", "rate that joints are damped by: their own, or its error", DAMPINGS)
+    slip: str = _word("none", "feet slip by Coulomb friction mu (fixed steps), or never", SLIPS)
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
@@ -80,8 +99,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     )
 
     def __post_init__(self) -> None:
-        if self.body not in BODIES:
-            raise ValueError(f"body is '{self.body}'{suggestion(self.body, BODIES)}")
+        for field in dataclasses.fields(self):
+            word, allowed = getattr(self, field.name), field.metadata["allowed"]
+            if word not in allowed:
+                raise ValueError(f"{field.name} is '{word}'{suggestion(word, allowed)}")
 
     @property
     def precisions(self) -> tuple[str, ...]:
@@ -93,7 +114,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return PARAMETERS
+        return PARAMETERS if self.slip == "none" else (*PARAMETERS, MU)
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -134,6 +155,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
+            swing=self.swing,
+            damping=self.damping,
         )
 
     def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
@@ -143,21 +166,24 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         phi_3 = p.phi_AEP
         phi_1 = phi_3 + wanted
         phi = wrapped(jnp.stack([phi_1, phi_1 - jnp.pi, phi_3, phi_3 - jnp.pi]))
-        half = phi < 0.5 * p.phi_AEP
-        segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(half, EARLY, LATE))
-        path = p.path(zero, True)
-        x, z = path.target(phi, segment, (jnp.full(4, path.x_c), jnp.full(4, -path.H)))
+        early = phi < p.gate * p.phi_AEP
+        segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(early, EARLY, LATE))
+        path, m = p.path(zero, True), p.mechanics
+        x, z = path.target(phi, segment, (path.x_c, -path.H))
         angles = [zero] * 9
         for i in LIMBS:
-            hip, knee = joint_angles(x[i], z[i], p.mechanics.link_length, BEND[i])
+            hip, knee = joint_angles(x[i], z[i], m.link_length, m.bends[i])
             angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
-        root = jnp.stack([zero, zero, p.H, zero + 1.0, zero, zero, zero])
-        q = jnp.concatenate([root, jnp.stack(angles)])
+        # pitched so that fore and hind feet are at one height
+        fore = m.front_hip_x + p.x_c_fore
+        pitch = jnp.arctan2(p.H_hind - p.H_fore, fore + m.body_distance + m.rear_hip_x - p.x_c_hind)
+        height = p.H_fore * jnp.cos(pitch) + fore * jnp.sin(pitch)
+        turn = jnp.cos(0.5 * pitch), zero, jnp.sin(0.5 * pitch), zero
+        q = jnp.concatenate([jnp.stack([zero, zero, height, *turn]), jnp.stack(angles)])
         # compression of the ground by the body's weight
-        bodies = p.mechanics.front_mass + p.mechanics.rear_mass
-        weight = (bodies + 8.0 * p.mechanics.link_mass) * p.mechanics.g
-        q = q.at[2].add(-weight / (4.0 * p.mechanics.K_TL))
-        at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
+        weight = (m.front_mass + m.rear_mass + 8.0 * m.link_mass) * m.g
+        q = q.at[2].add(-weight / (4.0 * m.K_N))
+        at, _ = m.feet(q, jnp.zeros(15, q.dtype))
         return State(
             q=q,
             v=jnp.zeros(15, q.dtype),
@@ -187,17 +213,19 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def located(self) -> bool:
-        return self.body == "tree"
+        return self.body == "tree" and self.slip == "none"
 
     def flow(self, params: Params, state: State) -> Rates:
         p, s, m = params, state, params.mechanics
         q_rate = jnp.asarray(rates(body()[0], s.q, s.v))
         x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
         forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
+        held = jnp.where(s.held, p.K_hold, 0.0)
+        desired = desired_velocities(p, s, held) if p.damping == "rate_error" else None
         return {
             "q": q_rate,
-            "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z), forces),
-            "phi": phase_rates(p, s, jnp.where(s.held, p.K_hold, 0.0)),
+            "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z, desired), forces),
+            "phi": phase_rates(p, s, held),
             "clock": jnp.ones_like(s.clock),
         }
 
@@ -232,10 +260,11 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         now = transitions(s, fired[:4], fired[4:8])
         at, _ = p.mechanics.feet(s.q, s.v)
         touches = now.contact & ~s.contact
-        anchor = jnp.where(touches[:, None], at[:, :2], s.anchor)
-        wanted_at = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        anchor = anchors(p, s, touches, at[:, :2])
+        wanted = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        landing = landing_points(p, s, now.late, wanted, p.mechanics.from_hips(s.q, p.landing_actual))
         s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
-        return after_events(p, s, now, wanted_at, 0.0)
+        return after_events(p, s, now, landing, 0.0)
 
     def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
         """Whether limb 3 lands."""
@@ -278,7 +307,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def failed(self, params: Params, state: State) -> jax.Array:
         """Whether the body is too low, tilted or twisted."""
-        return fallen(state.q, params.H)
+        return fallen(state.q, params.H_fore)
 
     def period(self, params: Params) -> jax.Array:
         return TWO_PI / params.omega

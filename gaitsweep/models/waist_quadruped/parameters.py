@@ -41,6 +41,18 @@ def _of_body(name: str, unit: str, meaning: str, both: str, symbol: str) -> tupl
     )
 
 
+def _flag(name: str, meaning: str, default: float, symbol: str) -> Quantity:
+    return Quantity(name, "1", meaning, default, low=0.0, high=1.0, symbol=symbol)
+
+
+def _hips(axis: str, of_front: str, front: str, of_rear: str, rear: str) -> tuple[Quantity, Quantity]:
+    symbol = f"{axis}_\\mathrm{{hip,"
+    return (
+        _positive(f"front_hip_{axis}", "m", f"hips {of_front}", front, f"{symbol}FB}}}}", _SEARCH),
+        _positive(f"rear_hip_{axis}", "m", f"hips {of_rear}", rear, f"{symbol}RB}}}}", _SEARCH),
+    )
+
+
 def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
     symbol = rf"\Delta_{{13}}^\mathrm{{{name}}}"
     return (
@@ -53,6 +65,8 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
     )  # fmt: skip
 
 
+# Where feet slip.
+MU = _positive("mu", "1", "coefficient of friction between feet and ground", 1.0, r"\mu", "")
 PARAMETERS = (
     _positive("f", "Hz", "stiffness of the waist, as a frequency", 2.6, "f", "Aoi 2011, eq. (8)"),
     Quantity("beta", "1", "duty factor", 0.75, low=0.5, high=1.0, open_ends=True, symbol=r"\beta",
@@ -70,18 +84,39 @@ PARAMETERS = (
     _desired(2, 4, "delta_star_13 - delta_star_12 + delta_star_34"),
     Quantity("resetting", "1", "1: phases are reset at landing; 0: they are not", 1.0, low=0.0, high=1.0,
              symbol="r", source="Aoi 2011, eq. (7)"),
+    Quantity("gate", "1", "share of the swing's phase after which a touchdown is a landing", 0.5, low=0.0,
+             high=1.0, open_ends=True, symbol="s_g", source=_SEARCH),
+    _flag("late_reset", "1: landings after phi_AEP reset the phase too; 0: they do not", 1.0, "r_+"),
+    _flag("landing_actual", "beginning of the stance line: desired foot (0), actual foot (1), between", 0.0,
+          "l"),
     _positive("kappa_1", "N m/rad", "stiffness of the hips", 16.3, r"\kappa_1", _SEARCH),
     _positive("sigma_1", "N m s/rad", "damping of the hips", 0.125, r"\sigma_1", _SEARCH),
     _positive("kappa_2", "N m/rad", "stiffness of the knees", 9.75, r"\kappa_2", _SEARCH),
     _positive("sigma_2", "N m s/rad", "damping of the knees", 0.0755, r"\sigma_2", _SEARCH),
     _positive("K_TL", "N/m", "spring of the ground under a foot", 3.6e4, r"K_\mathrm{TL}", _SEARCH),
     _positive("D_TL", "N s/m", "damper of the ground under a foot", 175.0, r"D_\mathrm{TL}", _SEARCH),
-    Quantity("clamp", "1", "1: the ground cannot pull; 0: eq. (A8) exactly", 0.0, low=0.0, high=1.0,
-             symbol="c"),
+    _positive("K_N", "N/m", "spring of the ground, vertical", "K_TL", r"K_\mathrm{N}", _SEARCH),
+    _positive("D_N", "N s/m", "damper of the ground, vertical", "D_TL", r"D_\mathrm{N}", _SEARCH),
+    _flag("D_rising", "share of the vertical damper that acts while a foot on the ground rises", 1.0, "d_+"),
+    _flag("clamp", "1: the ground cannot pull; 0: eq. (A8) exactly", 0.0, "c"),
+    _flag("anchor_kept", "1: a foot that bounces in stance is held where it was; 0: anew", 0.0, "a"),
     _positive("H", "m", "depth of the extreme positions below the hip", 0.133, "H", _SEARCH),
     Quantity("x_c", "m", "middle of the extreme positions, ahead of the hip", -0.0008, symbol="x_c",
              source=_SEARCH),
+    *(
+        _positive(f"H_{pair}", "m", f"depth H of the {pair} limbs", "H", rf"H_\mathrm{{{pair}}}", _SEARCH)
+        for pair in ("fore", "hind")
+    ),
+    *(
+        Quantity(f"x_c_{pair}", "m", f"middle x_c of the {pair} limbs", "x_c",
+                 symbol=rf"x_\mathrm{{c, {pair}}}", source=_SEARCH)
+        for pair in ("fore", "hind")
+    ),
+    _flag("fore_knees", "1: the knees of the fore limbs point ahead; 0: behind", 1.0, "k_F"),
+    _flag("hind_knees", "1: the knees of the hind limbs point ahead; 0: behind", 0.0, "k_H"),
     _positive("h", "m", "height to which the swing lifts a foot", 0.0393, "h", _SEARCH),
+    Quantity("swing_ease", "1", "slowing of the swing at its ends; 0: uniform x; 1/beta: the ground's speed",
+             1.0, low=0.0, symbol="e", source=_SEARCH),
     _positive("dip", "m", "depth that a foot without landing reaches below", 0.009, "d", _SEARCH),
     _positive("body_mass", "kg", "mass of the front body and of the rear one", 1.0, "m_B", _TABLE_1),
     _positive("body_length", "m", "length of each body, hips in place", 0.1, "l_B", _TABLE_1),
@@ -89,6 +124,12 @@ PARAMETERS = (
     *_of_body("mass", "kg", "mass", "body_mass", "m"),
     *_of_body("length", "m", "length", "body_length", "l"),
     *_of_body("width", "m", "width", "body_width", "w"),
+    *_hips("x", "ahead of the centre of mass of the front body", "0.048*(front_length/0.1)",
+           "behind the centre of mass of the rear body", "0.048*(rear_length/0.1)"),
+    *_hips("y", "beside the middle of the front body", "0.05*(front_width/0.1)",
+           "beside the middle of the rear body", "0.05*(rear_width/0.1)"),
+    _positive("body_distance", "m", "distance between the bodies' centres of mass",
+              "0.05*(front_length/0.1) + 0.05*(rear_length/0.1)", "d_B", _SEARCH),
     _positive("link_mass", "kg", "mass of each of a limb's two links", 0.1, "m_L", _TABLE_1),
     _positive("link_length", "m", "length of each of a limb's two links", 0.08, "l_L", _TABLE_1),
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _PAPER),

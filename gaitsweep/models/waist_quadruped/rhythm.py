@@ -14,13 +14,17 @@ from gaitsweep.models.waist_quadruped.state import Params, State
 
 
 class Transitions(NamedTuple):
-    """For each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase."""
+    """For each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase.
+
+    `late`: the limb has passed phi_AEP without a landing.
+    """
 
     contact: jax.Array
     segment: jax.Array
     lifted: jax.Array
     lands: jax.Array
     wraps: jax.Array
+    late: jax.Array
 
 
 def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
@@ -50,38 +54,78 @@ def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
 def corner(p: Params, segment: jax.Array) -> jax.Array:
     """The phase (4,), rad, at which each limb's segment ends."""
     early, late = segment == EARLY, segment == LATE
-    return jnp.where(early, 0.5 * p.phi_AEP, jnp.where(late, p.phi_AEP, TWO_PI))
+    return jnp.where(early, p.gate * p.phi_AEP, jnp.where(late, p.phi_AEP, TWO_PI))
 
 
 def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transitions:
     """The transitions of limbs at the end of a segment, `at_corner` (4,), and of contacts, `switched` (4,).
 
-    A foot in contact lands in the second half of its swing if it has been off the ground, and later always.
+    A foot in contact lands in the second part of its swing if it has been off the ground, and later always.
     """
     contact = s.contact ^ switched
     wraps = at_corner & ((s.segment == STANCE) | (s.segment == BEYOND))
     segment = jnp.where(wraps, EARLY, jnp.where(at_corner, s.segment + 1, s.segment))
     lifted = jnp.where(wraps, ~contact, s.lifted | ~contact)
     lands = contact & ((lifted & (segment == LATE)) | (segment == BEYOND))
-    return Transitions(contact, jnp.where(lands, STANCE, segment), lifted, lands, wraps)
+    return Transitions(contact, jnp.where(lands, STANCE, segment), lifted, lands, wraps, segment == BEYOND)
+
+
+def anchors(p: Params, s: State, touches: jax.Array, at: jax.Array) -> jax.Array:
+    """The points (4, 2), m, to which feet that touch down at `at` (4, 2) are held, and the others' as before.
+
+    With `anchor_kept`, a foot that comes down again within a stance is held where it was.
+    """
+    anew = touches & ~((s.segment == STANCE) & (p.anchor_kept > 0.0))
+    return jnp.where(anew[:, None], at, s.anchor)
+
+
+def landing_points(
+    p: Params,
+    s: State,
+    late: jax.Array,
+    wanted: tuple[jax.Array, jax.Array],
+    actual: tuple[jax.Array, jax.Array],
+) -> tuple[jax.Array, jax.Array]:
+    """x and z (4,), m, of the points (LP) at which the stance lines of landing limbs begin.
+
+    A limb that lands late without a reset goes on along the line from the AEP to the PEP.
+
+    Args:
+        late: which limbs land after phi_AEP, (4,).
+        wanted: desired x and z (4,) of the feet at their landings.
+        actual: their actual x and z (4,), times `landing_actual`.
+    """
+    path, onwards = p.path(s.clock, s.growing), late & (p.late_reset <= 0.0)
+    x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(wanted, actual, strict=True))
+    return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
+
+
+def desired_velocities(p: Params, s: State, held: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Time derivatives (4,), m/s, of the desired x and z of the feet; `held` as for `phase_rates`."""
+
+    def target(phi: jax.Array, clock: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return p.path(clock, s.growing).target(phi, s.segment, (s.landing_x, s.landing_z))
+
+    rates = phase_rates(p, s, held), jnp.ones_like(s.clock)
+    return jax.jvp(target, (s.phi, s.clock), rates)[1]
 
 
 def after_events(
     p: Params,
     s: State,
     now: Transitions,
-    wanted_at: tuple[jax.Array, jax.Array],
+    landing: tuple[jax.Array, jax.Array],
     over: jax.Array | float,
     since: jax.Array | float = 0.0,
 ) -> State:
     """The state after the transitions of its limbs, without the update of anchors.
 
     Args:
-        wanted_at: desired x and z (4,) m of the feet at their landings.
+        landing: x and z (4,) m of the landing points.
         over: phase (4,) rad since each landing.
         since: time (4,) s since each foot touched the ground or left it.
     """
-    reset = now.lands & (p.resetting > 0.0)
+    reset = now.lands & (p.resetting > 0.0) & ~(now.late & (p.late_reset <= 0.0))
     phi = jnp.where(reset, p.phi_AEP + over, jnp.where(now.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)
     closed = now.lands[2]
     t = s.clock - (over * jnp.ones(4))[2] / p.omega
@@ -98,8 +142,8 @@ def after_events(
         contact=now.contact,
         segment=now.segment,
         lifted=now.lifted,
-        landing_x=jnp.where(now.lands, wanted_at[0], s.landing_x),
-        landing_z=jnp.where(now.lands, wanted_at[1], s.landing_z),
+        landing_x=jnp.where(now.lands, landing[0], s.landing_x),
+        landing_z=jnp.where(now.lands, landing[1], s.landing_z),
         closed=closed,
         stride_x=jnp.where(closed, x, s.stride_x),
         stride_t=jnp.where(closed, t, s.stride_t),

@@ -22,7 +22,15 @@ from gaitsweep.dynamics.tree.kinematics import integrate
 from gaitsweep.models.waist_quadruped.fast_modes import fastest_motion
 from gaitsweep.models.waist_quadruped.foot_path import LATE
 from gaitsweep.models.waist_quadruped.mechanics import RELEASE, WaistMechanics, body
-from gaitsweep.models.waist_quadruped.rhythm import after_events, corner, phase_rates, transitions
+from gaitsweep.models.waist_quadruped.rhythm import (
+    after_events,
+    anchors,
+    corner,
+    desired_velocities,
+    landing_points,
+    phase_rates,
+    transitions,
+)
 from gaitsweep.models.waist_quadruped.state import Params, State
 
 # Largest value of dt times the fastest rate.
@@ -92,22 +100,28 @@ class SemiImplicit(FixedStepDynamics):
         since_corner = jnp.where((past >= 0.0) & ~(touches & (s.segment == LATE)), past, jnp.inf)
         over = jnp.where(now.lands, jnp.minimum(since_touch, since_corner), 0.0)
         landing_in = jnp.where(past > over, s.segment + 1, s.segment)
-        anchor = jnp.where(touches[:, None], at[:, :2] - (rest * dt)[:, None] * speed[:, :2], s.anchor)
+        anchor = anchors(p, s, touches, at[:, :2] - (rest * dt)[:, None] * speed[:, :2])
 
         # desired positions of the feet; for a landing limb the one at its landing, then its progress since
         path = p.path(s.clock, s.growing)
         phi = jnp.where(now.lands, s.phi - over, jnp.where(now.wraps, s.phi - 2.0 * jnp.pi, s.phi))
         x, z = path.target(phi, jnp.where(now.lands, landing_in, now.segment), (s.landing_x, s.landing_z))
-        s = after_events(p, dataclasses.replace(s, anchor=anchor), now, (x, z), over, since)
-        on_line = path.line(x, z, path.done(s.phi))
+        actual = worked_in(dt.dtype, WaistMechanics.from_hips)(m, s.q, p.landing_actual)
+        landing = landing_points(p, s, now.late, (x, z), actual)
+        s = after_events(p, dataclasses.replace(s, anchor=anchor), now, landing, over, since)
+        on_line = path.line(*landing, path.done(s.phi))
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
+        if m.mu is not None:
+            s = dataclasses.replace(s, anchor=m.slid(at, speed, s.anchor, s.contact))
 
-        forces = m.ground_forces(at, speed, s.anchor, s.contact)
-        tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z)
-        q, v = self.body.moved(m, s, tau, forces, dt)
         # in the step in which delta_13 is released, it is held for a share of the step
         share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
-        gain, clock = dt * phase_rates(p, s, p.K_hold * share), s.clock + dt
+        held = p.K_hold * share
+        desired = desired_velocities(p, s, held) if p.damping == "rate_error" else None
+        forces = m.ground_forces(at, speed, s.anchor, s.contact)
+        tau = worked_in(dt.dtype, WaistMechanics.torques)(m, s.q, s.v, x, z, desired)
+        q, v = self.body.moved(m, s, tau, forces, dt)
+        gain, clock = dt * phase_rates(p, s, held), s.clock + dt
         return dataclasses.replace(
             s,
             q=q,
