@@ -22,6 +22,8 @@ from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_fie
 from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, Text, word
 from gaitsweep.kinds.part import Part, plain
 
+# Columns of a search's table beside constants and targets.
+_COLUMNS = ("row", "generation", "score", "status", "why")
 # Sets that are measured together where the job does not say.
 _SETS_TOGETHER = 64
 
@@ -128,7 +130,7 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
         text = "is missing" if search is None else f"is {found(search)}"
         raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
     free = read_free(search.get("free"), ("search", "free"), wrong)
-    targets = _read_targets(search.get("targets"), wrong)
+    targets = _read_targets(search.get("targets"), free, wrong)
     rest = {key: value for key, value in search.items() if key not in ("free", "targets")}
     for key in [key for key in rest if key not in Choice.model_fields]:
         allowed = ["free", "targets", *Choice.model_fields]
@@ -155,10 +157,11 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     return job
 
 
-def _read_targets(value: Any, wrong: list[Diagnostic]) -> dict[str, Target]:
+def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic]) -> dict[str, Target]:
     path = ("search", "targets")
     if not isinstance(value, Mapping) or not value:
-        wrong.append(Diagnostic(path, f"is {found(value)}, but takes targets by name."))
+        said = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(Diagnostic(path, f"{said} takes targets by name, each with kind, at, wanted and error."))
         return {}
     targets = {}
     for name, each in value.items():
@@ -168,9 +171,12 @@ def _read_targets(value: Any, wrong: list[Diagnostic]) -> dict[str, Target]:
             continue
         aims = {key: field for key, field in each.items() if key in Aim.model_fields}
         aim = read_part(Aim, aims, here, wrong)
-        measure = read_measure({k: v for k, v in each.items() if k not in aims}, here, wrong)
-        if str(name) in ("row", "set", "score", "status", "generation") or not str(name).isidentifier():
-            wrong.append(Diagnostic(here, "names a column of the table: take another name of letters and _."))
+        measured = {key: field for key, field in each.items() if key not in aims}
+        measure = read_measure(measured, here, wrong, beside=Aim)
+        if not str(name).isidentifier():
+            wrong.append(Diagnostic(here, "has a name that is not of letters, digits and _: take another."))
+        elif str(name) in (*_COLUMNS, *free) or str(name).startswith("miss_") or str(name).endswith("_half"):
+            wrong.append(Diagnostic(here, "has the name of another column of the table: take another."))
         if aim is not None and measure is not None:
             targets[str(name)] = Target(str(name), measure, aim)
     return targets
