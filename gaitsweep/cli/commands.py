@@ -220,7 +220,14 @@ def _stopped(name: str, out: Path | None) -> str:
 def plot(directory: Directory) -> None:
     """Draw the figures of a table again, without simulating."""
     from gaitsweep.runs.figures import FigureError, draw_figures
+    from gaitsweep.table import Snapshot
 
+    if "search" in Snapshot.of(directory).job:
+        from gaitsweep.fitting.search import draw_again
+
+        for path in draw_again(directory):
+            print(path)
+        return
     try:
         paths = draw_figures(directory)
     except FigureError as error:
@@ -291,7 +298,9 @@ def _size_of(job_file: Path) -> str:
     if "search" in fields:
         from gaitsweep.fitting.search_job import load_search
 
-        return f"{load_search(job_file).choice.budget} sets"
+        search = load_search(job_file)
+        rows, sets = search.fit.population().rows_of_a_set, search.choice.budget
+        return f"{sets} set{'s' * (sets != 1)} of {rows} row{'s' * (rows != 1)}"
     if "sensitivity" in fields:
         from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
@@ -358,12 +367,20 @@ def search(
             "--cluster", metavar="WHERE", help="Workers of Dask that compute the rows, as of `run`."
         ),
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what the search would need, and run nothing.")
+    ] = False,
 ) -> None:
     """Search constants of a model that meet targets, or go on; say which constants the targets pin."""
     from gaitsweep.cli import show_search
     from gaitsweep.fitting.search_job import load_search
 
     job = load_search(job_file, list(settings or ()))
+    if dry_run:
+        from gaitsweep.fitting.estimate import estimate_search
+
+        print(show_search.estimate(estimate_search(job)))
+        return
     from gaitsweep.fitting.search import run_search
 
     try:

@@ -8,8 +8,28 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from gaitsweep.cli.show import aligned, duration
+from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.near_best import NEAR
 from gaitsweep.fitting.search import Found
+
+
+def estimate(needs: SearchEstimate) -> str:
+    """What a search would need, as text."""
+    lines = {
+        "sets": f"{needs.sets}, {needs.together} at a time",
+        "rows of a set": str(needs.rows_of_a_set),
+    }
+    if needs.batch is None:
+        lines["time"] = "not estimated: fixed points alone"
+    else:
+        lines["engine"] = f"{needs.batch.engine} on {needs.batch.device}, {needs.batch.lanes} lanes"
+        lines["steps"] = f"about {needs.steps:.2g}"
+        lines["time"] = f"about {duration(needs.seconds)}"
+        if needs.seconds_most > 1.05 * needs.seconds:
+            lines["time"] += f", at most {duration(needs.seconds_most)}"
+        lines["time"] += " (measured in the middle of the ranges)"
+    return aligned(lines)
 
 
 def outcome(found: Found) -> str:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.near_best import PARTS, Constant, NearBest
-from gaitsweep.fitting.search_job import SearchJob
+from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS
 from gaitsweep.plot.style import PAGE, canvas
 from gaitsweep.table import own_folder, replace_file
@@ -23,12 +23,12 @@ _BLUE, _ORANGE, _GREY = "#0072B2", "#E69F00", "#BBBBBB"
 _MOST_LINES = 200
 
 
-def draw_search(path: Path, job: SearchJob, table: pd.DataFrame, near: NearBest) -> list[Path]:
+def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest) -> list[Path]:
     """Draw the figures of a search into its directory; returns their files.
 
     Args:
         path: the result directory.
-        job: the search.
+        search: what was asked.
         table: its sets.
         near: what they say of the constants.
     """
@@ -38,8 +38,8 @@ def draw_search(path: Path, job: SearchJob, table: pd.DataFrame, near: NearBest)
     drawn = []
     for name, draw in (
         ("convergence", lambda: _convergence(table)),
-        ("constants", lambda: _constants(job.free, table, near, quantities)),
-        ("misses", lambda: _misses(job, table, near)),
+        ("constants", lambda: _constants(search.free, table, near, quantities)),
+        ("misses", lambda: _misses(search, table, near)),
     ):
         file = folder / f"{name}.png"
         figure = draw()
@@ -104,14 +104,14 @@ def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame, known: 
     axes.set_title(each.verdict, fontsize=7.5)
 
 
-def _misses(job: SearchJob, table: pd.DataFrame, near: NearBest) -> Figure:
+def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
     """The misses of the near-best sets, a line each, and of the sets that miss each target least."""
-    names = list(job.targets)
+    names = list(search.targets)
     with canvas(PAGE, 2.6) as figure:
         axes = figure.add_subplot()
         axes.axhspan(-1.0, 1.0, color="#E4E4E4", lw=0)
         place = np.arange(len(names))
-        trades = _least_of_each(job, table)
+        trades = _least_of_each(search, table)
         for number, (_, line) in enumerate(trades.iterrows()):
             values = [line[f"miss_{name}"] for name in names]
             axes.plot(place, values, color=_GREY, lw=0.8, label="least miss of one target" * (not number))
@@ -121,7 +121,7 @@ def _misses(job: SearchJob, table: pd.DataFrame, near: NearBest) -> Figure:
         if len(near.best):
             values = [near.best.iloc[0][f"miss_{name}"] for name in names]
             axes.plot(place, values, "o-", color=_BLUE, lw=1.4, ms=3, label="best set")
-        labels = [f"{name}\n(held back)" if job.targets[name].aim.held_back else name for name in names]
+        labels = [f"{name}\n(held back)" if search.targets[name].aim.held_back else name for name in names]
         axes.set_xticks(place, labels)
         axes.set_yscale("symlog", linthresh=1.0)
         axes.set_ylim(-1.2 * FAILED_MISS, 1.2 * FAILED_MISS)
@@ -130,10 +130,10 @@ def _misses(job: SearchJob, table: pd.DataFrame, near: NearBest) -> Figure:
     return figure
 
 
-def _least_of_each(job: SearchJob, table: pd.DataFrame) -> pd.DataFrame:
+def _least_of_each(search: Search, table: pd.DataFrame) -> pd.DataFrame:
     """For each target that counts, the set that misses it least, of those that miss the others least."""
     rows = []
-    for name in job.counted:
+    for name in search.counted:
         order = table.assign(_miss=table[f"miss_{name}"].abs()).sort_values(["_miss", "score"])
         rows.append(order.index[0])
     return table.loc[list(dict.fromkeys(rows))]
