@@ -12,6 +12,7 @@ from gaitsweep.cli.show import aligned, duration
 from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.near_best import NEAR
 from gaitsweep.fitting.search import Found
+from gaitsweep.fitting.targets import MISS
 
 
 def estimate(needs: SearchEstimate) -> str:
@@ -69,7 +70,7 @@ def outcome(found: Found) -> str:
         kept = "held back" if target.aim.held_back else ""
         half = found.finalists
         at_half = "" if half is None else f"{half.iloc[0][f'{name}_half']:.5g}"
-        miss = f"{best[f'miss_{name}']:+.2f}"
+        miss = f"{best[f'{MISS}{name}']:+.2f}"
         targets.append((name, f"{wanted} +- {target.aim.error:g}", f"{best[name]:.5g}", at_half, miss, kept))
     lines.append(
         _table(("target", "wanted", "best set", "at half the step", "miss, reading errors", ""), targets)

@@ -10,6 +10,7 @@ import pandas as pd
 
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.search_job import Search
+from gaitsweep.fitting.targets import MISS
 
 # Where no set fits all targets, the near-best sets are those within this factor of the least score.
 NEAR = 1.1
@@ -82,7 +83,7 @@ def near_best(table: pd.DataFrame, search: Search) -> NearBest:
     if not len(sound):
         nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
         return NearBest(sound, 0, nothing)
-    misses = np.abs(sound[[f"miss_{name}" for name in search.counted]].to_numpy())
+    misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
     near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
     chosen = sound.iloc[np.flatnonzero(near)]

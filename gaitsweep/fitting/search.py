@@ -27,7 +27,7 @@ from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population, Tell
 from gaitsweep.fitting.search_figures import draw_search
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
-from gaitsweep.fitting.targets import scores
+from gaitsweep.fitting.targets import MISS, scores
 from gaitsweep.job import Job, JobError
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
@@ -46,8 +46,6 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 BATCH = "batch"
 # Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
 _FEWEST_ROWS, _WORKERS = 16, 4
-# Names of the columns of misses.
-MISS = "miss_"
 
 
 @dataclasses.dataclass(frozen=True)

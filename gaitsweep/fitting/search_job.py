@@ -18,7 +18,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
-from gaitsweep.fitting.targets import Aim, Target
+from gaitsweep.fitting.targets import MISS, Aim, Target
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, Text, word
 from gaitsweep.kinds.part import Part, plain
@@ -195,7 +195,7 @@ def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic])
         measure = read_measure(measured, here, wrong, beside=Aim)
         if not str(name).isidentifier():
             wrong.append(Diagnostic(here, "has a name that is not of letters, digits and _: take another."))
-        elif str(name) in (*_COLUMNS, *free) or str(name).startswith("miss_") or str(name).endswith("_half"):
+        elif str(name) in (*_COLUMNS, *free) or str(name).startswith(MISS) or str(name).endswith("_half"):
             wrong.append(Diagnostic(here, "has the name of another column of the table: take another."))
         if aim is not None and measure is not None:
             targets[str(name)] = Target(str(name), measure, aim)

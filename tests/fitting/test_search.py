@@ -15,9 +15,9 @@ from pandas.testing import assert_frame_equal
 import gaitsweep as gs
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search import BATCH, FINALISTS, MISS, run_search
+from gaitsweep.fitting.search import BATCH, FINALISTS, run_search
 from gaitsweep.fitting.search_job import read_search
-from gaitsweep.fitting.targets import FAILED_MISS
+from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.kinds.diagnostics import JobError
 
 # What the search has to find: the launch speed tends to kick / (1 - restitution), 1.6 m/s.
