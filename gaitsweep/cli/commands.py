@@ -423,7 +423,7 @@ def write_schema(
     ] = None,
 ) -> None:
     """Write the JSON schema of job files, for editors."""
-    from gaitsweep.job import schema
+    from gaitsweep.fitting.schema import schema
     from gaitsweep.table import WriteError, reason, replace_file
 
     text = json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

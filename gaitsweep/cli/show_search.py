@@ -14,6 +14,9 @@ from gaitsweep.fitting.near_best import NEAR
 from gaitsweep.fitting.search import Found
 from gaitsweep.fitting.targets import MISS
 
+# Reasons that are shown where all sets failed.
+_REASONS = 3
+
 
 def estimate(needs: SearchEstimate) -> str:
     """What a search would need, as text."""
@@ -40,7 +43,9 @@ def outcome(found: Found) -> str:
     lines = [f"{len(found.table)} sets: {counts}.", f"Table: {found.path / 'table'}"]
     near = found.near
     if not len(near.best):
-        return "\n".join([*lines, "No set has a value for every target."])
+        most = found.table["why"].value_counts().head(_REASONS)
+        why = [f"  {count} sets: {reason}" for reason, count in most.items()]
+        return "\n".join([*lines, "No set has a value for every target. Why, most often:", *why])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
         f"Best: row {best['row']}, score {best['score']:.4g} (root mean square miss, in reading errors)."

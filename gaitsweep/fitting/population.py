@@ -16,7 +16,7 @@ from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
-from gaitsweep.job import Job
+from gaitsweep.job import Job, JobError
 from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
 from gaitsweep.job.vary import Group
@@ -93,7 +93,8 @@ class Population:
     ) -> dict[str, Measured]:
         """What is measured of each set, by the name of the measure.
 
-        A set with a value that the model does not allow, or with steps too long for it, has no values.
+        A set with a value or a structure that the model does not allow, or with steps too long for it, has no
+        values.
 
         Args:
             sets: constants and choices of structure, (n,) by name.
@@ -103,7 +104,12 @@ class Population:
         n = next(iter(sets.values())).size
         found = {name: Measured(np.full(n, np.nan), np.full(n, "", object)) for name in self.measures}
         for structure, mine in self._by_structure(sets, n):
-            ready = self.prepared(structure)
+            try:
+                ready = self.prepared(structure)
+            except JobError as error:  # choices that the model refuses together
+                for each in found.values():
+                    each.why[mine] = f"refused: {error.diagnostics[0]}"
+                continue
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
             rows, refused = self._rows(ready, constants, mine.size, progress, share)
             good = mine[refused == ""]

@@ -174,6 +174,11 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     if read.choice.method == "nsga3" and len(read.counted) == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
         wrong.append(Diagnostic(("search", "method"), text))
+    together = min(read.choice.population or _SETS_TOGETHER, read.choice.budget)
+    if choice is not None and choice.method == "nsga3" and together < len(read.counted):
+        which = "budget" if together == choice.budget else "population"
+        text = f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(read.counted)}."
+        wrong.append(Diagnostic(("search", which), text))
     return read
 
 
