@@ -222,7 +222,8 @@ def plot(directory: Directory) -> None:
     from gaitsweep.runs.figures import FigureError, draw_figures
     from gaitsweep.table import Snapshot
 
-    if "search" in Snapshot.of(directory).job:
+    job = Snapshot.of(directory).job
+    if "search" in job:
         from gaitsweep.fitting.search import draw_again
 
         for path in draw_again(directory):
@@ -237,14 +238,9 @@ def plot(directory: Directory) -> None:
     for path in paths:
         print(path)
     if not paths:
-        from gaitsweep.table import Snapshot
-
-        job = Snapshot.of(directory).job
-        command = next((name for name in ("search", "sensitivity") if name in job), None)
-        if command is None:
-            text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
-        else:
-            text = f"The figures of {directory} are drawn by `gaitsweep {command}`: run it again."
+        text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
+        if "sensitivity" in job:
+            text = f"The figures of {directory} are drawn by `gaitsweep sensitivity`: run it again."
         print(text, file=sys.stderr)
 
 
@@ -384,7 +380,7 @@ def search(
     from gaitsweep.fitting.search import run_search
 
     try:
-        with _shown_progress() as progress, _workers(cluster, tell=_tell) as workers:
+        with _shown_progress("sets") as progress, _workers(cluster, tell=_tell) as workers:
             found = run_search(job, out, progress=progress, tell=_tell, cluster=workers)
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)

@@ -316,7 +316,7 @@ def test_a_front_of_twelve_targets(tmp_path: Path) -> None:
     apex = {"kind": "value", "of": "apex", "wanted": APEX, "error": 0.01}
     targets = {f"mass_{i}": {**apex, "at": {"mass": 1.0 + 0.2 * i}} for i in range(12)}
     found = gs.search(job(method="nsga3", targets=targets, budget=96, population=32), tmp_path / "out")
-    assert found.table["status"].astype(str).eq("complete").all()
+    assert set(found.table["status"].astype(str)) == {"complete"}
     assert all(file.is_file() for file in found.figures)
 
 
