@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -127,13 +128,18 @@ def test_the_schema_has_the_search(capsys: Capture) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("stop", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
 def test_a_stopped_command_goes_on(stop: signal.Signals, code: int, capsys: Capture) -> None:
-    long = ["search", "job.yaml", "--set", "search.budget=4000"]
+    long = ["search", "job.yaml", "--set", "search.budget=2000"]
+    modules = os.pathsep.join([str(SWEEPS.parent), str(SWEEPS.parent / "tests")])  # gaitsweep and toy_model
     process = subprocess.Popen(
-        [sys.executable, "-m", "gaitsweep", *long], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "gaitsweep", *long],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": modules},
     )
     table = Path("results/toy_search/table")
     deadline = time.monotonic() + 120
-    while len(list(table.glob("part-*.parquet"))) < 3 and time.monotonic() < deadline:
+    while process.poll() is None and len(list(table.glob("part-*.parquet"))) < 3:
+        assert time.monotonic() < deadline
         time.sleep(0.05)
     process.send_signal(stop)
     _, said = process.communicate(timeout=60)
