@@ -220,7 +220,15 @@ def _stopped(name: str, out: Path | None) -> str:
 def plot(directory: Directory) -> None:
     """Draw the figures of a table again, without simulating."""
     from gaitsweep.runs.figures import FigureError, draw_figures
+    from gaitsweep.table import Snapshot
 
+    job = Snapshot.of(directory).job
+    if "search" in job:
+        from gaitsweep.fitting.search import draw_again
+
+        for path in draw_again(directory):
+            print(path)
+        return
     try:
         paths = draw_figures(directory)
     except FigureError as error:
@@ -230,14 +238,9 @@ def plot(directory: Directory) -> None:
     for path in paths:
         print(path)
     if not paths:
-        from gaitsweep.table import Snapshot
-
-        job = Snapshot.of(directory).job
-        command = next((name for name in ("search", "sensitivity") if name in job), None)
-        if command is None:
-            text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
-        else:
-            text = f"The figures of {directory} are drawn by `gaitsweep {command}`: run it again."
+        text = f"The job of {directory} asks for no figure: add `figures:` to it and run it again."
+        if "sensitivity" in job:
+            text = f"The figures of {directory} are drawn by `gaitsweep sensitivity`: run it again."
         print(text, file=sys.stderr)
 
 
@@ -291,7 +294,9 @@ def _size_of(job_file: Path) -> str:
     if "search" in fields:
         from gaitsweep.fitting.search_job import load_search
 
-        return f"{load_search(job_file).choice.budget} sets"
+        search = load_search(job_file)
+        rows, sets = search.fit.population().rows_of_a_set, search.choice.budget
+        return f"{sets} set{'s' * (sets != 1)} of {rows} row{'s' * (rows != 1)}"
     if "sensitivity" in fields:
         from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
@@ -358,16 +363,24 @@ def search(
             "--cluster", metavar="WHERE", help="Workers of Dask that compute the rows, as of `run`."
         ),
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what the search would need, and run nothing.")
+    ] = False,
 ) -> None:
     """Search constants of a model that meet targets, or go on; say which constants the targets pin."""
     from gaitsweep.cli import show_search
     from gaitsweep.fitting.search_job import load_search
 
     job = load_search(job_file, list(settings or ()))
+    if dry_run:
+        from gaitsweep.fitting.estimate import estimate_search
+
+        print(show_search.estimate(estimate_search(job)))
+        return
     from gaitsweep.fitting.search import run_search
 
     try:
-        with _shown_progress() as progress, _workers(cluster, tell=_tell) as workers:
+        with _shown_progress("sets") as progress, _workers(cluster, tell=_tell) as workers:
             found = run_search(job, out, progress=progress, tell=_tell, cluster=workers)
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
@@ -406,7 +419,7 @@ def write_schema(
     ] = None,
 ) -> None:
     """Write the JSON schema of job files, for editors."""
-    from gaitsweep.job import schema
+    from gaitsweep.fitting.schema import schema
     from gaitsweep.table import WriteError, reason, replace_file
 
     text = json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

@@ -8,8 +8,32 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from gaitsweep.cli.show import aligned, duration
+from gaitsweep.fitting.estimate import SearchEstimate
 from gaitsweep.fitting.near_best import NEAR
 from gaitsweep.fitting.search import Found
+from gaitsweep.fitting.targets import MISS
+
+# Reasons that are shown where all sets failed.
+_REASONS = 3
+
+
+def estimate(needs: SearchEstimate) -> str:
+    """What a search would need, as text."""
+    lines = {
+        "sets": f"{needs.sets}, {needs.together} at a time",
+        "rows of a set": str(needs.rows_of_a_set),
+    }
+    if needs.batch is None:
+        lines["time"] = "not estimated: fixed points alone"
+    else:
+        lines["engine"] = f"{needs.batch.engine} on {needs.batch.device}, {needs.batch.lanes} lanes"
+        lines["steps"] = f"about {needs.steps:.2g}"
+        lines["time"] = f"about {duration(needs.seconds)}"
+        if needs.seconds_most > 1.05 * needs.seconds:
+            lines["time"] += f", at most {duration(needs.seconds_most)}"
+        lines["time"] += " (measured in the middle of the ranges)"
+    return aligned(lines)
 
 
 def outcome(found: Found) -> str:
@@ -19,7 +43,9 @@ def outcome(found: Found) -> str:
     lines = [f"{len(found.table)} sets: {counts}.", f"Table: {found.path / 'table'}"]
     near = found.near
     if not len(near.best):
-        return "\n".join([*lines, "No set has a value for every target."])
+        most = found.table["why"].value_counts().head(_REASONS)
+        why = [f"  {count} sets: {reason}" for reason, count in most.items()]
+        return "\n".join([*lines, "No set has a value for every target. Why, most often:", *why])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
         f"Best: row {best['row']}, score {best['score']:.4g} (root mean square miss, in reading errors)."
@@ -49,7 +75,7 @@ def outcome(found: Found) -> str:
         kept = "held back" if target.aim.held_back else ""
         half = found.finalists
         at_half = "" if half is None else f"{half.iloc[0][f'{name}_half']:.5g}"
-        miss = f"{best[f'miss_{name}']:+.2f}"
+        miss = f"{best[f'{MISS}{name}']:+.2f}"
         targets.append((name, f"{wanted} +- {target.aim.error:g}", f"{best[name]:.5g}", at_half, miss, kept))
     lines.append(
         _table(("target", "wanted", "best set", "at half the step", "miss, reading errors", ""), targets)

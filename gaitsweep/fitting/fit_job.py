@@ -14,14 +14,15 @@ from pydantic import ValidationError
 from gaitsweep import effort, near_miss
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.measures import MEASURES, FixedPoint, Measure
+from gaitsweep.fitting.measures import MEASURES, Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.job.plan import inside, must
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
+from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic, unknown_field
 from gaitsweep.kinds.diagnostics import Path as FieldPath
 from gaitsweep.kinds.part import Part
 from gaitsweep.kinds.run_kind import table_columns
@@ -34,7 +35,8 @@ _WITHOUT = ("vary", "figures")
 class FitJob:
     """A job without `vary`, the constants that are free in it, and what is measured of each set of them.
 
-    `given` is the job as written, without the field `field` (search or sensitivity) that holds the rest.
+    `given` is the job as written, without the field `field` (search or sensitivity) that holds the rest;
+    `config` is the same with the fields of its config.
     """
 
     field: str
@@ -43,6 +45,7 @@ class FitJob:
     free: dict[str, Free]
     measures: dict[str, Measure]
     spec: ModelSpec
+    config: Mapping[str, Any]
 
     @property
     def name(self) -> str:
@@ -52,6 +55,12 @@ class FitJob:
     def structure(self) -> tuple[str, ...]:
         """The free names that shape the model."""
         return tuple(name for name in self.free if name not in self.spec.quantities)
+
+    @property
+    def without_default(self) -> set[str]:
+        """The parameters and starts that have no default, and that the job neither fixes nor frees."""
+        fixed = {*(self.config.get("params") or {}), *(self.config.get("start") or {}), *self.free}
+        return {name for name, each in self.spec.quantities.items() if each.default is None} - fixed
 
     @property
     def structures(self) -> list[dict[str, Any]]:
@@ -73,11 +82,12 @@ class FitJob:
                 for name, each in self.free.items()
                 if name in names
             }
+            # a job needs a value of these, which every measure replaces by its own
             first = {
                 name: values[0]
                 for measure in self.measures.values()
                 for name, values in measure.at.items()
-                if name in names and name not in (self.given.get(field) or {})
+                if name in names and name in self.without_default
             }
             if middle or first:
                 data[field] = {**(data.get(field) or {}), **first, **middle}
@@ -93,20 +103,28 @@ class FitJob:
 def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str, Free]:
     """The free constants by name; what is wrong with them is added to `wrong`."""
     if not isinstance(value, Mapping) or not value:
-        text = f"is {found(value)}, but takes constants by name, such as kappa: {{low: 1, high: 2}}."
-        wrong.append(Diagnostic(path, text))
+        said = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(Diagnostic(path, f"{said} takes constants by name, such as kappa: {{low: 1, high: 2}}."))
         return {}
     read = {}
     for name, each in value.items():
         if isinstance(each, list) and len(each) == 2:  # [low, high] is short for it
             each = {"low": each[0], "high": each[1]}
+        if not isinstance(each, Mapping):
+            text = (
+                f"is {found(each)}, but takes [low, high], or fields. {near_miss.allowing(Free.model_fields)}"
+            )
+            wrong.append(Diagnostic((*path, str(name)), text))
+            continue
         if (part := read_part(Free, each, (*path, str(name)), wrong)) is not None:
             read[str(name)] = part
     return read
 
 
-def read_measure(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Measure | None:
-    """A measure; what is wrong with it is added to `wrong`."""
+def read_measure(
+    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[Part] | None = None
+) -> Measure | None:
+    """A measure; what is wrong with it is added to `wrong`; `beside` has other fields that stand there."""
     if not isinstance(value, Mapping):
         text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(MEASURES)}"
         wrong.append(Diagnostic(path, text))
@@ -115,11 +133,15 @@ def read_measure(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Measur
     if kind is None:
         wrong.append(Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(MEASURES)}"))
         return None
-    if kind not in MEASURES:
+    if not isinstance(kind, str) or kind not in MEASURES:
         near = near_miss.suggestion(str(kind), MEASURES)
         wrong.append(Diagnostic((*path, "kind"), f"is {found(kind)}, which is none{near}"))
         return None
-    return read_part(MEASURES[kind], value, path, wrong)
+    part = MEASURES[kind]
+    own, more = Owner(str(path[-1]), part).fields, () if beside is None else Owner("", beside).fields
+    unknown = [key for key in value if key not in own]
+    wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
+    return read_part(part, {key: each for key, each in value.items() if key in own}, path, wrong)
 
 
 def read_part(part: type[Part], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
@@ -170,29 +192,23 @@ def read_fit_job(
         _refuse(wrong)
         Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
         raise JobError([Diagnostic(("model",), "is missing.")])
-    fit = FitJob(field, given, folder, free, measures, spec)
+    fit = FitJob(field, given, folder, free, measures, spec, config.raw)
+    wrong.extend(_wrong_run(fit))
     wrong.extend(wrong_constants(fit))
     wrong.extend(wrong_measures(fit, listed))
     _refuse(wrong)
     for structure in fit.structures:
-        job = fit.job_of(structure)
-        if not job.run.one_a_row or getattr(job.run, "refine", None) is not None:
-            text = f"is {job.run.kind_name}, but {field} takes settle (without refine) or fixed_time."
-            _refuse([Diagnostic(("run", "kind"), text)])
+        try:
+            job = fit.job_of(structure)
+        except JobError as error:
+            raise _at_the_choices(error, fit) from None
         columns = table_columns(job.plan, job.run)
         for name, measure in measures.items():
-            if isinstance(measure, FixedPoint):
-                unknown = measure.wrong_for(job.plan.model)
-                if own_steps(job.integration.method, job.plan.model) is not None:
-                    text = (
-                        "is fixed_point, but steps of fixed length give a return map no derivative: use rk4."
-                    )
-                    wrong.append(Diagnostic((field, listed, name, "kind"), text))
-            else:
-                unknown = measure.wrong(columns, job.plan.model.gaits)
-            if unknown is not None:
-                key, value, allowed = unknown
-                text = f"is {value}, which is none{near_miss.suggestion(value, allowed)}"
+            if measure.on_map and own_steps(job.integration.method, job.plan.model) is not None:
+                text = "is fixed_point, but steps of fixed length give a return map no derivative: use rk4."
+                wrong.append(Diagnostic((field, listed, name, "kind"), text))
+            if (bad := measure.wrong(columns, job.plan.model)) is not None:
+                key, text = bad
                 wrong.append(Diagnostic((field, listed, name, key), text))
         _refuse(wrong)
     return fit
@@ -237,11 +253,37 @@ def wrong_constants(fit: FitJob) -> list[Diagnostic]:
                 wrong.append(Diagnostic(path, text))
         quantity = fit.spec.quantities[name]
         for end in each.ends:
-            if not isinstance(end, int | float):
+            if not isinstance(end, int | float) or isinstance(end, bool):
                 wrong.append(Diagnostic(path, f"has the choice {found(end)}, but takes numbers."))
             elif not inside(np.array([float(end)]), quantity)[0]:
                 wrong.append(Diagnostic(path, f"goes to {end:g}, but {must(quantity)}."))
     return wrong
+
+
+def _wrong_run(fit: FitJob) -> list[Diagnostic]:
+    """What is wrong with the run kind of a job whose rows have to end in one record each."""
+    run = fit.config.get("run")
+    kind = run.get("kind") if isinstance(run, Mapping) else None
+    if not isinstance(run, Mapping) or not isinstance(kind, str) or kind not in RUN_KINDS:
+        return []  # the job itself says it
+    allowed = [name for name, part in RUN_KINDS.items() if part.one_a_row]
+    if kind not in allowed:
+        text = f"is {kind}, but {fit.field} takes {' or '.join(allowed)}: a record for each row."
+        return [Diagnostic(("run", "kind"), text)]
+    if run.get("refine") is not None:
+        return [Diagnostic(("run", "refine"), f"has no place beside {fit.field}: take it out.")]
+    return []
+
+
+def _at_the_choices(error: JobError, fit: FitJob) -> JobError:
+    """An error of a job, told where a choice or a range brought it in."""
+    told = [
+        dataclasses.replace(each, path=(fit.field, _free_field(fit), str(each.path[1])))
+        if len(each.path) > 1 and each.path[1] in fit.free
+        else each
+        for each in error.diagnostics
+    ]
+    return JobError(told)
 
 
 def _free_field(fit: FitJob) -> str:
@@ -252,6 +294,12 @@ def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
     """What is wrong with the conditions of measures, which stand in the field `listed`."""
     wrong = []
     for name, measure in fit.measures.items():
+        lacking = sorted(fit.without_default - set(measure.at))
+        if lacking:
+            text = (
+                f"does not set {' and '.join(lacking)}, which the job does not fix and which has no default."
+            )
+            wrong.append(Diagnostic((fit.field, listed, name, "at"), text))
         for condition, values in measure.at.items():
             path = (fit.field, listed, name, "at", condition)
             if (unknown := fit.spec.unknown(condition, "vary")) is not None:

@@ -29,6 +29,9 @@ class Free(Part):
         if self.choices is not None:
             if self.low is not None or self.high is not None or self.log or self.whole:
                 raise wrong_value("has choices, and a range as well: give one of the two.")
+            texts = [str(each) for each in self.choices]
+            if twice := [text for text in texts if texts.count(text) > 1]:
+                raise wrong_value(f"has the choice {twice[0]} twice.")
             return self
         if self.low is None or self.high is None:
             raise wrong_value("needs low and high, or choices.")

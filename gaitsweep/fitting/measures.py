@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
+from gaitsweep import near_miss
 from gaitsweep.analysis.continuation import floquet
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status, Verdict
@@ -20,6 +22,9 @@ from gaitsweep.kinds.part import Part, Registry
 MOST_CONDITIONS = 10_000  # rows of one measure
 
 _MULTIPLIER, _UNSTABLE = "multiplier", "unstable"
+# Columns of names, and the row's number, which have no mean.
+_WORDS = ("row", "status", "stalled_by", "slowest", "gait")
+
 SOUND = Status.of(Verdict.sound)
 FAILED = Status.of(Verdict.failed)
 
@@ -27,7 +32,10 @@ FAILED = Status.of(Verdict.failed)
 def _read_at(value: Any) -> dict[str, tuple[float, ...]]:
     if not isinstance(value, Mapping) or not value:
         raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]} by name.")
-    return {str(name): _points(str(name), each) for name, each in value.items()}
+    points = {str(name): _points(str(name), each) for name, each in value.items()}
+    if (rows := math.prod(map(len, points.values()))) > MOST_CONDITIONS:
+        raise InvalidValue(f"makes {rows} rows of a set, but a measure takes {MOST_CONDITIONS} at most.")
+    return points
 
 
 def _points(name: str, value: Any) -> tuple[float, ...]:
@@ -39,7 +47,7 @@ def _points(name: str, value: Any) -> tuple[float, ...]:
                 raise InvalidValue("has a linspace that is not [first, last, number].")
             first, last, number = (read_real(each) for each in value["linspace"])
             if number != int(number) or not 2 <= number <= MOST_CONDITIONS:
-                raise InvalidValue(f"has a linspace of {number:g} points.")
+                raise InvalidValue(f"has a linspace of {number:g} points, but takes 2 to {MOST_CONDITIONS}.")
             return tuple(np.linspace(first, last, int(number)).tolist())
         if isinstance(value, list | tuple):
             if not value:
@@ -97,8 +105,11 @@ class Measure(Part):
         """Whether its value is an angle."""
         return False
 
-    def wrong(self, columns: Sequence[str], gaits: Sequence[str]) -> tuple[str, str, Sequence[str]] | None:
-        """A field, the name in it that does not exist, and those that do; None where all is well."""
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        """A field and what is wrong with it, in view of the table's columns and the model.
+
+        None where all is well.
+        """
         return None
 
 
@@ -120,13 +131,17 @@ class Value(Measure):
         return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
-        return {q.name: q.unit for q in (*model.observables, *model.label_fields)}.get(self.of_, "1")
+        units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
+        for quantity in model.observables:
+            units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
+        return units.get(self.of_, "1")
 
     def circular(self, model: Model) -> bool:
-        return any(q.name == self.of_ and q.circular for q in model.observables)
+        return any(self.of_ in (q.name, f"{q.name}_end") and q.circular for q in model.observables)
 
-    def wrong(self, columns: Sequence[str], gaits: Sequence[str]) -> tuple[str, str, Sequence[str]] | None:
-        return None if self._column(columns) in columns else ("of", self.of_, columns)
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        numbers = [name for name in columns if name not in _WORDS]
+        return None if self._column(columns) in numbers else ("of", _unknown(self.of_, numbers))
 
     def _column(self, columns: Iterable[str]) -> str:
         """The column with its last value: an observable's own name may be a start's."""
@@ -158,11 +173,19 @@ class Edge(Measure):
     def unit(self, model: Model) -> str:
         return {q.name: q.unit for q in model.parameters}.get(self.along, "1")
 
-    def wrong(self, columns: Sequence[str], gaits: Sequence[str]) -> tuple[str, str, Sequence[str]] | None:
-        lists = [name for name, values in self.at.items() if len(values) > 1]
-        if lists != [self.along]:
-            return "along", self.along, lists
-        return None if self.gait in gaits else ("gait", self.gait, gaits)
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        if self.along not in self.at:
+            return "along", _unknown(self.along, self.at)
+        others = [name for name, values in self.at.items() if len(values) > 1 and name != self.along]
+        if others:
+            return "at", f"has a list of {others[0]} too, but an edge takes one list, that of {self.along}."
+        steps = np.sign(np.diff(self.at[self.along]))
+        if not steps.size or not (steps == steps[0]).all() or steps[0] == 0:
+            text = (
+                f"has {self.along}, which an edge takes as a list that rises or falls from the gait's side."
+            )
+            return "at", text
+        return _wrong_gait(self.gait, model.gaits)
 
 
 class Share(Measure):
@@ -178,8 +201,8 @@ class Share(Measure):
     def unit(self, model: Model) -> str:
         return "1"
 
-    def wrong(self, columns: Sequence[str], gaits: Sequence[str]) -> tuple[str, str, Sequence[str]] | None:
-        return None if self.gait in gaits else ("gait", self.gait, gaits)
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        return _wrong_gait(self.gait, model.gaits)
 
 
 class Failures(Measure):
@@ -235,20 +258,28 @@ class FixedPoint(Measure):
     def circular(self, model: Model) -> bool:
         return any(q.name == self.of_ and q.circular for q in model.observables)
 
-    def wrong_for(self, model: Model) -> tuple[str, str, Sequence[str]] | None:
-        """As `wrong`, of a model."""
-        if len(self.conditions) != 1:
-            return "at", "a list", ["one number for each name"]
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        lists = [name for name, values in self.at.items() if len(values) > 1]
+        if lists:
+            return "at", f"has a list of {lists[0]}, but a fixed point takes one number for each name."
         allowed = [_MULTIPLIER, _UNSTABLE, *(q.name for q in model.observables)]
         if self.of_ not in allowed:
-            return "of", self.of_, allowed
+            return "of", _unknown(self.of_, allowed)
         chart = model.chart()
         names = [] if chart is None else [q.name for q in chart.conserved]
         unknown = [name for name in self.fix if name not in names]
-        return ("fix", unknown[0], names or ["none"]) if unknown else None
+        return ("fix", _unknown(unknown[0], names)) if unknown else None
 
 
 MEASURES: Registry[Measure] = Registry("measure", [Value, Edge, Share, Failures, FixedPoint])
+
+
+def _unknown(name: str, allowed: Iterable[str]) -> str:
+    return f"is {name}, which is none{near_miss.suggestion(name, list(allowed))}"
+
+
+def _wrong_gait(gait: str, gaits: Sequence[str]) -> tuple[str, str] | None:
+    return None if gait in gaits else ("gait", _unknown(gait, gaits))
 
 
 def _always(values: np.ndarray) -> Measured:

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.search_job import SearchJob
+from gaitsweep.fitting.search_job import Search
+from gaitsweep.fitting.targets import MISS
 
 # Where no set fits all targets, the near-best sets are those within this factor of the least score.
 NEAR = 1.1
@@ -70,23 +71,23 @@ class NearBest:
         }
 
 
-def near_best(table: pd.DataFrame, job: SearchJob) -> NearBest:
+def near_best(table: pd.DataFrame, search: Search) -> NearBest:
     """The near-best sets of a search's table.
 
     Args:
         table: the sets that were measured.
-        job: the search.
+        search: what was asked.
     """
     measured = np.flatnonzero((table["status"].astype(str) == "complete").to_numpy())
     sound = table.iloc[measured].sort_values(["score", "row"], kind="stable")
     if not len(sound):
-        nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in job.free)
+        nothing = tuple(Constant(name, None, None, None, 1.0, np.full(PARTS, np.nan)) for name in search.free)
         return NearBest(sound, 0, nothing)
-    misses = np.abs(sound[[f"miss_{name}" for name in job.counted]].to_numpy())
+    misses = np.abs(sound[[f"{MISS}{name}" for name in search.counted]].to_numpy())
     fits = (misses <= 1.0).all(axis=1)
     near = fits if fits.any() else sound["score"].to_numpy() <= NEAR * sound["score"].iloc[0]
     chosen = sound.iloc[np.flatnonzero(near)]
-    constants = tuple(_constant(name, free, sound, chosen) for name, free in job.free.items())
+    constants = tuple(_constant(name, free, sound, chosen) for name, free in search.free.items())
     return NearBest(chosen, int(fits.sum()), constants)
 
 

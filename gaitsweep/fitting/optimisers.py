@@ -98,14 +98,16 @@ class _Strategy:
             "tolfun": 1e-6,
             "tolx": 1e-6,
         }
-        self.size = size
-        self._strategy = cma.CMAEvolutionStrategy(list(middle), width, options)
+        self.size, self._dimension = size, middle.size
+        # the package has none in one dimension: a second is added, and nothing depends on it
+        begun = [*middle, 0.5] if middle.size == 1 else list(middle)
+        self._strategy = cma.CMAEvolutionStrategy(begun, width, options)
         self._asked: list[Any] = []
         self._scores: dict[int, float] = {}
 
     def ask(self) -> np.ndarray:
         self._asked, self._scores = self._strategy.ask(), {}
-        return np.clip(np.array(self._asked), 0.0, 1.0)
+        return np.clip(np.array(self._asked)[:, : self._dimension], 0.0, 1.0)
 
     def tell(self, place: int, score: float) -> bool:
         """Note a point's score; True when all of this generation have theirs."""

@@ -16,7 +16,7 @@ from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
-from gaitsweep.job import Job
+from gaitsweep.job import Job, JobError
 from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
 from gaitsweep.job.vary import Group
@@ -93,7 +93,8 @@ class Population:
     ) -> dict[str, Measured]:
         """What is measured of each set, by the name of the measure.
 
-        A set with a value that the model does not allow, or with steps too long for it, has no values.
+        A set with a value or a structure that the model does not allow, or with steps too long for it, has no
+        values.
 
         Args:
             sets: constants and choices of structure, (n,) by name.
@@ -103,7 +104,12 @@ class Population:
         n = next(iter(sets.values())).size
         found = {name: Measured(np.full(n, np.nan), np.full(n, "", object)) for name in self.measures}
         for structure, mine in self._by_structure(sets, n):
-            ready = self.prepared(structure)
+            try:
+                ready = self.prepared(structure)
+            except JobError as error:  # choices that the model refuses together
+                for each in found.values():
+                    each.why[mine] = f"refused: {error.diagnostics[0]}"
+                continue
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
             rows, refused = self._rows(ready, constants, mine.size, progress, share)
             good = mine[refused == ""]
@@ -202,22 +208,36 @@ class Population:
         assert self.run_elsewhere is not None
         n = next(iter(constants.values())).size
         found: Values = {}
-        for names, places in _alike(self._conditions).items():
-            given = [dict(self._conditions[place]) for place in places]
-            written = ready.job.resolved()
-            groups = [{name: column.tolist() for name, column in constants.items()}]
-            if names:
-                groups.append({name: [each[name] for each in given] for name in names})
-            varied = {name for group in groups for name in group}
-            for field in ("params", "start"):
-                written[field] = {k: v for k, v in written[field].items() if k not in varied}
-            written |= {"vary": {"zip": groups}, "verify": 0}
-            table = self.run_elsewhere(Job.model_validate(written), progress)
+        for places in _alike(self._conditions).values():
+            table = self.run_elsewhere(self._job_of_rows(ready, constants, places), progress)
             for name in table.columns:
                 seen = _array(table[name])
                 whole = found.setdefault(str(name), np.empty((n, self.rows_of_a_set), seen.dtype))
                 whole[:, places] = seen.reshape(n, len(places))
         return found
+
+    def _job_of_rows(self, ready: Prepared, constants: Values, places: Sequence[int]) -> Job:
+        """The job whose rows are sets of constants (n,) at conditions that set the same names."""
+        given = [dict(self._conditions[place]) for place in places]
+        written = ready.job.resolved()
+        groups = [{name: column.tolist() for name, column in constants.items()}] if constants else []
+        if given[0]:
+            groups.append({name: [each[name] for each in given] for name in given[0]})
+        varied = {name for group in groups for name in group}
+        for field in ("params", "start"):
+            written[field] = {k: v for k, v in written[field].items() if k not in varied}
+        return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
+
+    def middle_job(self, structure: Mapping[str, Any], constants: Mapping[str, Any], n: int) -> Job | None:
+        """The rows of n sets with the same constants, for an estimate; None where no measure has rows.
+
+        Of conditions that set different names it has those that most set alike.
+        """
+        if not self._conditions:
+            return None
+        places = max(_alike(self._conditions).values(), key=len)
+        columns = {name: np.full(n, value) for name, value in constants.items()}
+        return self._job_of_rows(self.prepared(structure), columns, places)
 
     def _on_map(self, ready: Prepared, constants: Values, measure: Measure, n: int, share: float) -> Measured:
         """What is measured of each of n sets on the return map."""

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.measures import Measured
@@ -27,14 +26,15 @@ from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population, Tell
 from gaitsweep.fitting.search_figures import draw_search
-from gaitsweep.fitting.search_job import SearchJob
-from gaitsweep.fitting.targets import scores
-from gaitsweep.job import Job
+from gaitsweep.fitting.search_job import SearchJob, read_search_field
+from gaitsweep.fitting.targets import MISS, scores
+from gaitsweep.job import Job, JobError
+from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import Progress
 from gaitsweep.runs.prepare import naming_the_file
-from gaitsweep.table import ResultDirectory, TableError, load, replace_file, writing
+from gaitsweep.table import ResultDirectory, Snapshot, TableError, load, replace_file, writing
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -46,8 +46,6 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 BATCH = "batch"
 # Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
 _FEWEST_ROWS, _WORKERS = 16, 4
-# Names of the columns of misses.
-MISS = "miss_"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,8 +92,7 @@ def run_search(
     if ready.note is not None:
         tell(ready.note)
     platform = ready.work.devices[0].platform
-    at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
-    together = min(job.population_on(platform, at_a_time), job.choice.budget)
+    together = job.sets_together(ready, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
     job_hash = job.hash(device=platform, engine=ready.engine, population=together, versions=versions)
     with (
@@ -122,6 +119,21 @@ def run_search(
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
         figures = draw_search(path, job, table, near)
     return Found(job, path, table, near, finalists, tuple(figures))
+
+
+def draw_again(path: Path) -> list[Path]:
+    """Draw the figures of a search's directory again from its table, which may not be complete.
+
+    Raises:
+        JobError, TableError: the directory is not that of a search, or its table cannot be read.
+    """
+    snapshot = Snapshot.of(path)
+    wrong: list[Diagnostic] = []
+    search = read_search_field(snapshot.job, wrong)
+    if wrong:
+        raise JobError(wrong)
+    table = load(path)
+    return draw_search(path, search, table, near_best(table, search))
 
 
 class _Rows:

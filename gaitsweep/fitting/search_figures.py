@@ -13,33 +13,37 @@ from matplotlib.figure import Figure
 
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.near_best import PARTS, Constant, NearBest
-from gaitsweep.fitting.search_job import SearchJob
-from gaitsweep.fitting.targets import FAILED_MISS
+from gaitsweep.fitting.search_job import Search
+from gaitsweep.fitting.targets import FAILED_MISS, MISS
+from gaitsweep.plot.columns import symbol, unit_of
 from gaitsweep.plot.style import PAGE, canvas
 from gaitsweep.table import own_folder, replace_file
 
-_BLUE, _ORANGE, _GREY = "#0072B2", "#E69F00", "#BBBBBB"
+_BLUE, _ORANGE, _GREY, _DARK = "#0072B2", "#E69F00", "#BBBBBB", "#555555"
 # Sets whose misses are drawn, at most.
 _MOST_LINES = 200
+# The score below which an axis is linear, where scores are 0.
+_LEAST_SCORE = 1e-2
+# Letters of a name, and of the targets' names together, that have no room side by side.
+_LONG_NAME, _LONG_LABELS = 14, 60
 
 
-def draw_search(path: Path, job: SearchJob, table: pd.DataFrame, near: NearBest) -> list[Path]:
+def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest) -> list[Path]:
     """Draw the figures of a search into its directory; returns their files.
 
     Args:
         path: the result directory.
-        job: the search.
+        search: what was asked.
         table: its sets.
         near: what they say of the constants.
     """
-    quantities = table.attrs.get("quantities", {})
     folder = path / "figures"
     own_folder(folder)
     drawn = []
     for name, draw in (
         ("convergence", lambda: _convergence(table)),
-        ("constants", lambda: _constants(job.free, table, near, quantities)),
-        ("misses", lambda: _misses(job, table, near)),
+        ("constants", lambda: _constants(search.free, table, near)),
+        ("misses", lambda: _misses(search, table, near)),
     ):
         file = folder / f"{name}.png"
         figure = draw()
@@ -49,91 +53,138 @@ def draw_search(path: Path, job: SearchJob, table: pd.DataFrame, near: NearBest)
 
 
 def _convergence(table: pd.DataFrame) -> Figure:
-    """The score of each set, and the least so far."""
-    scores = table["score"].to_numpy()
-    with canvas(PAGE / 2, 2.4) as figure:
+    """The score of each set, and the least so far; failed sets, whose score says nothing, stand on top."""
+    numbers = table["row"].to_numpy() + 1
+    failed = table["status"].astype(str).to_numpy() == "failed"
+    scores = np.where(failed, np.nan, table["score"].to_numpy())
+    with canvas(PAGE / 2, 2.6) as figure:
         axes = figure.add_subplot()
-        axes.plot(table["row"] + 1, scores, ".", color=_GREY, ms=2.0, label="a set", rasterized=True)
-        axes.plot(table["row"] + 1, np.minimum.accumulate(scores), color=_BLUE, lw=1.4, label="best so far")
-        axes.axhline(1.0, color="black", lw=0.6, ls=":")
-        axes.set_yscale("log")
+        axes.plot(numbers, scores, ".", color=_GREY, ms=2.0, label="a set", rasterized=True)
+        best = np.fmin.accumulate(scores)
+        axes.plot(numbers, best, color=_BLUE, lw=1.4, label="best so far")
+        axes.axhline(1.0, color="black", lw=0.6, ls=":", label="reading error")
+        _score_axis(axes, scores)
+        if failed.any():
+            top = axes.get_xaxis_transform()  # x in sets, y as a share of the axis
+            height = np.full(int(failed.sum()), 1.02)
+            label = f"{height.size} failed sets"
+            axes.plot(
+                numbers[failed],
+                height,
+                "|",
+                color="black",
+                ms=3.0,
+                mew=0.4,
+                transform=top,
+                clip_on=False,
+                label=label,
+            )
+        axes.set_xlim(0.5, numbers.max() + 0.5)
         axes.set_xlabel("sets measured")
         axes.set_ylabel("score: root mean square miss,\nin reading errors")
-        axes.legend(loc="upper right")
+        figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
-def _constants(
-    free: Mapping[str, Free], table: pd.DataFrame, near: NearBest, quantities: Mapping[str, Mapping[str, str]]
-) -> Figure:
+def _score_axis(axes: Axes, scores: np.ndarray) -> None:
+    """A logarithmic axis of scores, with a linear part where some are 0, as misses of ranges are."""
+    there = scores[np.isfinite(scores)]
+    if there.size and there.min() > 0.0:
+        axes.set_yscale("log")
+    else:
+        axes.set_yscale("symlog", linthresh=_LEAST_SCORE)
+
+
+def _constants(free: Mapping[str, Free], table: pd.DataFrame, near: NearBest) -> Figure:
     """The least score over each constant's range, and where the near-best sets have it."""
     columns = min(len(free), 4)
     rows = math.ceil(len(free) / columns)
-    with canvas(PAGE, 0.4 + 1.5 * rows) as figure:
+    with canvas(PAGE, 0.6 + 1.5 * rows) as figure:
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for axes, each in zip(panels, near.constants, strict=False):
-            _profile(axes, free[each.name], each, near.best, quantities.get(each.name, {}))
+            _profile(axes, free[each.name], each, near.best)
+            unit = unit_of(table, each.name)
+            # a long name stands over its unit
+            gap = "\n" if len(each.name) > _LONG_NAME else " "
+            axes.set_xlabel(symbol(table, each.name) + (f"{gap}({unit})" if unit else ""))
         for axes in panels[len(free) :]:
             axes.set_visible(False)
         for axes in panels[::columns]:
             axes.set_ylabel("least score")
-        fits = (
-            f"{near.fitting} sets that fit all targets"
-            if near.fitting
-            else f"{len(near.best)} near-best sets"
-        )
-        figure.suptitle(f"Least score in each twentieth of a range; orange: {fits}", fontsize=8.5)
+        fits = f"{near.fitting} sets fit all targets" if near.fitting else f"{len(near.best)} near-best sets"
+        title = f"Blue: least score in each twentieth of a range. Orange: {fits}."
+        figure.suptitle(title, fontsize=8.5)
     return figure
 
 
-def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame, known: Mapping[str, str]) -> None:
+def _profile(axes: Axes, free: Free, each: Constant, best: pd.DataFrame) -> None:
     edges = np.linspace(0.0, 1.0, PARTS + 1)
     axes.stairs(each.profile, edges, color=_BLUE, lw=1.2, baseline=None)
     shares = free.share(free.written(best[each.name].tolist())) if len(best) else np.zeros(0)
     axes.plot(shares, best["score"], "o", color=_ORANGE, ms=2.5, rasterized=True)
-    axes.set_yscale("log")
+    _score_axis(axes, each.profile)
     axes.set_xlim(0.0, 1.0)
     ticks = [0.0, 0.5, 1.0]
     if free.choices is not None:
         n = len(free.choices)
-        axes.set_xticks((np.arange(n) + 0.5) / n, [str(choice) for choice in free.choices])
+        words = [str(choice) for choice in free.choices]
+        long = sum(map(len, words)) > _LONG_NAME
+        axes.set_xticks((np.arange(n) + 0.5) / n, words, **({"rotation": 30, "ha": "right"} if long else {}))
     else:
         axes.set_xticks(ticks, [f"{value:.3g}" for value in free.at(np.array(ticks))])
-    unit = known.get("unit", "")
-    axes.set_xlabel(each.name + (f" ({unit})" if unit not in ("", "1") else ""))
+        for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
+            label.set_horizontalalignment(side)  # those of the next panel begin here
     axes.set_title(each.verdict, fontsize=7.5)
 
 
-def _misses(job: SearchJob, table: pd.DataFrame, near: NearBest) -> Figure:
+def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
     """The misses of the near-best sets, a line each, and of the sets that miss each target least."""
-    names = list(job.targets)
-    with canvas(PAGE, 2.6) as figure:
+    names = list(search.targets)
+    columns = [f"{MISS}{name}" for name in names]
+    least = _least_of_each(search, table)[columns].to_numpy()
+    others = near.best[columns].iloc[1:_MOST_LINES].to_numpy()
+    best = near.best[columns].iloc[:1].to_numpy()
+    drawn = np.concatenate([least, others, best])
+    there = np.abs(drawn) < FAILED_MISS
+    limit = 1.5 * max(2.0, float(np.max(np.abs(drawn), where=there, initial=0.0)))
+    place = np.arange(len(names))
+    long = sum(map(len, names)) > _LONG_LABELS
+    with canvas(PAGE, 3.4 if long else 2.8) as figure:
         axes = figure.add_subplot()
-        axes.axhspan(-1.0, 1.0, color="#E4E4E4", lw=0)
-        place = np.arange(len(names))
-        trades = _least_of_each(job, table)
-        for number, (_, line) in enumerate(trades.iterrows()):
-            values = [line[f"miss_{name}"] for name in names]
-            axes.plot(place, values, color=_GREY, lw=0.8, label="least miss of one target" * (not number))
-        for number, (_, line) in enumerate(near.best.iloc[1:_MOST_LINES].iterrows()):
-            values = [line[f"miss_{name}"] for name in names]
-            axes.plot(place, values, color=_ORANGE, lw=0.5, alpha=0.5, label="near-best sets" * (not number))
-        if len(near.best):
-            values = [near.best.iloc[0][f"miss_{name}"] for name in names]
-            axes.plot(place, values, "o-", color=_BLUE, lw=1.4, ms=3, label="best set")
-        labels = [f"{name}\n(held back)" if job.targets[name].aim.held_back else name for name in names]
-        axes.set_xticks(place, labels)
+        axes.axhspan(-1.0, 1.0, color="#EDEDED", lw=0, label="within reading error")
+        for lines, label, style in (
+            (least, "least miss of one target", {"color": _DARK, "lw": 0.8, "ls": "--"}),
+            (others, "near-best sets", {"color": _ORANGE, "lw": 0.6, "alpha": 0.5}),
+            (best, "best set", {"color": _BLUE, "lw": 1.4, "marker": "o", "ms": 3.0}),
+        ):
+            for number, values in enumerate(np.clip(lines, -limit, limit)):
+                axes.plot(place, values, label=label if not number else None, **style)
+        lost = (~there).any(axis=0)
+        if lost.any():
+            axes.plot(
+                place[lost],
+                np.full(int(lost.sum()), limit),
+                "x",
+                color="black",
+                ms=4,
+                clip_on=False,
+                label="no value",
+            )
+        gap = ", " if long else "\n"
+        labels = [f"{name}{gap}held back" if search.targets[name].aim.held_back else name for name in names]
+        axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
-        axes.set_ylim(-1.2 * FAILED_MISS, 1.2 * FAILED_MISS)
+        axes.set_ylim(-limit, limit)
+        axes.set_xlim(-0.3, len(names) - 0.7)
         axes.set_ylabel("miss, in reading errors")
-        axes.legend(loc="upper right", ncols=3)
+        figure.legend(loc="outside upper center", ncols=5)
     return figure
 
 
-def _least_of_each(job: SearchJob, table: pd.DataFrame) -> pd.DataFrame:
+def _least_of_each(search: Search, table: pd.DataFrame) -> pd.DataFrame:
     """For each target that counts, the set that misses it least, of those that miss the others least."""
     rows = []
-    for name in job.counted:
-        order = table.assign(_miss=table[f"miss_{name}"].abs()).sort_values(["_miss", "score"])
+    for name in search.counted:
+        order = table.assign(_miss=table[f"{MISS}{name}"].abs()).sort_values(["_miss", "score"])
         rows.append(order.index[0])
     return table.loc[list(dict.fromkeys(rows))]

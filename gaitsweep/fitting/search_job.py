@@ -13,15 +13,19 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from gaitsweep import near_miss
+from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
-from gaitsweep.fitting.targets import Aim, Target
+from gaitsweep.fitting.targets import MISS, Aim, Target
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, Text, word
 from gaitsweep.kinds.part import Part, plain
+from gaitsweep.runs.prepare import Prepared
 
+# Columns of a search's table beside constants and targets.
+_COLUMNS = ("row", "generation", "score", "status", "why")
 # Sets that are measured together where the job does not say.
 _SETS_TOGETHER = 64
 
@@ -56,12 +60,24 @@ class Choice(Part):
 
 
 @dataclasses.dataclass(frozen=True)
-class SearchJob:
-    """A search as its file says it: `fit` has the job, `targets` what is wanted, `choice` how it goes."""
+class Search:
+    """The field `search` of a job: the free constants, `targets` what is wanted, `choice` how it goes."""
 
-    fit: FitJob
+    free: dict[str, Free]
     targets: dict[str, Target]
     choice: Choice
+
+    @property
+    def counted(self) -> list[str]:
+        """The targets that count."""
+        return [name for name, target in self.targets.items() if not target.aim.held_back]
+
+
+@dataclasses.dataclass(frozen=True)
+class SearchJob(Search):
+    """A search as its file says it: `fit` has the job, `written` its fields."""
+
+    fit: FitJob
     written: dict[str, Any]
 
     @property
@@ -69,25 +85,20 @@ class SearchJob:
         return self.fit.name
 
     @property
-    def free(self) -> dict[str, Free]:
-        return self.fit.free
-
-    @property
-    def counted(self) -> list[str]:
-        """The targets that count."""
-        return [name for name, target in self.targets.items() if not target.aim.held_back]
-
-    @property
     def start(self) -> int:
         """Sets of the Sobol sequence with which `cma` begins."""
         return self.choice.budget // 10 if self.choice.start is None else self.choice.start
 
-    def population_on(self, platform: str, rows_at_a_time: int) -> int:
+    def sets_together(self, ready: Prepared, rows_of_a_set: int) -> int:
         """Sets that are measured together."""
-        if self.choice.population is not None:
-            return self.choice.population
-        rows = self.fit.population().rows_of_a_set
-        return _SETS_TOGETHER if platform == "cpu" else max(_SETS_TOGETHER, math.ceil(rows_at_a_time / rows))
+        sets = self.choice.population
+        if sets is None:
+            sets = _SETS_TOGETHER
+            platform = ready.work.devices[0].platform
+            if platform != "cpu" and rows_of_a_set:
+                at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
+                sets = max(sets, math.ceil(at_a_time / rows_of_a_set))
+        return min(sets, self.choice.budget)
 
     def resolved(self) -> dict[str, Any]:
         """The job as plain values, as the result directory keeps it."""
@@ -121,44 +132,61 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
 
 def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     """A search from its mapping; raises JobError with all that is wrong."""
-    wrong: list[Diagnostic]
-    data, wrong = plain(data), []
+    data = plain(data)
+    wrong: list[Diagnostic] = []
+    search = read_search_field(data, wrong)
+    measures = {name: target.measure for name, target in search.targets.items()}
+    fit = read_fit_job("search", data, folder, search.free, measures, "targets", wrong)
+    if (package := missing_package(search.choice.method)) is not None:
+        raise ArgumentError(
+            f"search.method {search.choice.method} needs the package {package}: "
+            "pip install 'gaitsweep[search]'."
+        )
+    written = {key: value for key, value in data.items() if value is not None}
+    return SearchJob(search.free, search.targets, search.choice, fit, written)
+
+
+def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Search:
+    """The field `search` of a job, without its model; what is wrong with it is added to `wrong`.
+
+    Raises:
+        JobError: it cannot be read on.
+    """
     search = data.get("search")
     if not isinstance(search, Mapping):
         text = "is missing" if search is None else f"is {found(search)}"
         raise JobError([Diagnostic(("search",), f"{text}: it has free, targets, budget, and method.")])
     free = read_free(search.get("free"), ("search", "free"), wrong)
-    targets = _read_targets(search.get("targets"), wrong)
+    targets = _read_targets(search.get("targets"), free, wrong)
     rest = {key: value for key, value in search.items() if key not in ("free", "targets")}
     for key in [key for key in rest if key not in Choice.model_fields]:
         allowed = ["free", "targets", *Choice.model_fields]
         wrong.append(unknown_field(("search", str(key)), "search", allowed))
         del rest[key]
     choice = read_part(Choice, rest, ("search",), wrong)
-    measures = {name: target.measure for name, target in targets.items()}
-    fit = read_fit_job("search", data, folder, free, measures, "targets", wrong)
-    assert choice is not None  # else it was refused
-    if (package := missing_package(choice.method)) is not None:
-        raise ArgumentError(
-            f"search.method {choice.method} needs the package {package}: pip install 'gaitsweep[search]'."
-        )
-    job = SearchJob(fit, targets, choice, {key: value for key, value in data.items() if value is not None})
-    if not job.counted:
-        raise JobError([Diagnostic(("search", "targets"), "are all held back: one of them has to count.")])
-    for place, name in enumerate(choice.first):
+    read = Search(free, targets, Choice(budget=1) if choice is None else choice)
+    if targets and not read.counted:
+        wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
+    for place, name in enumerate(read.choice.first):
         if name not in targets:
             text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
-            raise JobError([Diagnostic(("search", "first", place), text)])
-    if choice.method == "nsga3" and len(job.counted) < 2:
+            wrong.append(Diagnostic(("search", "first", place), text))
+    if read.choice.method == "nsga3" and len(read.counted) == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
-        raise JobError([Diagnostic(("search", "method"), text)])
-    return job
+        wrong.append(Diagnostic(("search", "method"), text))
+    together = min(read.choice.population or _SETS_TOGETHER, read.choice.budget)
+    if choice is not None and choice.method == "nsga3" and together < len(read.counted):
+        which = "budget" if together == choice.budget else "population"
+        text = f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(read.counted)}."
+        wrong.append(Diagnostic(("search", which), text))
+    return read
 
 
-def _read_targets(value: Any, wrong: list[Diagnostic]) -> dict[str, Target]:
+def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic]) -> dict[str, Target]:
     path = ("search", "targets")
     if not isinstance(value, Mapping) or not value:
-        wrong.append(Diagnostic(path, f"is {found(value)}, but takes targets by name."))
+        said = "is missing: it" if value is None else f"is {found(value)}, but"
+        wrong.append(Diagnostic(path, f"{said} takes targets by name, each with kind, at, wanted and error."))
         return {}
     targets = {}
     for name, each in value.items():
@@ -168,9 +196,12 @@ def _read_targets(value: Any, wrong: list[Diagnostic]) -> dict[str, Target]:
             continue
         aims = {key: field for key, field in each.items() if key in Aim.model_fields}
         aim = read_part(Aim, aims, here, wrong)
-        measure = read_measure({k: v for k, v in each.items() if k not in aims}, here, wrong)
-        if str(name) in ("row", "set", "score", "status", "generation") or not str(name).isidentifier():
-            wrong.append(Diagnostic(here, "names a column of the table: take another name of letters and _."))
+        measured = {key: field for key, field in each.items() if key not in aims}
+        measure = read_measure(measured, here, wrong, beside=Aim)
+        if not str(name).isidentifier():
+            wrong.append(Diagnostic(here, "has a name that is not of letters, digits and _: take another."))
+        elif str(name) in (*_COLUMNS, *free) or str(name).startswith(MISS) or str(name).endswith("_half"):
+            wrong.append(Diagnostic(here, "has the name of another column of the table: take another."))
         if aim is not None and measure is not None:
             targets[str(name)] = Target(str(name), measure, aim)
     return targets

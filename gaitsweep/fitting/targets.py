@@ -18,6 +18,9 @@ from gaitsweep.kinds.part import Part
 # The miss of a target without a value, in reading errors: more than that of values that mean something.
 FAILED_MISS = 1.0e4
 
+# Names of the columns of misses.
+MISS = "miss_"
+
 
 def _read_wanted(value: Any) -> tuple[float, float]:
     if isinstance(value, list | tuple):

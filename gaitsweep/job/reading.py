@@ -21,6 +21,7 @@ from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from
 from gaitsweep.kinds.numbers import SCOPE, Scope
 from gaitsweep.kinds.run_kind import table_columns
 
+FITS = ("search", "sensitivity")  # fields of jobs that a command of the same name reads
 _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pydantic gets as they were read
 
 
@@ -42,6 +43,9 @@ def read_job(
     """
     if not isinstance(data, Mapping):
         raise JobError([Diagnostic((), f"holds {found(data)}, but a job is a mapping (key: value).")])
+    if others := [key for key in FITS if data.get(key) is not None]:
+        text = f"makes this a job of another command: run it with `gaitsweep {others[0]}`."
+        raise JobError([Diagnostic((others[0],), text)])
     config = Config({str(key): _plain(value) for key, value in data.items() if value is not None}, folder)
     raw, diagnostics = config.raw, list(config.diagnostics)
     ready = {key: value for key, value in raw.items() if key not in _READ_HERE}

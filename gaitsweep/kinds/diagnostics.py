@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from gaitsweep import near_miss
@@ -147,6 +148,12 @@ class Owner:
     def fields(self) -> list[str]:
         return [field.alias or name for name, field in self.part.model_fields.items()]
 
+    def field(self, written: str) -> FieldInfo:
+        """The field of this name in a job, which may not be its name in Python."""
+        return next(
+            field for name, field in self.part.model_fields.items() if (field.alias or name) == written
+        )
+
 
 def from_pydantic(
     error: ValidationError, owners: dict[str, Owner], top: str, prefix: Path = ()
@@ -173,7 +180,7 @@ def _from_details(details: ErrorDetails, owners: dict[str, Owner], top: str, pre
     if sort == "extra_forbidden":
         return unknown_field(path, owner.words, owner.fields, former_names.RUN_FIELDS.get(key))
     if sort == "missing":
-        return Diagnostic(path, f"is missing: {owner.part.model_fields[str(path[-1])].description}.")
+        return Diagnostic(path, f"is missing: {owner.field(str(path[-1])).description}.")
     if sort in ("union_tag_invalid", "union_tag_not_found"):
         return _about_kind(path, value, owners)
     if sort in ("too_short", "too_long"):

@@ -41,7 +41,8 @@ class Estimate:
     """What a job would need. `seconds` is the likely time, `seconds_most` that of rows at their limits.
 
     `simulated`: the rows that are likely run; fewer than `rows` where a run refines. `records`: those of the
-    table, several for a row where a run records its way; `disk_bytes` are the table's.
+    table, several for a row where a run records its way; `disk_bytes` are the table's. `steps` are those that
+    the rows likely take in all; `compile_s`, part of the times, does not grow with the rows.
     """
 
     rows: int
@@ -55,6 +56,8 @@ class Estimate:
     lanes: int
     device: str
     engine: str
+    steps: float
+    compile_s: float
 
 
 def estimate(job: Job) -> Estimate:
@@ -91,6 +94,8 @@ def estimate(job: Job) -> Estimate:
         lanes=work.lanes,
         device=ready.device,
         engine=ready.engine,
+        steps=simulated * cost.likely,
+        compile_s=pace.compile_s,
     )
 
 

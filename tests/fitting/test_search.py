@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,16 @@ import toy_model
 from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
+from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search import BATCH, FINALISTS, MISS, run_search
-from gaitsweep.fitting.search_job import read_search
-from gaitsweep.fitting.targets import FAILED_MISS
-from gaitsweep.kinds.diagnostics import JobError
+from gaitsweep.fitting.search import BATCH, FINALISTS, run_search
+from gaitsweep.fitting.search_job import load_search, read_search
+from gaitsweep.fitting.targets import FAILED_MISS, MISS
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
+from gaitsweep.table import ResultDirectory, WriteError
+
+SWEEPS = Path(__file__).parents[2] / "sweeps"
 
 # What the search has to find: the launch speed tends to kick / (1 - restitution), 1.6 m/s.
 KICK, RESTITUTION, STIFFNESS = 0.8, 0.5, 6.0
@@ -43,6 +49,9 @@ TOY: dict[str, Any] = {
         "seed": 3,
     },
 }
+
+
+EDGE = {"kind": "edge", "along": "mass", "gait": "hop", "at": {"mass": [1, 2]}}
 
 
 def job(**search: Any) -> dict[str, Any]:
@@ -178,6 +187,14 @@ def test_sets_that_fail_first_are_not_measured_further(tmp_path: Path) -> None:
         ({"free": {"kick": [-1, 1]}}, "search.free.kick goes to -1, but must be at least 0"),
         ({"free": {"restitution": [0, 0.5]}}, "is free, but params.restitution fixes it"),
         ({"free": {"kick": {"low": 0.0, "high": 1.0, "log": True}}}, "equal ratios need a value above 0"),
+        ({"free": {"kick": [1, 2, 3]}}, "search.free.kick is a list (1, 2, 3), but takes [low, high]"),
+        ({"free": {"kick": {"choices": [True, False]}}}, "has the choice true, but takes numbers"),
+        ({"free": {"kick": {"choices": [0.5, 0.5]}}}, "search.free.kick has the choice 0.5 twice"),
+        (
+            {"free": {"N": {"choices": [1, 99]}}},
+            "search.free.N is 99, but must be a whole number from 1 to 8",
+        ),
+        ({"method": "nsga3", "population": 1}, "search.population is 1, but nsga3 takes as many sets"),
         ({"targets": {}}, "search.targets is an empty mapping"),
         ({"method": "annealing"}, "search.method"),
         ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
@@ -200,13 +217,158 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
         ({"at": {"kick": 1}}, "search.targets.speed.at.kick is free: a measure cannot set it"),
         ({"at": {"mass": -1}}, "search.targets.speed.at.mass is -1, but must be above 0"),
         ({"held_back": True}, "are all held back"),
+        ({"kind": ["value"]}, "search.targets.speed.kind is a list"),
+        ({"of": "status"}, "search.targets.speed.of is status, which is none. Allowed: cycles"),
+        ({"weight": 2}, "search.targets.speed.weight is not a field of a measure (value)"),
+        ({"at": {"mass": {"linspace": [1, 2, 20000]}}}, "a linspace of 20000 points, but takes 2 to 10000"),
+        (
+            {"at": {"mass": {"linspace": [1, 2, 200]}, "preload": {"linspace": [1, 2, 200]}}},
+            "search.targets.speed.at makes 40000 rows of a set, but a measure takes 10000 at most",
+        ),
+        (EDGE | {"at": {"mass": 1}}, "search.targets.speed.at has mass, which an edge takes as a list"),
+        (EDGE | {"at": {"mass": [1, 3, 2]}}, "has mass, which an edge takes as a list that rises or falls"),
+        (EDGE | {"at": {"mass": [1, 2], "preload": [1, 2]}}, "at has a list of preload too"),
+        (EDGE | {"along": "mas"}, "search.targets.speed.along is mas, which is none; did you mean mass?"),
+        (EDGE | {"gait": "trot"}, "search.targets.speed.gait is trot, which is none. Allowed: rest, hop"),
     ],
 )
 def test_wrong_targets_are_refused(change: dict[str, Any], sentence: str, tmp_path: Path) -> None:
     speed = {**TOY["search"]["targets"]["speed"], **change}
+    if speed["kind"] == "edge":
+        del speed["of"]
     with pytest.raises(JobError) as refused:
         gs.search(job(targets={"speed": speed}), tmp_path / "out")
     assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["kick", "why", "miss_speed", "speed_half", "1st"])
+def test_targets_do_not_take_the_names_of_other_columns(name: str, tmp_path: Path) -> None:
+    with pytest.raises(JobError, match=f"search.targets.{name} has "):
+        gs.search(job(targets={name: TOY["search"]["targets"]["speed"]}), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("run", "sentence"),
+    [
+        ({"kind": "ramp"}, "run.kind is ramp, but search takes settle or fixed_time"),
+        ({"kind": "trace"}, "run.kind is trace, but search takes"),
+        ({"kind": "settle", "refine": "boundary"}, "run.refine has no place beside search"),
+    ],
+)
+def test_runs_without_one_record_a_row_are_refused(
+    run: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(JobError) as refused:
+        gs.search({**TOY, "run": run}, tmp_path / "out")
+    assert sentence in str(refused.value)
+
+
+def test_a_measure_has_no_part_of_another_ones_conditions(tmp_path: Path) -> None:
+    # the second does not set the mass, so it has the model's default, 1 kg
+    apex = {"kind": "value", "of": "apex", "wanted": APEX, "error": 0.01}
+    targets = {"heavy": {**apex, "at": {"mass": 4.0}}, "light": {**apex, "at": {"preload": 0.5}}}
+    table = gs.search(job(targets=targets, method="sobol", budget=16), tmp_path / "out").table
+    speed, stiffness = table["kick"] / (1.0 - RESTITUTION), table["stiffness"]
+    for name, mass in (("heavy", 4.0), ("light", 1.0)):
+        assert np.allclose(table[name], np.hypot(0.5, speed * np.sqrt(mass / stiffness)) - 0.5, rtol=1e-6)
+
+
+def test_a_start_without_default_has_to_be_set_by_every_measure(tmp_path: Path) -> None:
+    psi = {"kind": "value", "of": "psi_1", "wanted": 1.0, "error": 0.1}
+    asked = {
+        "name": "chain",
+        "model": "multilegged",
+        "start": {"psi_3": 3.1},
+        "run": {"kind": "settle"},
+        "search": {
+            "free": {"beta": [0.72, 0.88]},
+            "targets": {
+                "both": {**psi, "at": {"psi_1": 1.8, "psi_2": 1.8}},
+                "one": {**psi, "at": {"psi_1": 1.8}},
+            },
+            "budget": 4,
+        },
+    }
+    with pytest.raises(JobError, match=r"search\.targets\.one\.at does not set psi_2"):
+        gs.search(asked, tmp_path / "out")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_constant_is_enough(method: str, tmp_path: Path) -> None:
+    free = {"kick": [0.1, 3.0]}
+    asked = job(free=free, method=method, budget=300)
+    asked["params"]["stiffness"] = STIFFNESS
+    best = gs.search(asked, tmp_path / "out").near.best.iloc[0]
+    assert best["kick"] == pytest.approx(KICK, rel=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_search_of_which_all_sets_fail_ends_well(method: str, tmp_path: Path) -> None:
+    asked = job(method=method, budget=64)
+    asked["params"]["ceiling"] = 1e-3
+    found = gs.search(asked, tmp_path / "out")
+    assert set(found.table["status"].astype(str)) == {"failed"}
+    assert len(found.near.best) == 0
+    assert all(file.is_file() for file in found.figures)
+
+
+def test_a_front_of_twelve_targets(tmp_path: Path) -> None:
+    apex = {"kind": "value", "of": "apex", "wanted": APEX, "error": 0.01}
+    targets = {f"mass_{i}": {**apex, "at": {"mass": 1.0 + 0.2 * i}} for i in range(12)}
+    found = gs.search(job(method="nsga3", targets=targets, budget=96, population=32), tmp_path / "out")
+    assert set(found.table["status"].astype(str)) == {"complete"}
+    assert all(file.is_file() for file in found.figures)
+
+
+def test_choices_that_the_model_refuses_together_have_no_values() -> None:
+    asked = read_search(job(free={**TOY["search"]["free"], "N": {"choices": [1, 2]}}), Path())
+
+    def job_of(structure: Any) -> Any:
+        if structure["N"] == 2:
+            raise JobError([Diagnostic(("structure", "N"), "is 2, which does not go with the rest.")])
+        return asked.fit.job_of(structure)
+
+    sets = {"kick": np.full(2, 0.8), "stiffness": np.full(2, 6.0), "N": np.array([1, 2])}
+    speed = Population(job_of, ["N"], asked.fit.measures).measure(sets)["speed"]
+    assert speed.values[0] == pytest.approx(SPEED)
+    assert np.isnan(speed.values[1])
+    assert speed.why[1] == "refused: structure.N is 2, which does not go with the rest."
+
+
+def test_a_full_disk_loses_one_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = job(method="sobol", budget=48)
+    whole = gs.search(asked, tmp_path / "whole").table
+    write, calls = ResultDirectory.write_part, []
+
+    def full(*_arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def writes(self: ResultDirectory, *given: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 2:
+            monkeypatch.setattr(os, "fsync", full)
+        return write(self, *given)
+
+    monkeypatch.setattr(ResultDirectory, "write_part", writes)
+    with pytest.raises(WriteError, match="the disk is full; 16 of 48 rows are safe"):
+        gs.search(asked, tmp_path / "parts")
+    monkeypatch.undo()
+    assert_frame_equal(gs.search(asked, tmp_path / "parts").table, whole, check_exact=True)
+
+
+def test_the_shipped_search_asks_for_its_planted_constants() -> None:
+    """What it wants is what the chain does at kappa = 100, beta = 0.8."""
+    shipped = load_search(SWEEPS / "multilegged_search.yaml")
+    values = {"kappa": np.array([100.0]), "beta": np.array([0.8])}
+    for name, measured in shipped.fit.population().measure(values).items():
+        assert measured.values % (2 * np.pi) == pytest.approx(shipped.targets[name].aim.wanted[0], abs=1e-4)
+
+
+def test_the_estimate_counts_sets_and_rows() -> None:
+    needs = estimate_search(load_search(SWEEPS / "multilegged_search.yaml"))
+    assert (needs.sets, needs.together, needs.rows_of_a_set) == (1280, 32, 2)
+    assert 0.0 < needs.seconds <= needs.seconds_most
+    assert needs.steps > 1e6
 
 
 def test_a_search_has_no_axes_and_no_figures(tmp_path: Path) -> None:
@@ -239,6 +401,16 @@ def test_finalists_are_kept(tmp_path: Path) -> None:
     known = pd.read_parquet(tmp_path / "out" / FINALISTS)
     assert len(known) == min(3, len(found.near.best))
     assert toy_model.Toy.name == "toy"
+
+
+@pytest.mark.slow
+def test_the_shipped_search_finds_its_planted_constants(tmp_path: Path) -> None:
+    found = gs.search(SWEEPS / "multilegged_search.yaml", tmp_path / "out")
+    best = found.near.best.iloc[0]
+    assert best["kappa"] == pytest.approx(100.0, rel=0.01)
+    assert best["beta"] == pytest.approx(0.8, rel=0.01)
+    assert abs(best["miss_retrograde_psi_3"]) < 1.0  # held back
+    assert {each.verdict for each in found.near.constants} == {"pinned"}
 
 
 @pytest.mark.slow
