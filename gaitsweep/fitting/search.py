@@ -116,6 +116,8 @@ def run_search(
         table = load(path)
         near = near_best(table, job)
         finalists = _finalists(job, population, path, near, show)
+        if (doubt := _depends_on_the_step(job, finalists)) is not None:
+            tell(f"Warning: {doubt}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
         figures = draw_search(path, job, table, near)
     return Found(job, path, table, near, finalists, tuple(figures))
@@ -286,6 +288,24 @@ def _finalists(
     with writing(f"The finalists could not be written to {file}"):
         replace_file(file, lambda handle: frame.to_parquet(handle, index=False))
     return frame
+
+
+def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str | None:
+    """A sentence where half the step moves a finalist by more than a reading error, else None."""
+    if finalists is None:
+        return None
+    moved = {
+        name: int(np.sum(~(np.abs(finalists[f"{name}_half"] - finalists[name]) <= target.aim.error)))
+        for name, target in job.targets.items()
+        if not target.aim.held_back
+    }
+    told = ", ".join(f"{name} of {n}" for name, n in moved.items() if n)
+    if not told:
+        return None
+    return (
+        f"half the step moves targets by more than their reading errors ({told}, of {len(finalists)} "
+        f"finalists, {FINALISTS}): search again with a smaller numerics.dt, or with located events."
+    )
 
 
 def _quantities(job: SearchJob, population: Population) -> dict[str, dict[str, Any]]:

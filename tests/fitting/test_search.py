@@ -395,6 +395,25 @@ def test_optimisers_stay_in_their_ranges_and_repeat(method: str) -> None:
     assert not np.array_equal(first, points(2))
 
 
+def test_finalists_that_depend_on_the_step_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measure = Population.measure
+
+    def shifted(self: Population, *given: Any, share: float = 1.0, **more: Any) -> Any:
+        found = measure(self, *given, share=share, **more)
+        if share != 1.0:
+            found["speed"].values[0] += 0.02
+        return found
+
+    told: list[str] = []
+    asked = read_search(job(budget=64), Path.cwd())
+    run_search(asked, tmp_path / "sound", tell=told.append)
+    assert told == []
+    monkeypatch.setattr(Population, "measure", shifted)
+    run_search(asked, tmp_path / "shifted", tell=told.append)
+    assert len(told) == 1
+    assert "half the step moves targets by more than their reading errors (speed of 1, of" in told[0]
+
+
 def test_finalists_are_kept(tmp_path: Path) -> None:
     asked = job(budget=50, finalists=3)
     found = gs.search(asked, tmp_path / "out")
