@@ -14,7 +14,12 @@ FOLDER = Path(__file__).parents[2] / "notebooks"
 MOST_BYTES = 300_000  # outputs included
 SECONDS_OF_A_CELL = 300
 # half a minute to a minute each; the default suite runs the first tour
-SLOW = ("waist_quadruped_tour.ipynb", "planar_quadruped_tour.ipynb", "your_own_model.ipynb")
+SLOW = (
+    "waist_quadruped_tour.ipynb",
+    "planar_quadruped_tour.ipynb",
+    "which_constants.ipynb",
+    "your_own_model.ipynb",
+)
 
 # What a notebook's text says, over the names that its cells leave behind.
 CLAIMS = {
@@ -106,6 +111,21 @@ assert same == 1 and abs(2 * OMEGA / G * limp[:3].sum() / (2 * np.pi) - 3) < 1e-
 assert np.ptp(limp[:3]) > 1 and np.abs(limp[3:6] - limp[:3]).max() < 1e-9
 assert np.abs(flips / analytic - 1).max() < 1e-5
 assert (stuck["status"] == "event_stall").all()
+""",
+    # The planted constants; the limits are the text's. Branches lie within .03 rad of what a figure shows.
+    "which_constants.ipynb": """
+assert abs(best.kappa / 100 - 1) < 0.02 and abs(best.beta / 0.8 - 1) < 0.001
+assert found.near.fitting > 20 and even.near.fitting > 10
+size = effects[effects["index"] == "mu_star"].pivot(index="parameter", columns="output", values="value")
+assert size["direct"].notna().all() and size["retrograde"].notna().all()
+assert (size.loc["beta", ["direct", "retrograde"]] > size.loc["kappa", ["direct", "retrograde"]]).all()
+assert (size.loc["K", ["direct", "retrograde"]] < 0.05 * size.loc["kappa", ["direct", "retrograde"]]).all()
+verdicts = {each.name: each for each in found.near.constants}
+assert verdicts["kappa"].verdict == "free" and verdicts["beta"].verdict == "pinned"
+assert 0.785 < verdicts["beta"].low < verdicts["beta"].high < 0.815
+assert 70 < verdicts["kappa"].low < 85 and 150 < verdicts["kappa"].high < 180
+assert (ends.loc[2.6] - [2.74, 3.02]).abs().max() < 0.01
+assert abs(ends.loc[3.2].iloc[0] - 2.70) < 0.01 and abs(ends.loc[2.0].iloc[1] - 3.04) < 0.01
 """,
 }
 
