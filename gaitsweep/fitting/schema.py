@@ -1,4 +1,4 @@
-"""The JSON schema of job files with the field `search`, for editors."""
+"""The JSON schema of job files with the fields `search` and `sensitivity`, for editors."""
 
 from __future__ import annotations
 
@@ -7,21 +7,43 @@ from typing import Any
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measures import MEASURES
 from gaitsweep.fitting.search_job import Choice
+from gaitsweep.fitting.sensitivity_job import Analysis
 from gaitsweep.fitting.targets import Aim
 from gaitsweep.job import schema as job_schema
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of a job file, that of a search too; each field has a description."""
+    """The JSON schema of a job file, that of a search or a sensitivity analysis too."""
     described = job_schema()
     described["properties"]["search"] = _search()
+    described["properties"]["sensitivity"] = _sensitivity()
     return described
+
+
+def _ranges() -> list[dict[str, Any]]:
+    """The schemas of a range."""
+    limits = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": ["number", "string"]}}
+    return [limits, Free.model_json_schema()]
+
+
+def _sensitivity() -> dict[str, Any]:
+    analysis = Analysis.model_json_schema()
+    share = {"type": "string", "pattern": "%"}
+    parameters = {"type": "object", "additionalProperties": {"anyOf": [*_ranges(), share]}}
+    measures = [measure.model_json_schema() for measure in MEASURES.values()]
+    outputs = {"type": "object", "additionalProperties": {"anyOf": measures}}
+    analysis["properties"] = {
+        "parameters": {**parameters, "description": "constants by name: [low, high], fields, or 10%"},
+        "outputs": {**outputs, "description": "what is measured, by a name for each"},
+        **analysis["properties"],
+    }
+    analysis["required"] = ["parameters", "outputs", *analysis["required"]]
+    return {**analysis, "title": "sensitivity", "description": "constants that vary, and what is measured"}
 
 
 def _search() -> dict[str, Any]:
     search = Choice.model_json_schema()
-    limits = {"type": "array", "minItems": 2, "maxItems": 2, "items": {"type": ["number", "string"]}}
-    free = {"type": "object", "additionalProperties": {"anyOf": [limits, Free.model_json_schema()]}}
+    free = {"type": "object", "additionalProperties": {"anyOf": _ranges()}}
     targets = {"type": "object", "additionalProperties": {"anyOf": [_target(kind) for kind in MEASURES]}}
     search["properties"] = {
         "free": {**free, "description": "constants that are searched, by name: [low, high], or fields"},

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import jsonschema
 import pytest
 import yaml
 from pandas.testing import assert_frame_equal
@@ -123,6 +124,18 @@ def test_the_schema_has_the_search(capsys: Capture) -> None:
                         k["properties"] for k in kinds if k["properties"]["kind"]["const"] == target["kind"]
                     ]
                     assert set(target) <= set(fields)
+
+
+def test_the_schema_takes_the_shipped_fits(capsys: Capture) -> None:
+    assert main(["schema"]) == 0
+    reader = jsonschema.Draft202012Validator(json.loads(capsys.readouterr().out))
+    files = sorted([*SWEEPS.glob("*_search.yaml"), *SWEEPS.glob("*_sensitivity.yaml")])
+    assert len(files) >= 3
+    for file in files:
+        assert not list(reader.iter_errors(yaml.safe_load(file.read_text())))
+    wrong = yaml.safe_load(files[-1].read_text())
+    wrong["sensitivity"]["method"] = "sobbol"
+    assert list(reader.iter_errors(wrong))
 
 
 @pytest.mark.slow
