@@ -16,7 +16,7 @@ from gaitsweep.job import JobError
 from gaitsweep.runs import refined as refinement
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.runs.report import write_report
-from gaitsweep.table import ResultDirectory
+from gaitsweep.table import EncodedPart, ResultDirectory
 
 TURN = 2 * np.pi
 REFINED = {"kind": "settle", "max_cycles": 60, "refine": "boundary"}
@@ -89,16 +89,16 @@ def test_stopped_after_any_part_it_goes_on_to_the_same_table(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Stopped at the first part that is written, the second, ...: nothing that stood is run again."""
-    write = ResultDirectory.write_part
+    write = ResultDirectory.write_encoded
     written: list[Path] = []
 
-    def stop(self: ResultDirectory, number: int, frame: pd.DataFrame) -> None:
-        write(self, number, frame)
+    def stop(self: ResultDirectory, number: int, part: EncodedPart) -> None:
+        write(self, number, part)
         written.append(self.path)
         raise KeyboardInterrupt
 
     out = tmp_path / "stopped"
-    monkeypatch.setattr(ResultDirectory, "write_part", stop)
+    monkeypatch.setattr(ResultDirectory, "write_encoded", stop)
     while True:
         try:
             gs.run(job(), out)
