@@ -84,11 +84,6 @@ class Measure(Part):
     at: At = Field(description="parameters and starts of its rows by name; lists multiply")
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters and starts that it sets."""
-        return tuple(self.at)
-
-    @property
     def conditions(self) -> list[dict[str, float]]:
         """The parameters and starts of each of its rows."""
         return [dict(zip(self.at, values, strict=True)) for values in itertools.product(*self.at.values())]

@@ -279,7 +279,7 @@ def _own_values_of(job: Job, names: Sequence[str]) -> dict[str, float]:
 
 def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Measure]) -> list[Diagnostic]:
     """Parameters whose own value is a formula of what outputs set, so that there is no one value."""
-    set_by_outputs = {name for measure in outputs.values() for name in measure.names}
+    set_by_outputs = {name for measure in outputs.values() for name in measure.at}
     wrong = []
     for name in names:
         if follows := sorted((job.plan.closure([name]) - {name}) & set_by_outputs):
