@@ -1,11 +1,11 @@
-# `make demo` and `make test` need Python 3.11 or newer, pip and make, and set up the rest in .venv themselves.
+# `make demo`, `make test` and `make docs` need Python 3.11 or newer, pip and make, and set up the rest in .venv themselves.
 # PYTHON=/path/to/python chooses the interpreter of a new .venv.
 
 BIN := .venv/bin
 LOCKED := pyproject.toml requirements/install.sh $(wildcard requirements/lock-*.txt)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow check format lock clean
+.PHONY: help demo test test-slow check docs format lock clean
 
 help:  ## List these targets
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -24,6 +24,9 @@ check: .venv/dev.stamp  ## Lint, format, types, and the direction of imports
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+
+docs: .venv/dev.stamp  ## Build the documentation: build/docs/html/index.html (half a minute)
+	$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -b html -c docs -d build/docs/doctrees . build/docs/html
 
 format: .venv/dev.stamp  ## Format the sources and mend what lint can mend
 	$(BIN)/ruff check --fix .

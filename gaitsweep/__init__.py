@@ -33,6 +33,14 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.contract import Quantity as Quantity
     from gaitsweep.contract import Status as Status
     from gaitsweep.contract import SteppedModel as SteppedModel
+    from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
+    from gaitsweep.dynamics.declared_model import event as event
+    from gaitsweep.dynamics.declared_model import mode as mode
+    from gaitsweep.dynamics.declared_model import observable as observable
+    from gaitsweep.dynamics.declared_model import parameter as parameter
+    from gaitsweep.dynamics.declared_model import signal as signal
+    from gaitsweep.dynamics.declared_model import variable as variable
+    from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
     from gaitsweep.errors import ArgumentError as ArgumentError
     from gaitsweep.errors import UserError as UserError
     from gaitsweep.job import Job as Job
@@ -74,6 +82,10 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "api.sensitivity": ("sensitivity",),
         "api.trajectories": ("simulate", "sweep"),
         "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
+        "dynamics.declared_model": (
+            *("DeclaredModel", "event", "mode", "observable", "parameter", "signal", "variable"),
+        ),
+        "dynamics.mjx.mjcf_model": ("MjcfModel",),
         "errors": ("ArgumentError", "UserError"),
         "job": ("Job", "JobError", "load_job"),
         "kinds": ("Continuation", "FixedTime", "Folds", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
@@ -91,6 +103,7 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
             return importlib.import_module(f"{__name__}.version").version()
         if name not in _MODULES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        importlib.import_module(f"{__name__}.errors").refuse_windows()
         module = _MODULES[name]
         if module in ("gaitsweep", "gaitsweep.api"):  # the name is itself a module's
             return importlib.import_module(f"{module}.{name}")

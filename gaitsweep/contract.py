@@ -151,18 +151,18 @@ class Chart(abc.ABC):
         return ()
 
     @abc.abstractmethod
-    def read(self, params: Params, state: State) -> jax.Array:
+    def read(self, params: Params, state: State, /) -> jax.Array:
         """The coordinates (n,) of a state just after the jump of a crossing."""
 
     @abc.abstractmethod
-    def place(self, params: Params, at: jax.Array, modes: State) -> State:
+    def place(self, params: Params, at: jax.Array, modes: State, /) -> State:
         """The state on the section with coordinates `at` (n,) and the modes of the nearby state `modes`."""
 
-    def holds(self, params: Params, state: State) -> jax.Array:
+    def holds(self, params: Params, state: State, /) -> jax.Array:
         """Whether the chart covers a state just after a crossing, so that `place` can return it."""
         return jnp.ones((), bool)
 
-    def conserved_values(self, params: Params, at: jax.Array) -> jax.Array:
+    def conserved_values(self, params: Params, at: jax.Array, /) -> jax.Array:
         """The values (k,) of the `conserved` quantities at the coordinates `at` (n,)."""
         return jnp.zeros((0,))
 
@@ -171,11 +171,11 @@ class Jumps(abc.ABC):
     """What events do, in a model or in a scheme of its own steps."""
 
     @abc.abstractmethod
-    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+    def jump(self, params: Params, state: State, fired: jax.Array, /) -> State:
         """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
 
     @abc.abstractmethod
-    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+    def section(self, params: Params, before: State, fired: jax.Array, /) -> jax.Array:
         """Whether the events `fired` close a cycle; `before` is the state before their jump."""
 
 
@@ -184,7 +184,8 @@ class Model(Jumps):
 
     Its fields are its structure (number of legs, kind of body): they shape the arrays and cannot vary inside
     a job. They have to be hashable, since compiled programs are cached by model.
-    Derive from `HybridModel` or from `SteppedModel`, not from this class.
+    Derive from `HybridModel` or from `SteppedModel`, not from this class. Arguments are given by position, so
+    a model may call them as it likes.
 
     Raises:
         TypeError: a subclass defines a member by its old name (`RENAMED`).
@@ -246,27 +247,27 @@ class Model(Jumps):
         return dict(values)
 
     @abc.abstractmethod
-    def params(self, values: Mapping[str, jax.Array]) -> Params:
+    def params(self, values: Mapping[str, jax.Array], /) -> Params:
         """The frozen pytree of parameters, from one scalar for each name in `parameters` (see `on_host`)."""
 
     @abc.abstractmethod
-    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+    def init(self, params: Params, start: Mapping[str, jax.Array], /) -> State:
         """The state at t = 0 (crossing 0), from one scalar for each name in `initial_conditions`."""
 
     @abc.abstractmethod
-    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def observe(self, params: Params, state: State, /) -> dict[str, jax.Array]:
         """The observables by name, of the state just after the jump that closes a cycle."""
 
     @abc.abstractmethod
-    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+    def signal(self, params: Params, state: State, /) -> dict[str, jax.Array]:
         """The signals by name, at a state."""
 
     @abc.abstractmethod
-    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+    def label(self, params: Params, observations: Mapping[str, jax.Array], /) -> dict[str, jax.Array]:
         """`gait` (an index into `gaits`) and the `label_fields`, from the last crossing's observables."""
 
     @abc.abstractmethod
-    def failed(self, params: Params, state: State) -> jax.Array:
+    def failed(self, params: Params, state: State, /) -> jax.Array:
         """Whether the body has fallen.
 
         It is evaluated every 64 attempts (after every adaptive step), so the condition has to persist after
@@ -274,7 +275,7 @@ class Model(Jumps):
         """
 
     @abc.abstractmethod
-    def period(self, params: Params) -> jax.Array:
+    def period(self, params: Params, /) -> jax.Array:
         """The nominal period of a cycle (s); the engine's time limits are multiples of it."""
 
     @property
@@ -282,7 +283,12 @@ class Model(Jumps):
     def recommended(self) -> Recommended:
         """The default numerics of a job."""
 
-    def free_after(self, params: Params) -> jax.Array:
+    @property
+    def data_digest(self) -> str:
+        """A digest of files beside its modules that decide its numbers, such as an MJCF; empty: none."""
+        return ""
+
+    def free_after(self, params: Params, /) -> jax.Array:
         """The time (s) until which the gait is externally constrained; no row settles before it."""
         return 0.0 * self.period(params)
 
@@ -308,7 +314,7 @@ class FixedStepDynamics(Jumps):
     """A time-stepping scheme of fixed step length, whose events are detected at the end of a step."""
 
     @abc.abstractmethod
-    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+    def step(self, params: Params, state: State, dt: jax.Array, /) -> State:
         """The state one step of `dt` (s) later; modes are left to `jump`.
 
         With `numerics.precision: mixed`, `dt` is float32: forces may then be computed in float32, while the
@@ -316,10 +322,10 @@ class FixedStepDynamics(Jumps):
         """
 
     @abc.abstractmethod
-    def events(self, params: Params, before: State, after: State) -> jax.Array:
+    def events(self, params: Params, before: State, after: State, /) -> jax.Array:
         """A bool for each event: whether it happened during the step."""
 
-    def longest_step(self, params: Params) -> jax.Array | None:
+    def longest_step(self, params: Params, /) -> jax.Array | None:
         """The longest accurate step (s) with these parameters; None: a job has to set `numerics.dt`."""
         return None
 
@@ -346,7 +352,7 @@ class HybridModel(Model):
         """The adaptive method tsit5, whose steps follow from its tolerances, so it suits every flow."""
         return Recommended("tsit5")
 
-    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array] | None:
+    def fast_modes(self, params: Params, /) -> tuple[jax.Array, jax.Array] | None:
         """Rates (n,) in 1/s and damping ratios (n,) of the fastest motions, over all discrete modes.
 
         Methods with fixed steps take steps proportional to 1 / rate (a job's `numerics.dt` is compared with
@@ -366,11 +372,11 @@ class HybridModel(Model):
         return None
 
     @abc.abstractmethod
-    def flow(self, params: Params, state: State) -> Rates:
+    def flow(self, params: Params, state: State, /) -> Rates:
         """Time derivatives of the continuous fields of `state`, by field name."""
 
     @abc.abstractmethod
-    def guards(self, params: Params, state: State) -> jax.Array:
+    def guards(self, params: Params, state: State, /) -> jax.Array:
         """The guard function (n,) of each event: negative while armed; the event fires where it becomes >= 0.
 
         Guards are finite, and continuous while the modes are constant. A guard that is still >= 0 after its

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import ClassVar
 
 REFUSED = 2  # the request is invalid
@@ -25,6 +26,19 @@ class UserError(Exception):
     def _render_traceback_(self) -> list[str]:
         """The lines that IPython shows in a notebook instead of a traceback."""
         return [f"{type(self).__name__}: {self}"]
+
+
+class UnsupportedSystem(UserError):
+    """This operating system lacks what the request needs; the message says what does it instead."""
+
+
+def refuse_windows() -> None:
+    """Raise UnsupportedSystem on Windows, whose file locks and signals are others."""
+    if sys.platform == "win32":
+        raise UnsupportedSystem(
+            "gaitsweep runs on Linux and macOS, not on Windows itself: install it in WSL 2 "
+            "(`wsl --install`, then `pip install gaitsweep` there)."
+        )
 
 
 class ArgumentError(UserError, ValueError):

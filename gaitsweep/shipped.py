@@ -1,10 +1,12 @@
-"""Where the files that come with gaitsweep are: configs, jobs, tables of claims."""
+"""Where the files that come with gaitsweep are: configs, jobs, notebooks, models with their jobs."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
+EXAMPLES = _PACKAGE / "examples"  # models with their jobs
+BUILTIN = "builtin:"  # begins the name of a shipped file, in place of its path
 
 
 def shipped(name: str) -> Path:
@@ -14,3 +16,22 @@ def shipped(name: str) -> Path:
     """
     inside = _PACKAGE / "shipped" / name
     return inside if inside.exists() else _PACKAGE.parent / name
+
+
+def job_file(path: str | Path) -> Path:
+    """The path of a job, or of the shipped one that `builtin:quick_basins` names."""
+    return _named(path, shipped("sweeps"), EXAMPLES) or Path(path)
+
+
+def config_file(path: str | Path, folder: Path) -> Path:
+    """The path of a config that a job in `folder` names, or of the shipped one: `builtin:ambe2021`."""
+    return _named(path, shipped("configs")) or folder / path
+
+
+def _named(path: str | Path, *folders: Path) -> Path | None:
+    """The file in one of these folders that a name means, whether it exists or not; None for a path."""
+    name = str(path)
+    if not name.startswith(BUILTIN):
+        return None
+    files = [folder / f"{Path(name.removeprefix(BUILTIN)).stem}.yaml" for folder in folders]
+    return next((file for file in files if file.is_file()), files[0])

@@ -33,8 +33,9 @@ class Limb:
 class Skeleton:
     """A body as it is drawn, over n samples; x forward, y to the left, z up from the ground, m.
 
-    `limbs`, the first that of the signal contact_1; `bodies` (n, k, 3), each filled to the hull of its
-    points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know besides.
+    `limbs`, the first that of the signal contact_1, or none; `bodies` (n, k, 3), each filled to the hull of
+    its points, from head to tail; `springs` (n, 2, 3), their ends; `note`: what a stranger has to know
+    besides.
     """
 
     limbs: tuple[Limb, ...]

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Pins what gaitsweep needs, with hashes, one pair of files for each supported Python minor:
 #   lock-3.X.txt      what a run needs, and the package's own build backend
-#   lock-3.X-dev.txt  the same versions, and the tools of development
+#   lock-3.X-dev.txt  the same versions, and the tools of development and documentation
 # Without an argument everything is renewed; with a package's name only that package is.
 set -euo pipefail
 cd "$(dirname "$0")/.."

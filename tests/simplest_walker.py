@@ -10,46 +10,41 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from gaitsweep.contract import Quantity
-from gaitsweep.dynamics.plane_section import Plane
-from gaitsweep.dynamics.smooth_flow import SmoothFlow, State
+from gaitsweep import DeclaredModel, event, parameter, variable
 
 # The fixed point at a slope of .009 rad, printed in the paper: stance angle and its rate after heel strike.
 SLOPE, ANGLE, RATE = 0.009, 0.200310900544287, -0.199832473004977
 
 
-class SimplestWalker(SmoothFlow):
+class SimplestWalker(DeclaredModel):
     """Time in units of sqrt(leg / g); the section is the heel strike, where phi is twice theta."""
 
-    name = "simplest_walker"
     source = "Garcia, Chatterjee, Ruina, Coleman 1998, J. Biomech. Eng. 120:281"
-    variables = (
-        Quantity("theta", "rad", "stance leg to the slope's normal", ANGLE),
-        Quantity("theta_rate", "rad", "its rate", RATE),
-        Quantity("phi", "rad", "angle between the legs", 2.0 * ANGLE),
-        Quantity("phi_rate", "rad", "its rate", (1.0 - 0.92082) * RATE),
-    )
-    parameters = (Quantity("gamma", "rad", "slope", SLOPE),)  # pyright: ignore[reportAssignmentType]
 
-    def rates(self, params, at):
-        theta, theta_rate, phi, phi_rate = at
-        fall = jnp.sin(theta - params["gamma"])
-        swing = fall + (theta_rate**2 - jnp.cos(theta - params["gamma"])) * jnp.sin(phi)
-        return jnp.stack([theta_rate, fall, phi_rate, swing])
+    gamma = parameter("rad", "slope", SLOPE)
+    theta = variable("rad", "stance leg to the slope's normal", ANGLE)
+    theta_rate = variable("rad", "its rate", RATE)
+    phi = variable("rad", "angle between the legs", 2.0 * ANGLE)
+    phi_rate = variable("rad", "its rate", (1.0 - 0.92082) * RATE)
 
-    def plane(self, params):
+    def flow(self, p, s):
+        fall = jnp.sin(s.theta - p.gamma)
+        swing = fall + (s.theta_rate**2 - jnp.cos(s.theta - p.gamma)) * jnp.sin(s.phi)
+        return {"theta": s.theta_rate, "theta_rate": fall, "phi": s.phi_rate, "phi_rate": swing}
+
+    @event("heel strikes", section=True)
+    def strike(self, p, s):
         # the feet pass each other downwards, which arms it
-        return Plane(jnp.array([-2.0, 0.0, 1.0, 0.0]), jnp.zeros(()))
+        return s.phi - 2.0 * s.theta
 
-    def jump(self, params, state, fired):
-        theta, theta_rate, _, _ = state.x
-        kept = jnp.cos(2.0 * theta)
-        struck = jnp.stack([-theta, kept * theta_rate, -2.0 * theta, kept * (1.0 - kept) * theta_rate])
-        after = super().jump(params, state, fired)
-        return State(jnp.where(fired[0], struck, state.x), after.armed)
+    @strike.jump
+    def exchange(self, p, s):
+        kept = jnp.cos(2.0 * s.theta)
+        rate = kept * s.theta_rate
+        return s.replace(theta=-s.theta, theta_rate=rate, phi=-2.0 * s.theta, phi_rate=(1.0 - kept) * rate)
 
-    def failed(self, params, state):
-        return jnp.abs(state.x[0]) > 1.0
+    def failed(self, p, s):
+        return jnp.abs(s.theta) > 1.0
 
-    def period(self, params):
-        return 4.0 + 0.0 * params["gamma"]
+    def period(self, p):
+        return 4.0 + 0.0 * p.gamma

@@ -8,6 +8,7 @@ from typing import Any
 
 from gaitsweep.fitting.search import Found, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
+from gaitsweep.runs.progress import progress_lines
 
 
 def search(job: str | Path | Mapping[str, Any], out: str | Path | None = None) -> Found:
@@ -26,4 +27,4 @@ def search(job: str | Path | Mapping[str, Any], out: str | Path | None = None) -
         RunError, TableError: it cannot run here, or the directory cannot be used.
     """
     read = load_search(job) if isinstance(job, str | Path) else read_search(job, Path.cwd())
-    return run_search(read, out)
+    return run_search(read, out, progress=progress_lines("sets"))

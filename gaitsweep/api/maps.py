@@ -35,6 +35,7 @@ class PoincareMap:
     were given as arrays, there is one map for each of their combinations, and points belong to them in order.
 
     Points are given as one of
+
     - an array of coordinates (size,) or (n, size). Its discrete modes (contacts, leg segments) are those of
       the map's own start, so it has to be near that;
     - start values by name, numbers or (n,): the section state with which a run begins;

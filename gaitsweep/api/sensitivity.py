@@ -17,7 +17,7 @@ from gaitsweep.fitting.sensitivity import Sensitivity, run_sensitivity
 from gaitsweep.fitting.sensitivity_job import SensitivityJob, load_sensitivity, read_sensitivity
 from gaitsweep.kinds import Settle
 from gaitsweep.kinds.part import plain
-from gaitsweep.runs.figures import Progress
+from gaitsweep.runs.progress import Progress, progress_lines
 
 
 def sensitivity(
@@ -56,7 +56,8 @@ def sensitivity(
         params, start, numerics, engine: as for `gaitsweep.sweep`.
         verify: sets that are measured again at half the step; 32 by default, 0: none.
         overrides: settings for a job file, such as "sensitivity.n=64".
-        progress: called now and then with sets done, sets in all, sets a second, the share done, a remark.
+        progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
+            default a line on standard error every half minute.
         values: parameters and start values by name, numbers or formulas.
 
     Raises:
@@ -64,6 +65,7 @@ def sensitivity(
         JobError: other things that are wrong, a sentence each.
         TableError, RunError: as for `gaitsweep.run`.
     """
+    progress = progress_lines("sets") if progress is None else progress
     if isinstance(model, Path) or (isinstance(model, str) and model.endswith((".yaml", ".yml"))):
         given = {"parameters": parameters, "outputs": outputs, "n": n, "run": run, "params": params}
         given |= {"start": start, "numerics": numerics, "engine": engine, "verify": verify, **values}

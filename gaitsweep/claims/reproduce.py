@@ -17,7 +17,8 @@ from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.job import load_job
 from gaitsweep.runs.execute import RESULTS, run_job
-from gaitsweep.runs.figures import FigureError, Progress
+from gaitsweep.runs.figures import FigureError
+from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.table import Snapshot, load, replace_file, writing
 

@@ -14,14 +14,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitsweep.cli import again, analyse
+from gaitsweep.cli import again, analyse, models
 from gaitsweep.cli.animate import animate
+from gaitsweep.cli.examples import examples
+from gaitsweep.cli.explore import explore
+from gaitsweep.shipped import config_file
+from gaitsweep.shipped import job_file as shipped_or_own
 from gaitsweep.version import version
 
 if TYPE_CHECKING:
     from gaitsweep.job import Job
     from gaitsweep.runs.cluster.dispatch import Cluster
-    from gaitsweep.runs.figures import Progress
+    from gaitsweep.runs.progress import Progress
 
 STOPPED = 130  # by Ctrl-C
 
@@ -29,11 +33,17 @@ app = typer.Typer(
     help="Parameter sweeps of legged locomotion: from a job file to tables and figures.",
     no_args_is_help=True,
     add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
-JobFile = Annotated[Path, typer.Argument(metavar="JOB.yaml", help="The job: what is swept, and how.")]
+JobFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="JOB.yaml", parser=shipped_or_own, help="The job, or builtin:NAME (`gaitsweep examples`)."
+    ),
+]
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Result directory; results/NAME by default.")
 ]
@@ -159,7 +169,7 @@ def run(
     # what was mended is not said again, and other tables or modules of the user's own may change
     lasting = all(sentence.startswith(("Warning: ", "engine: ")) for sentence in told)
     if lasting and not _leans_on_others(job):
-        sources = [job_file, *([] if job.config is None else [job_file.parent / job.config])]
+        sources = [job_file, *([] if job.config is None else [config_file(job.config, job_file.parent)])]
         again.remember(command, sources, path, outcome, "".join(f"{each}\n" for each in told))
 
 
@@ -245,6 +255,7 @@ def plot(directory: Directory) -> None:
 
 
 app.command()(animate)
+app.command()(explore)
 app.add_typer(analyse.app, name="analyse")
 
 
@@ -257,20 +268,19 @@ def info(directory: Directory) -> None:
     print(show.directory(Snapshot.of(directory)))
 
 
-@app.command()
-def models(name: Annotated[str | None, typer.Argument(metavar="[NAME]")] = None) -> None:
-    """List the models, or the parameters, starts, observables and gaits of one."""
-    from gaitsweep import models as registry
-    from gaitsweep.cli import show
-
-    if name is None:
-        show.model_list([(known, registry.find(known)) for known in registry.names()])
-    else:
-        show.model(registry.find(name))
+app.command()(examples)
+app.command()(models.models)
+app.command()(models.new_model)
+app.command()(models.check_model)
 
 
 @app.command()
-def check(job_files: Annotated[list[Path], typer.Argument(metavar="JOB.yaml...")]) -> None:
+def check(
+    job_files: Annotated[
+        list[Path],
+        typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="The jobs, one or more."),
+    ],
+) -> None:
     """Check jobs without running them, a line each."""
     from gaitsweep.job import JobError
 
@@ -353,7 +363,10 @@ def reproduce(
 @app.command()
 def search(
     job_file: Annotated[
-        Path, typer.Argument(metavar="JOB.yaml", help="A job with `search:` in the place of `vary:`.")
+        Path,
+        typer.Argument(
+            metavar="JOB.yaml", parser=shipped_or_own, help="A job with `search:` in the place of `vary:`."
+        ),
     ],
     out: Out = None,
     settings: Settings = None,
@@ -391,7 +404,12 @@ def search(
 @app.command()
 def sensitivity(
     job_file: Annotated[
-        Path, typer.Argument(metavar="JOB.yaml", help="A job with `sensitivity:` in the place of `vary:`.")
+        Path,
+        typer.Argument(
+            metavar="JOB.yaml",
+            parser=shipped_or_own,
+            help="A job with `sensitivity:` in the place of `vary:`.",
+        ),
     ],
     out: Out = None,
     settings: Settings = None,

@@ -18,7 +18,7 @@ import typer
 
 from gaitsweep.cli.commands import STOPPED, app
 from gaitsweep.cli.compiled_programs import keep_compiled_programs
-from gaitsweep.errors import FAILED, UserError
+from gaitsweep.errors import FAILED, UserError, refuse_windows
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -37,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
+        refuse_windows()
         with warnings.catch_warnings():
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
             keep_compiled_programs()

@@ -1,59 +1,22 @@
-"""The progress of a run: a bar on a terminal, a line every half minute elsewhere, with the time left."""
+"""The progress of a run: a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
 import contextlib
 import sys
-import time
-from collections.abc import Callable, Iterator
-from typing import TextIO
+from collections.abc import Iterator
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from gaitsweep.runs.progress import Progress as Told
+from gaitsweep.runs.progress import progress_lines
+
 _WHOLE = 1_000_000  # steps of the bar
-INTERVAL = 30.0  # s between two lines
-_ENOUGH = 0.01  # share done before a time left is told: of the first few steps it would be a guess
-
-# Told what is done, the total, the rate (0 while it is not known), the share done (what is under way counts
-# in part) and a remark.
-Update = Callable[[int, int, float, float, str], None]
-
-
-def progress_lines(unit: str = "rows", file: TextIO | None = None, interval: float = INTERVAL) -> Update:
-    """The function that prints a line of progress now and then, for logs and notebooks.
-
-    The rate and the time left are those since its first call: what an earlier run did is not counted.
-
-    Args:
-        unit: what is counted.
-        file: where the lines go, standard error by default.
-        interval: least time between two lines, s; the first comes after it.
-    """
-    last = time.monotonic()
-    begun: tuple[float, float] | None = None  # when, and the share done then
-
-    def update(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        nonlocal last, begun
-        now = time.monotonic()
-        if begun is None or fraction < begun[1]:  # the next of several runs
-            begun = now, fraction
-        if now - last < interval:
-            return
-        last = now
-        since, share = begun
-        parts = [f"{done}/{total} {unit}", f"{100 * fraction:.0f} %"]
-        if rate > 0:
-            parts.append(f"{rate:.3g} {unit}/s")
-        if share + _ENOUGH <= fraction < 1:
-            parts.append(f"{(now - since) * (1 - fraction) / (fraction - share):.0f} s left")
-        print(", ".join([*parts, note] if note else parts), file=file or sys.stderr, flush=True)
-
-    return update
 
 
 @contextlib.contextmanager
-def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterator[Update]:
+def shown_progress(unit: str = "rows", console: Console | None = None) -> Iterator[Told]:
     """A context with a bar on standard error where that is a terminal, with lines elsewhere.
 
     A continued run starts its bar where the last one stopped, and estimates the time left from there.

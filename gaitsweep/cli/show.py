@@ -13,6 +13,7 @@ from rich.table import Table
 
 from gaitsweep.contract import Model, Quantity, Status, Verdict
 from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.runs.status_sentences import status_sentence
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
@@ -95,8 +96,7 @@ def directory(snapshot: Snapshot) -> str:
         "rows": f"{snapshot.rows_done} of {rows}, {state}",
     }
     for status, number in snapshot.counts.items():
-        meaning = f"   {Status[status].sentence}" if status in Status.__members__ else ""
-        lines[f"  {status}"] = f"{number}{meaning}"
+        lines[f"  {status}"] = f"{number}   {status_sentence(status, snapshot.job)}".rstrip()
     if snapshot.rows_open:
         lines["rows open"] = f"{snapshot.rows_open} more have ended in blocks that are not complete"
     for number, fault in sorted(snapshot.files.faults.items()):
@@ -127,21 +127,31 @@ def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:
     _print_table("", ("model", "what it is", "source"), rows)
 
 
+def extent_of(model: Model) -> str:
+    """How much a model has of each."""
+    counts = {
+        "parameter": model.parameters,
+        "start": model.initial_conditions,
+        "observable": model.observables,
+        "signal": model.signals,
+        "gait": model.gaits,
+    }
+    return ", ".join(f"{len(each)} {name}{'s' * (len(each) != 1)}" for name, each in counts.items())
+
+
 def model(kind: type[Model]) -> None:
     """Print the fields of a model that a job can set, and its outputs."""
     instance = kind()
     doc = (kind.__doc__ or "").strip().splitlines()
     console = _console()
     console.print(f"{kind.name}: {doc[0] if doc else ''}\n{kind.source}", highlight=False, markup=False)
-    structure = [
-        (field.name, str(field.default), _bounds(field.metadata), str(field.metadata.get("meaning", "")))
-        for field in dataclasses.fields(kind)  # pyright: ignore[reportArgumentType] (each is a dataclass)
-    ]
+    fields = dataclasses.fields(kind)  # pyright: ignore[reportArgumentType] (each is a dataclass)
+    structure = [structure_field(field) for field in fields]
     if structure:
         _print_table("structure (one job for each)", ("name", "default", "allowed", "meaning"), structure)
     columns = ("name", "unit", "default", "allowed", "meaning", "source")
-    _print_table("parameters", columns, [_quantity(quantity) for quantity in instance.parameters])
-    _print_table("start", columns[:5], [_quantity(quantity)[:5] for quantity in instance.initial_conditions])
+    _print_table("parameters", columns, [quantity(each) for each in instance.parameters])
+    _print_table("start", columns[:5], [quantity(each)[:5] for each in instance.initial_conditions])
     for title, quantities in (
         ("observables", instance.observables),
         ("signals", instance.signals),
@@ -154,18 +164,25 @@ def model(kind: type[Model]) -> None:
     console.print(f"\ngaits: {', '.join(kind.gaits)}", highlight=False, markup=False)
 
 
-def _quantity(quantity: Quantity) -> tuple[str, ...]:
-    if quantity.default is None:
+def structure_field(field: dataclasses.Field[Any]) -> tuple[str, str, str, str]:
+    """Name, default, allowed values and meaning of a field of a model's structure."""
+    meaning = str(field.metadata.get("meaning", ""))
+    return field.name, str(field.default), _bounds(field.metadata), meaning
+
+
+def quantity(of: Quantity) -> tuple[str, ...]:
+    """Name, unit, default, allowed values, meaning and source of a quantity."""
+    if of.default is None:
         default = "needed"
-    elif isinstance(quantity.default, float) and math.isnan(quantity.default):
+    elif isinstance(of.default, float) and math.isnan(of.default):
         default = "the model's"
     else:
-        default = plain(quantity.default)
-    low, high = quantity.low, quantity.high
-    left, right = "()" if quantity.open_ends else "[]"
+        default = plain(of.default)
+    low, high = of.low, of.high
+    left, right = "()" if of.open_ends else "[]"
     left, right = left if math.isfinite(low) else "(", right if math.isfinite(high) else ")"
     allowed = "" if math.isinf(low) and math.isinf(high) else f"{left}{low:g}, {high:g}{right}"
-    return quantity.name, quantity.unit, default, allowed, quantity.meaning, quantity.source
+    return of.name, of.unit, default, allowed, of.meaning, of.source
 
 
 def _bounds(metadata: Mapping[str, object]) -> str:

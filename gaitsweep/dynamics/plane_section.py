@@ -49,8 +49,15 @@ class Plane:
         """Whether the guards `fired` (2,) include the crossing."""
         return fired[0]
 
+    def above(self, x: jax.Array) -> jax.Array:
+        """The distance of x above the plane, less the rounding error of a point on it."""
+        return self.height(x) - self._rounding(x)
+
     def _below(self, x: jax.Array) -> jax.Array:
         """The distance of x below the plane, less the rounding error of a point on it."""
+        return -self.height(x) - self._rounding(x)
+
+    def _rounding(self, x: jax.Array) -> jax.Array:
         size = jnp.sum(jnp.abs(self.normal * x)) + jnp.abs(self.offset)
         # the smallest float: if all terms are zero, x is on the plane
-        return -self.height(x) - _RESOLUTIONS * jnp.finfo(size.dtype).eps * size - jnp.finfo(size.dtype).tiny
+        return _RESOLUTIONS * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

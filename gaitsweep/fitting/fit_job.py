@@ -26,6 +26,7 @@ from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from
 from gaitsweep.kinds.diagnostics import Path as FieldPath
 from gaitsweep.kinds.part import Part
 from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.shipped import job_file
 
 # Fields of a job that have no place beside sets of constants.
 _WITHOUT = ("vary", "figures")
@@ -220,7 +221,7 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
     Raises:
         JobError: what is wrong, with file and line.
     """
-    path = Path(path)
+    path = job_file(path)
     with effort.limited():
         document = laid_over(path, overrides)
         try:
@@ -304,8 +305,10 @@ def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
             path = (fit.field, listed, name, "at", condition)
             if (unknown := fit.spec.unknown(condition, "vary")) is not None:
                 wrong.append(Diagnostic(path, unknown))
-            elif condition in fit.free:
-                wrong.append(Diagnostic(path, "is free: a measure cannot set it."))
+            elif condition in fit.structure:
+                wrong.append(Diagnostic(path, "is free and shapes the model: a measure cannot set it."))
+            elif condition in fit.free and all(condition in each.at for each in fit.measures.values()):
+                wrong.append(Diagnostic(path, "is free, but every measure sets it: leave it to one of them."))
             else:
                 quantity = fit.spec.quantities[condition]
                 bad = [value for value in values if not inside(np.array([value]), quantity)[0]]

@@ -16,7 +16,8 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.kinds.numbers import CountOrZero, InvalidValue, Text, checked, read_real
+from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
+from gaitsweep.kinds.numbers import CountOrZero, InvalidValue, Text, checked, read_real, read_text
 from gaitsweep.kinds.part import Part, Registry
 
 MOST_CONDITIONS = 10_000  # rows of one measure
@@ -108,40 +109,80 @@ class Measure(Part):
         return None
 
 
+def _read_gaits(value: Any) -> tuple[str, ...]:
+    given = value if isinstance(value, list | tuple) else [value]
+    if not given:
+        raise InvalidValue("is an empty list, but takes a gait or several.")
+    return tuple(read_text(each) for each in given)
+
+
+def _read_among(value: Any) -> dict[str, tuple[float, float]]:
+    if not isinstance(value, Mapping) or not value:
+        raise InvalidValue("takes a range [low, high] of columns by name, such as speed: [0, 1].")
+    ranges = {}
+    for name, each in value.items():
+        if not isinstance(each, list | tuple) or len(each) != 2:
+            raise InvalidValue(f"has {name}, which takes [low, high].")
+        try:
+            low, high = (read_real(end) for end in each)
+        except InvalidValue as error:
+            raise InvalidValue(f"has {name}, which {error}") from None
+        if not low < high:
+            raise InvalidValue(f"has {name} from {low:g} to {high:g}: low is below high.")
+        ranges[str(name)] = (low, high)
+    return ranges
+
+
+Gaits = Annotated[
+    tuple[str, ...],
+    PlainValidator(checked(_read_gaits)),
+    WithJsonSchema({"type": ["string", "array"], "items": {"type": "string"}}),
+]
+Among = Annotated[
+    dict[str, tuple[float, float]],
+    PlainValidator(checked(_read_among)),
+    WithJsonSchema({"type": "object", "additionalProperties": {"type": "array"}}),
+]
+# A field `among`, which the measures of several rows share.
+_AMONG: Any = Field(
+    default=None, description="ranges [low, high] of columns by name: only rows within all of them count"
+)
+
+
 class Value(Measure):
     """The mean of a column over rows, that of angles on the circle; no value if one of them is not sound."""
 
     kind: Literal["value"] = Field(description="value: a column of a row's last record")
-    of_: Text = Field(alias="of", description="the column, such as an observable")
+    of_: Text = Field(alias="of", description="the column, such as an observable, or a formula of columns")
+    among: Among | None = _AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         status = rows["status"]
         unsound = ~np.isin(status, list(SOUND))
-        seen = rows[self._column(rows)].astype(float)
-        values = np.angle(np.mean(np.exp(1j * seen), axis=1)) if self.circular(model) else seen.mean(axis=1)
+        seen = column(self.of_, rows)
+        if self.among is None:
+            turning = self.circular(model)
+            values = np.angle(np.mean(np.exp(1j * seen), axis=1)) if turning else seen.mean(axis=1)
+            nothing = np.zeros(len(values), bool)
+        else:
+            counts = within(self.among, rows)
+            unsound, nothing = unsound & counts, ~counts.any(axis=1)
+            values = _mean(seen, counts, self.circular(model))
         first = status[np.arange(len(status)), unsound.argmax(axis=1)]
         why = np.where(
             unsound.any(axis=1), first, np.where(np.isfinite(values), "", f"{self.of_} is missing")
         )
+        why = np.where(nothing, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
-        units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
-        for quantity in model.observables:
-            units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
-        return units.get(self.of_, "1")
+        return _unit(self.of_, model)
 
     def circular(self, model: Model) -> bool:
         return any(self.of_ in (q.name, f"{q.name}_end") and q.circular for q in model.observables)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        numbers = [name for name in columns if name not in _WORDS]
-        return None if self._column(columns) in numbers else ("of", _unknown(self.of_, numbers))
-
-    def _column(self, columns: Iterable[str]) -> str:
-        """The column with its last value: an observable's own name may be a start's."""
-        last = f"{self.of_}_end"
-        return last if last in columns else self.of_
+        return _wrong_column(self.of_, columns) or _wrong_ranges(self.among, columns)
 
 
 class Edge(Measure):
@@ -169,17 +210,8 @@ class Edge(Measure):
         return {q.name: q.unit for q in model.parameters}.get(self.along, "1")
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        if self.along not in self.at:
-            return "along", _unknown(self.along, self.at)
-        others = [name for name, values in self.at.items() if len(values) > 1 and name != self.along]
-        if others:
-            return "at", f"has a list of {others[0]} too, but an edge takes one list, that of {self.along}."
-        steps = np.sign(np.diff(self.at[self.along]))
-        if not steps.size or not (steps == steps[0]).all() or steps[0] == 0:
-            text = (
-                f"has {self.along}, which an edge takes as a list that rises or falls from the gait's side."
-            )
-            return "at", text
+        if (bad := _wrong_list(self.along, self.at, "an edge", " from the gait's side")) is not None:
+            return bad
         return _wrong_gait(self.gait, model.gaits)
 
 
@@ -187,17 +219,101 @@ class Share(Measure):
     """The share of rows that end in a gait; failed rows have none."""
 
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
-    gait: Text = Field(description="the gait")
+    gait: Gaits = Field(description="the gait, or a list of which each counts")
+    among: Among | None = _AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        failed = np.isin(rows["status"], list(FAILED))
-        return _always(((rows["gait"] == self.gait) & ~failed).mean(axis=1))
+        has = np.isin(rows["gait"], self.gait) & ~np.isin(rows["status"], list(FAILED))
+        if self.among is None:
+            return _always(has.mean(axis=1))
+        counts = within(self.among, rows)
+        values = _mean(has.astype(float), counts)
+        return Measured(values, np.where(np.isnan(values), _no_row(self.among), ""))
 
     def unit(self, model: Model) -> str:
         return "1"
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        return _wrong_gait(self.gait, model.gaits)
+        for gait in self.gait:
+            if (bad := _wrong_gait(gait, model.gaits)) is not None:
+                return bad
+        return _wrong_ranges(self.among, columns)
+
+
+class Order(Measure):
+    """The least step between the medians of a column in successive groups of gaits: above 0 in their order.
+
+    A group that no sound row shows leaves it without a value.
+    """
+
+    kind: Literal["order"] = Field(
+        description="order: the least step of a column's median from one group of gaits to the next"
+    )
+    of_: Text = Field(alias="of", description="the column that rises, such as speed, or a formula of columns")
+    gaits: list[Gaits] = Field(min_length=2, description="gaits, or lists of them, in the order wanted")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        sound = np.isin(rows["status"], list(SOUND))
+        seen = column(self.of_, rows)
+        medians = np.full((len(sound), len(self.gaits)), np.nan)
+        why = np.full(len(sound), "", object)
+        for place, group in enumerate(self.gaits):
+            here = np.isin(rows["gait"], group) & sound & np.isfinite(seen)
+            there = here.any(axis=1)
+            medians[there, place] = np.nanmedian(np.where(here, seen, np.nan)[there], axis=1)
+            why = np.where((why == "") & ~there, f"no {' or '.join(group)}", why)
+        return Measured(np.diff(medians, axis=1).min(axis=1), why)
+
+    def unit(self, model: Model) -> str:
+        return _unit(self.of_, model)
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        every = [gait for group in self.gaits for gait in group]
+        for gait in every:
+            if (bad := _wrong_gait(gait, model.gaits)) is not None:
+                return "gaits", bad[1]
+        if twice := [gait for gait in every if every.count(gait) > 1]:
+            return "gaits", f"has {twice[0]} twice."
+        return _wrong_column(self.of_, columns)
+
+
+class Prominence(Measure):
+    """How far a column falls between both ends of a list and rises again: its least value's prominence.
+
+    It is the smaller of the largest values on the two sides of the least inner value, less that value:
+    positive where the curve is large, small, large.
+    """
+
+    kind: Literal["prominence"] = Field(
+        description="prominence: of the minimum of a column along a parameter; below 0 where there is none"
+    )
+    of_: Text = Field(alias="of", description="the column, or a formula of columns, such as log(speed)")
+    along: Text = Field(description="the parameter, whose list stands in `at`")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        status = rows["status"]
+        unsound = ~np.isin(status, list(SOUND))
+        curve = column(self.of_, rows)
+        least = 1 + curve[:, 1:-1].argmin(axis=1)
+        places = np.arange(curve.shape[1])
+        sides = [places < least[:, None], places > least[:, None]]
+        peaks = [np.where(side, curve, -np.inf).max(axis=1) for side in sides]
+        first = status[np.arange(len(status)), unsound.argmax(axis=1)]
+        finite = np.isfinite(curve).all(axis=1)
+        with np.errstate(invalid="ignore"):  # of curves that are not finite
+            values = np.minimum(*peaks) - curve[np.arange(len(curve)), least]
+        why = np.where(unsound.any(axis=1), first, np.where(finite, "", f"{self.of_} is missing"))
+        return Measured(np.where(why == "", values, np.nan), why)
+
+    def unit(self, model: Model) -> str:
+        return _unit(self.of_, model)
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        if (bad := _wrong_list(self.along, self.at, "a prominence")) is not None:
+            return bad
+        if len(self.at[self.along]) < 3:
+            return "at", f"has fewer than three values of {self.along}, which a prominence takes."
+        return _wrong_column(self.of_, columns)
 
 
 class Failures(Measure):
@@ -266,7 +382,106 @@ class FixedPoint(Measure):
         return ("fix", _unknown(unknown[0], names)) if unknown else None
 
 
-MEASURES: Registry[Measure] = Registry("measure", [Value, Edge, Share, Failures, FixedPoint])
+MEASURES: Registry[Measure] = Registry(
+    "measure", [Value, Edge, Share, Order, Prominence, Failures, FixedPoint]
+)
+
+
+def column(formula: str, rows: SetRows) -> np.ndarray:
+    """A column of the rows of n sets, or a formula of columns: (n, conditions), not finite where it has none.
+
+    A column is that of the rows' end where there are two: an observable's own name may be a start's.
+    """
+    if (name := _end(formula, rows)) in rows:
+        return rows[name].astype(float)
+    names = {name: rows[_end(name, rows)].astype(float) for name in names_in(formula)}
+    with np.errstate(all="ignore"):
+        values = evaluate(formula, names, functions_of(np))
+    return np.broadcast_to(values, rows["status"].shape)
+
+
+def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> np.ndarray:
+    """Whether each row (n, conditions) is within all ranges, its ends among it."""
+    inside = np.ones(rows["status"].shape, bool)
+    for name, (low, high) in among.items():
+        seen = column(name, rows)
+        inside &= (seen >= low) & (seen <= high)
+    return inside
+
+
+def _end(name: str, columns: Iterable[str]) -> str:
+    """The column with the last value of a name."""
+    last = f"{name}_end"
+    return last if last in columns else name
+
+
+def _numbers(columns: Sequence[str]) -> list[str]:
+    """The names of columns of numbers, those at the end without their suffix too."""
+    numbers = [name for name in columns if name not in _WORDS]
+    return [*numbers, *(name.removesuffix("_end") for name in numbers if name.endswith("_end"))]
+
+
+def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.ndarray:
+    """The means (n,) of the values (n, conditions) that count, on the circle or not; NaN without any."""
+    number = counts.sum(axis=1)
+    per_row = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
+    if circular:
+        return np.angle(per_row * np.where(counts, np.exp(1j * seen), 0.0).sum(axis=1))
+    return per_row * np.where(counts, seen, 0.0).sum(axis=1)
+
+
+def _unit(formula: str, model: Model) -> str:
+    """The unit of a column, "" for a formula."""
+    units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
+    for quantity in model.observables:
+        units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
+    return units.get(formula, "1" if formula.isidentifier() else "")
+
+
+def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
+    ranges = (f"{name} in {low:g} to {high:g}" for name, (low, high) in (among or {}).items())
+    return f"no row has {' and '.join(ranges)}"
+
+
+def _wrong_column(formula: str, columns: Sequence[str]) -> tuple[str, str] | None:
+    """As `Measure.wrong`, of a column of numbers or a formula of such columns."""
+    numbers = _numbers(columns)
+    if formula in numbers:
+        return None
+    try:
+        names = names_in(formula)
+    except ExpressionError as error:
+        return "of", f"is no column, and no formula: {error}"
+    if not names:
+        return "of", "has no column: it takes one, or a formula of columns."
+    unknown = sorted(names - set(numbers))
+    if not unknown:
+        return None
+    return "of", _unknown(formula, numbers) if unknown == [
+        formula
+    ] else f"has {_unknown(unknown[0], numbers)[3:]}"
+
+
+def _wrong_ranges(
+    among: Mapping[str, tuple[float, float]] | None, columns: Sequence[str]
+) -> tuple[str, str] | None:
+    numbers = _numbers(columns)
+    unknown = [name for name in among or {} if name not in numbers]
+    return ("among", f"has {_unknown(unknown[0], numbers)[3:]}") if unknown else None
+
+
+def _wrong_list(
+    along: str, at: Mapping[str, Sequence[float]], measure: str, begins: str = ""
+) -> tuple[str, str] | None:
+    """As `Measure.wrong`, of the one list along which a measure goes."""
+    if along not in at:
+        return "along", _unknown(along, at)
+    if others := [name for name, values in at.items() if len(values) > 1 and name != along]:
+        return "at", f"has a list of {others[0]} too, but {measure} takes one list, that of {along}."
+    steps = np.sign(np.diff(at[along]))
+    if not steps.size or not (steps == steps[0]).all() or steps[0] == 0:
+        return "at", f"has {along}, which {measure} takes as a list that rises or falls{begins}."
+    return None
 
 
 def _unknown(name: str, allowed: Iterable[str]) -> str:

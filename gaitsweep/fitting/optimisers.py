@@ -7,6 +7,7 @@ new optimiser is told what the first was told.
 
 from __future__ import annotations
 
+import heapq
 import importlib.util
 import math
 from collections import deque
@@ -20,8 +21,10 @@ METHODS = ("sobol", "cma", "nsga3")
 _NEEDS = {"cma": "cma", "nsga3": "pymoo"}
 
 
-# Points of a strategy for each constant, at most: with more it learns no faster from each generation.
-_MOST_A_DIMENSION = 8
+# Points of a strategy for each constant, at most: with more it learns hardly faster from each generation.
+_MOST_A_DIMENSION = 32
+# The standard deviation with which a strategy begins, a share of the ranges.
+_WIDTH = 0.2
 # Points of a Sobol sequence that are drawn at a time: a power of two, after which it is even.
 _DRAWN = 256
 
@@ -34,7 +37,12 @@ class Optimiser(Protocol):
         ...
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
-        """How the points of the last `ask` fared: their scores (n,), and their misses (n, targets)."""
+        """How the points of the first `ask` that was not told of fared.
+
+        Args:
+            scores: (n,).
+            misses: (n, targets).
+        """
         ...
 
 
@@ -126,7 +134,7 @@ class Restarts:
     """Evolution strategies (CMA-ES) that begin anew where they end, small and large ones in turn (BIPOP).
 
     As many run side by side as fill what is asked for, the first with as many points as are asked for at a
-    time, within reason. They begin at the best points of a Sobol sequence and at random ones.
+    time, within reason. They begin at the best points of a Sobol sequence, from the best one down.
 
     Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed.
     """
@@ -137,31 +145,35 @@ class Restarts:
         self._dimension, self._rng = dimension, np.random.default_rng([seed, 1])
         # whole batches, so that a strategy's generation is one batch where it has as many points
         self._sobol, self._start = Sobol(dimension, seed), -(-start // together) * together
-        self._begun: list[tuple[float, np.ndarray]] = []  # scores and points of the Sobol start
+        # scores, numbers and points of the Sobol start, the best first (a heap)
+        self._begun: list[tuple[float, int, np.ndarray]] = []
+        self._told = 0
         self._waiting: deque[tuple[int, int, np.ndarray]] = deque()  # strategy, place, point
         self._strategies: dict[int, _Strategy] = {}
-        self._asked: list[tuple[int, int, np.ndarray]] = []
+        self._asked: deque[list[tuple[int, int, np.ndarray]]] = deque()
         self._number = 0
         self._doublings = 0
         self._spent = {"small": 0, "large": 0}
 
     def ask(self, n: int) -> np.ndarray:
-        self._asked = []
-        while len(self._asked) < n:
+        asked: list[tuple[int, int, np.ndarray]] = []
+        while len(asked) < n:
             if self._start > 0:
                 point = self._sobol.ask(1)[0]
                 self._start -= 1
-                self._asked.append((-1, 0, point))
+                asked.append((-1, 0, point))
                 continue
             if not self._waiting:
                 self._begin()
-            self._asked.append(self._waiting.popleft())
-        return np.array([point for _, _, point in self._asked])
+            asked.append(self._waiting.popleft())
+        self._asked.append(asked)
+        return np.array([point for _, _, point in asked])
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
-        for (number, place, point), score in zip(self._asked, scores, strict=True):
+        for (number, place, point), score in zip(self._asked.popleft(), scores, strict=True):
             if number < 0:
-                self._begun.append((float(score), point))
+                heapq.heappush(self._begun, (float(score), self._told, point))
+                self._told += 1
                 continue
             strategy = self._strategies[number]
             if not strategy.tell(place, float(score)):
@@ -174,18 +186,14 @@ class Restarts:
     def _begin(self) -> None:
         """Begin a strategy: a large one where the small ones have had more points, else a small one."""
         if self._spent["large"] <= self._spent["small"]:
-            size, width, regime = self._first * 2**self._doublings, 0.3, "large"
+            size, width, regime = self._first * 2**self._doublings, _WIDTH, "large"
             self._doublings = min(self._doublings + 1, 3)
         else:
             share = self._rng.random() ** 2
             size = int(self._least * (0.5 * self._first * 2**self._doublings / self._least) ** share)
-            width, regime = 0.3 * 10.0 ** (-2.0 * self._rng.random()), "small"
+            width, regime = _WIDTH * 10.0 ** (-2.0 * self._rng.random()), "small"
         self._spent[regime] += size
-        self._begun.sort(key=lambda each: each[0])
-        if self._begun and self._number % 2 == 0:
-            middle = self._begun.pop(0)[1]
-        else:
-            middle = self._rng.random(self._dimension)
+        middle = heapq.heappop(self._begun)[2] if self._begun else self._rng.random(self._dimension)
         seed = int(self._rng.integers(2**63))
         self._strategies[self._number] = _Strategy(middle, width, max(size, 4), seed)
         self._queue(self._number)
@@ -203,26 +211,30 @@ class Front:
         self._dimension, self._targets, self._seed = dimension, targets, seed
         self._sobol = Sobol(dimension, seed)
         self._algorithm: Any = None
-        self._asked: Any = None
+        self._asked: deque[Any] = deque()
 
     def ask(self, n: int) -> np.ndarray:
         from pymoo.core.population import Population
 
-        if self._algorithm is None:
+        begins = self._algorithm is None
+        if begins:
             self._algorithm = self._first(n)
-        offspring = self._algorithm.infill()
+        # until the first are known there is nothing to breed from
+        breeds = begins or self._algorithm.is_initialized
+        offspring = self._algorithm.infill() if breeds else Population()
         if len(offspring) < n:  # what would be double is left out
             more = Population.new("X", self._sobol.ask(n - len(offspring)))
             offspring = Population.merge(offspring, more)
-        self._asked = offspring[:n]
-        return np.clip(self._asked.get("X"), 0.0, 1.0)
+        self._asked.append(offspring[:n])
+        return np.clip(self._asked[-1].get("X"), 0.0, 1.0)
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
-        Evaluator().eval(StaticProblem(self._algorithm.problem, F=np.abs(misses)), self._asked)
-        self._algorithm.advance(infills=self._asked)
+        asked = self._asked.popleft()
+        Evaluator().eval(StaticProblem(self._algorithm.problem, F=np.abs(misses)), asked)
+        self._algorithm.advance(infills=asked)
 
     def _first(self, n: int) -> Any:
         from pymoo.algorithms.moo.nsga3 import NSGA3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
@@ -21,6 +22,9 @@ from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
 from gaitsweep.job.vary import Group
 from gaitsweep.runs.prepare import Prepared, prepare
+
+# Rows of a block of a batch.
+_BLOCK = 1024
 
 Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
@@ -64,6 +68,7 @@ class Population:
         self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
         self.run_elsewhere: Callable[[Job, Tell], pd.DataFrame] | None = None
         self._ready: dict[tuple[Any, ...], Prepared] = {}
+        self._preparing = threading.Lock()
         # conditions that several measures share are run once
         places: dict[Condition, int] = {}
         self._rows_of = {
@@ -81,9 +86,10 @@ class Population:
     def prepared(self, structure: Mapping[str, Any]) -> Prepared:
         """The job of a choice of structure made ready; its program is compiled once."""
         key = tuple(structure[name] for name in self._structure)
-        if key not in self._ready:
-            self._ready[key] = prepare(self._job_of(structure))
-        return self._ready[key]
+        with self._preparing:  # batches side by side would prepare it more than once
+            if key not in self._ready:
+                self._ready[key] = prepare(self._job_of(structure))
+            return self._ready[key]
 
     def measure(
         self,
@@ -128,15 +134,27 @@ class Population:
         """The same sets, of which only these measures are taken."""
         some = {name: measure for name, measure in self.measures.items() if name in names}
         other = Population(self._job_of, self._structure, some)
-        other._ready, other.run_elsewhere = self._ready, self.run_elsewhere
+        other._ready, other._preparing = self._ready, self._preparing
+        other.run_elsewhere = self.run_elsewhere
         return other
 
     def measure_in_turn(
-        self, sets: Mapping[str, np.ndarray], first: Collection[str], progress: Tell = None
+        self,
+        sets: Mapping[str, np.ndarray],
+        first: Collection[str],
+        goes_on: Callable[[Mapping[str, Measured]], np.ndarray],
+        progress: Tell = None,
     ) -> dict[str, Measured]:
-        """As `measure`, but the measures `first` before the others, which sets without all of these lack."""
+        """As `measure`, but the measures `first` before the others, which not all sets need.
+
+        Args:
+            sets: as those of `measure`.
+            first: names of measures.
+            goes_on: says of which sets (n,) the others are taken, by what was measured first.
+            progress: told how far the rows are.
+        """
         begun = self.of(first).measure(sets, progress)
-        whole = np.all([each.why == "" for each in begun.values()], axis=0)
+        whole = goes_on(begun)
         others = [name for name in self.measures if name not in begun]
         found = {
             name: Measured(np.full(whole.size, np.nan), np.full(whole.size, "", object)) for name in others
@@ -193,15 +211,20 @@ class Population:
         work = dataclasses.replace(
             ready.work,
             n_rows=rows.size,
-            block=rows.size,
+            # of one size, since labels are compiled for a size and batches differ in theirs
+            block=_BLOCK,
             lanes=_lanes(ready, rows.size),
             values=values,
         )
-        results: list[BlockResult] = []
-        sweep(work, [0], lambda _, result: results.append(result), progress)
-        table = ready.job.run.table(ready.plan.model, {}, results[0])
-        columns = (str(name) for name in table.columns)
-        return {name: _array(table[name]).reshape(good.size, each) for name in columns}, refused
+        blocks: dict[int, pd.DataFrame] = {}
+
+        def keep(number: int, result: BlockResult) -> None:
+            blocks[number] = ready.job.run.table(ready.plan.model, {}, result)
+
+        sweep(work, range(-(-rows.size // _BLOCK)), keep, progress)
+        tables = [blocks[number] for number in sorted(blocks)]
+        columns = {str(name): np.concatenate([_array(t[name]) for t in tables]) for name in tables[0].columns}
+        return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused
 
     def _rows_elsewhere(self, ready: Prepared, constants: Values, progress: Tell) -> Values:
         """The columns (n, conditions) of sets whose rows another process computes, as jobs of their own."""
@@ -220,9 +243,11 @@ class Population:
         """The job whose rows are sets of constants (n,) at conditions that set the same names."""
         given = [dict(self._conditions[place]) for place in places]
         written = ready.job.resolved()
-        groups = [{name: column.tolist() for name, column in constants.items()}] if constants else []
-        if given[0]:
-            groups.append({name: [each[name] for each in given] for name in given[0]})
+        set_here = {name: [each[name] for each in given] for name in given[0]}
+        # a condition that sets a free constant goes before it
+        free = {name: column.tolist() for name, column in constants.items() if name not in set_here}
+        n = next((column.size for column in constants.values()), 1)
+        groups = [free, set_here] if free else [{name: values * n for name, values in set_here.items()}]
         varied = {name for group in groups for name in group}
         for field in ("params", "start"):
             written[field] = {k: v for k, v in written[field].items() if k not in varied}
@@ -272,9 +297,10 @@ def _values(
     refused = np.full(n, "", object)
     for names, places in _alike(conditions).items():
         given = np.array([[value for _, value in conditions[place]] for place in places])
-        set_here = {name: Column(given[:, i].astype(float)) for i, name in enumerate(names)}
-        free = {name: Column(column.astype(float)) for name, column in constants.items()}
-        plan = rows_with(ready.plan, [free, set_here])
+        columns = {name: np.repeat(column.astype(float), len(places)) for name, column in constants.items()}
+        # a condition that sets a free constant goes before it
+        columns |= {name: np.tile(given[:, i].astype(float), n) for i, name in enumerate(names)}
+        plan = rows_with(ready.plan, {name: Column(column) for name, column in columns.items()})
         rows = np.arange(plan.n_rows)
         there = plan.at(rows, [*params, *starts])
         at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
@@ -293,12 +319,11 @@ def _values(
     return params, starts, refused
 
 
-def rows_with(plan: Plan, groups: Sequence[Mapping[str, Column]]) -> Plan:
-    """A plan in which these names vary, those of a group together, and nothing else does."""
-    varied = {name for group in groups for name in group}
-    settings = {name: value for name, value in plan.settings.items() if name not in varied}
-    made = tuple(Group(dict(group), {}) for group in groups if group)  # type: ignore[arg-type]
-    return dataclasses.replace(plan, groups=made, settings=settings)
+def rows_with(plan: Plan, columns: Mapping[str, Column]) -> Plan:
+    """A plan in which these names vary together, and nothing else does."""
+    settings = {name: value for name, value in plan.settings.items() if name not in columns}
+    group = Group(dict(columns), {})  # type: ignore[arg-type]
+    return dataclasses.replace(plan, groups=(group,), settings=settings)
 
 
 def _lanes(ready: Prepared, n_rows: int) -> int:

@@ -1,7 +1,7 @@
 """A search carried out: sets of constants chosen, measured and told to the optimiser, batch after batch.
 
-Each batch is a part of the table, so a search that is stopped loses the batch under way and goes on from the
-rest: the optimiser is told what it was told before, and has to ask for the same sets.
+Each batch is a part of the table, so a search that is stopped loses the batches under way and goes on from
+the rest: the optimiser is told what it was told before, and has to ask for the same sets.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import dataclasses
 import shutil
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,7 @@ import pandas as pd
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.batches import Batches
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.measures import Measured
 from gaitsweep.fitting.near_best import NearBest, near_best
@@ -32,8 +35,8 @@ from gaitsweep.job import Job, JobError
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS, run_job
-from gaitsweep.runs.figures import Progress
 from gaitsweep.runs.prepare import naming_the_file
+from gaitsweep.runs.progress import Progress
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load, replace_file, writing
 
 if TYPE_CHECKING:
@@ -94,7 +97,14 @@ def run_search(
     platform = ready.work.devices[0].platform
     together = job.sets_together(ready, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
-    job_hash = job.hash(device=platform, engine=ready.engine, population=together, versions=versions)
+    side_by_side = job.batches_side_by_side(ready)
+    job_hash = job.hash(
+        device=platform,
+        engine=ready.engine,
+        population=together,
+        side_by_side=side_by_side,
+        versions=versions,
+    )
     with (
         naming_the_file(),
         ResultDirectory.open(path, job.resolved(), job_hash, job.choice.budget, together) as directory,
@@ -112,7 +122,7 @@ def run_search(
         )
         if cluster is not None:
             population.run_elsewhere = _Rows(path / BATCH, cluster)
-        _Search(job, population, directory, show).go_on()
+        _Search(job, population, directory, show, side_by_side).go_on()
         table = load(path)
         near = near_best(table, job)
         finalists = _finalists(job, population, path, near, show)
@@ -165,7 +175,12 @@ class _Search:
     """The batches of a search, those on disk and those to come."""
 
     def __init__(
-        self, job: SearchJob, population: Population, directory: ResultDirectory, show: Progress
+        self,
+        job: SearchJob,
+        population: Population,
+        directory: ResultDirectory,
+        show: Progress,
+        side_by_side: int,
     ) -> None:
         together = directory.manifest["block"]
         self.job, self.population, self.directory, self.show = job, population, directory, show
@@ -175,51 +190,82 @@ class _Search:
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf
         self.spent = float(directory.manifest.get("timings", {}).get("run_s", 0.0))
+        self.side_by_side = side_by_side
 
     def go_on(self) -> None:
-        """Tell the optimiser of the sets that are there, and measure the others."""
+        """Tell the optimiser of the sets that are there, and measure the others.
+
+        A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so that the
+        sets do not depend on where a search was stopped.
+        """
         missing = set(self.directory.missing_blocks())
         if len(missing) < self.directory.n_blocks:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that it is not complete
                 self.known = load(self.directory.path)
-        before = self.directory.rows_done
-        began = time.perf_counter()
-        for number in range(self.directory.n_blocks):
-            first, stop = self.directory.rows_of(number)
-            points = self.optimiser.ask(stop - first)
-            sets = sets_at(self.job.free, points)
-            if number in missing:
-                tell = self._telling(first, before, began)
-                if self.job.choice.first:
-                    measured = self.population.measure_in_turn(sets, self.job.choice.first, tell)
-                else:
-                    measured = self.population.measure(sets, tell)
-                frame = self._frame(number, first, sets, measured)
-                self.directory.write_part(number, frame)
-                seconds = self.spent + time.perf_counter() - began
-                self.directory.update_manifest(
-                    timings={"run_s": seconds}, counts=self.directory.counts(), complete=False
-                )
-            else:
-                frame = self._known(number, first, stop, sets)
-            misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
-            told = frame["score"].to_numpy()
-            self.optimiser.tell(told, misses)
-            self.best = min(self.best, float(told.min()))
+        self.before = self.directory.rows_done
+        self.began = time.perf_counter()
+        chosen: deque[tuple[int, dict[str, np.ndarray]]] = deque()
+        # a cluster takes one batch at a time
+        threads = 1 if self.population.run_elsewhere is not None else self.side_by_side
+        with Batches[dict[str, Measured] | None](threads, self._tell) as self.batches:
+            for number in range(self.directory.n_blocks):
+                if len(chosen) == self.side_by_side:
+                    self._end(*chosen.popleft())
+                first, stop = self.directory.rows_of(number)
+                sets = sets_at(self.job.free, self.optimiser.ask(stop - first))
+                chosen.append((number, sets))
+                self.batches.begin(partial(self._measured, sets) if number in missing else lambda _: None)
+            while chosen:
+                self._end(*chosen.popleft())
 
-    def _telling(self, first: int, before: int, began: float) -> Callable[[SweepProgress], None]:
-        total = self.directory.n_rows
-        each = self.population.rows_of_a_set
+    def _measured(
+        self, sets: Mapping[str, np.ndarray], tell: Callable[[SweepProgress], None]
+    ) -> dict[str, Measured]:
+        """What is measured of the sets of a batch."""
+        if self.job.choice.first:
+            return self.population.measure_in_turn(sets, self.job.choice.first, self._goes_on, tell)
+        return self.population.measure(sets, tell)
 
-        def tell(now: SweepProgress) -> None:
-            done = first + int(now.share * now.rows / each)  # at most: rows that are not needed are left out
-            rate = (done - before) / max(time.perf_counter() - began, 1e-9)
-            best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
-            note = f"{best}{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} M attempts/s"
-            self.show(done, total, rate, done / total, note)
+    def _goes_on(self, first: Mapping[str, Measured]) -> np.ndarray:
+        """Whether sets (n,) are measured further: the first targets have values, and near enough ones."""
+        within = self.job.choice.first_within
+        most = np.inf if within is None else within
+        model = self.population.prepared(self.job.fit.structures[0]).plan.model
+        near = [
+            (measured.why == "") & (np.abs(self.job.targets[name].misses(measured, model)) <= most)
+            for name, measured in first.items()
+        ]
+        return np.all(near, axis=0)
 
-        return tell
+    def _end(self, number: int, sets: Mapping[str, np.ndarray]) -> None:
+        """Write a batch where it is not on disk, and tell the optimiser how it fared."""
+        measured = self.batches.oldest()
+        first, stop = self.directory.rows_of(number)
+        if measured is None:
+            frame = self._known(number, first, stop, sets)
+        else:
+            frame = self._frame(number, first, sets, measured)
+            self.directory.write_part(number, frame)
+            seconds = self.spent + time.perf_counter() - self.began
+            self.directory.update_manifest(
+                timings={"run_s": seconds}, counts=self.directory.counts(), complete=False
+            )
+        misses = frame[[f"{MISS}{name}" for name in self.job.counted]].to_numpy()
+        told = frame["score"].to_numpy()
+        self.optimiser.tell(told, misses)
+        self.best = min(self.best, float(told.min()))
+
+    def _tell(self, under_way: list[SweepProgress]) -> None:
+        """Show how far the sets are; at most, since rows that are not needed are left out."""
+        total, each = self.directory.n_rows, self.population.rows_of_a_set
+        new = self.directory.rows_done - self.before
+        new += sum(int(now.share * now.rows / each) for now in under_way)
+        rate = new / max(time.perf_counter() - self.began, 1e-9)
+        best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
+        attempts = sum(now.attempts / max(now.seconds, 1e-9) for now in under_way)
+        done = min(self.before + new, total)
+        self.show(done, total, rate, done / total, f"{best}{attempts / 1e6:.1f} M attempts/s")
 
     def _frame(
         self,

@@ -20,7 +20,7 @@ from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.targets import MISS, Aim, Target
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
-from gaitsweep.kinds.numbers import Count, CountOrZero, Seed, Text, word
+from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.kinds.part import Part, plain
 from gaitsweep.runs.prepare import Prepared
 
@@ -28,6 +28,10 @@ from gaitsweep.runs.prepare import Prepared
 _COLUMNS = ("row", "generation", "score", "status", "why")
 # Sets that are measured together where the job does not say.
 _SETS_TOGETHER = 64
+# Sets that NSGA-III takes at a time, at most: its own time grows with their square, about a second for these.
+_MOST_OF_A_FRONT = 2048
+# Batches that a card runs at a time where the job does not say.
+_SIDE_BY_SIDE = 4
 
 
 class Choice(Part):
@@ -43,6 +47,11 @@ class Choice(Part):
         default=None,
         description="sets that are measured together; by default 64 on a CPU, and what fills a GPU",
     )
+    side_by_side: Count | None = Field(
+        default=None,
+        description="batches that run at a time: a batch is chosen before those beside it are known; by "
+        "default 1 on a CPU and 4 on a GPU, which one batch fills only until its first rows end",
+    )
     start: CountOrZero | None = Field(
         default=None,
         description="sets of a Sobol sequence with which cma begins; by default a tenth of the budget",
@@ -51,6 +60,11 @@ class Choice(Part):
         default=[],
         description="targets that are measured first: a set without a value for one of them is not measured "
         "further, which saves the time of sets that fall or never settle",
+    )
+    first_within: Positive | None = Field(
+        default=None,
+        description="reading errors by which the targets of `first` may be missed for a set to be measured "
+        "further; by default any value will do",
     )
     seed: Seed = Field(default=0, description="seed of all that is drawn")
     finalists: CountOrZero = Field(
@@ -98,20 +112,30 @@ class SearchJob(Search):
             if platform != "cpu" and rows_of_a_set:
                 at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
                 sets = max(sets, math.ceil(at_a_time / rows_of_a_set))
+            if self.choice.method == "nsga3":
+                sets = min(sets, _MOST_OF_A_FRONT)
         return min(sets, self.choice.budget)
+
+    def batches_side_by_side(self, ready: Prepared) -> int:
+        """Batches that run at a time."""
+        if self.choice.side_by_side is not None:
+            return self.choice.side_by_side
+        return 1 if ready.work.devices[0].platform == "cpu" else _SIDE_BY_SIDE
 
     def resolved(self) -> dict[str, Any]:
         """The job as plain values, as the result directory keeps it."""
         return self.written
 
-    def hash(self, *, device: str, engine: str, population: int, versions: Mapping[str, str]) -> str:
+    def hash(
+        self, *, device: str, engine: str, population: int, side_by_side: int, versions: Mapping[str, str]
+    ) -> str:
         """The sha256, in hex, of what decides the sets and what is measured of them.
 
         Optimisers draw otherwise in other versions, so these are part of it.
         """
         decides = {
             "job": [self.fit.job_of(each).hash(device=device, engine=engine) for each in self.fit.structures],
-            "search": {**self.written["search"], "population": population},
+            "search": {**self.written["search"], "population": population, "side_by_side": side_by_side},
             "versions": dict(versions),
         }
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
@@ -171,6 +195,9 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         if name not in targets:
             text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic(("search", "first", place), text))
+    if read.choice.first_within is not None and not read.choice.first:
+        text = "has no meaning without search.first, the targets that are measured first."
+        wrong.append(Diagnostic(("search", "first_within"), text))
     if read.choice.method == "nsga3" and len(read.counted) == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
         wrong.append(Diagnostic(("search", "method"), text))

@@ -24,8 +24,8 @@ from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
-from gaitsweep.runs.figures import Progress
 from gaitsweep.runs.prepare import Prepared, naming_the_file
+from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.summary import quantities_of
 from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing

@@ -1,4 +1,7 @@
-"""Parameter sets in files of their own (`config: ../configs/ambe2021.yaml`), under what a job says itself."""
+"""Parameter sets in files of their own, under what a job says itself.
+
+A job names one by its path (`config: ../configs/ambe2021.yaml`), or as `builtin:ambe2021`.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import Any
 from gaitsweep.job.yaml_document import Document, read_document
 from gaitsweep.kinds import diagnostics, parameter_written
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.shipped import config_file
 
 _FIELDS = ("model", "structure", "params", "source")
 
@@ -26,11 +30,11 @@ class Config:
             return
         if not isinstance(named, (str, Path)) or not str(named).strip():
             self.diagnostics.append(
-                Diagnostic(("config",), f"is {found(named)}, but takes the path of a YAML file.")
+                Diagnostic(("config",), f"is {found(named)}, but takes a YAML file's path or builtin:NAME.")
             )
             return
         try:
-            self._document = read_document(folder / named)
+            self._document = read_document(config_file(named, folder))
         except JobError as error:
             # what has no line of its own is told at the job's field
             self.diagnostics.extend(

@@ -10,20 +10,22 @@ from gaitsweep.job.schema import Job
 from gaitsweep.job.yaml_document import Document, read_document, read_value
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
 from gaitsweep.kinds.diagnostics import Path as FieldPath
+from gaitsweep.shipped import job_file
 
 
 def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
     """The job in a YAML file.
 
     Args:
-        path: the file; `config` and the user's own modules are found from its folder.
+        path: the file, or `builtin:NAME` of one that comes with gaitsweep; `config` and the user's own
+            modules are found from its folder.
         overrides: "key=value" each, the key dotted (`run.max_cycles=10`), the value YAML; they override the
             file and may add fields that it does not have.
 
     Raises:
         JobError: all that is wrong, with file and line, or the override, of each.
     """
-    path = Path(path)
+    path = job_file(path)
     with effort.limited():
         document = laid_over(path, overrides)
         try:

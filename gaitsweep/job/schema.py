@@ -59,7 +59,8 @@ class Job(Part):
     )
     config: Annotated[str | Path | None, _PATH, WithJsonSchema({"type": "string"})] = Field(
         default=None,
-        description="path, from the job's folder, of a YAML file with model, structure and params",
+        description="path, from the job's folder, of a YAML file with model, structure and params; or "
+        "builtin:NAME of one that comes with gaitsweep",
     )
     params: Annotated[dict[str, float | str], _SETTINGS] = Field(
         default_factory=dict, description="fixed parameters, by name"

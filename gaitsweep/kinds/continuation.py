@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.contract import Model, Status
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.columns import STATUSES, Column, gaits, observed
 from gaitsweep.kinds.diagnostics import Diagnostic
@@ -76,22 +77,7 @@ class Continuation(FollowsFixedPoints):
         self, rows: Rows, work: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, starts = self.return_map(rows, work, np.arange(first, last))
-        begin, end = self.path
-        points, _ = mapping.settled(starts, values, self.settle)
-        del values[self.parameter]
-        table = continuation(
-            mapping,
-            points,
-            values,
-            parameter=self.parameter,
-            within=self.path,
-            begin=begin,
-            towards=1 if end > begin else -1,
-            fix=self.fix,
-            steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, between),
-            shown=(),
-        )
+        mapping, values, table = self.followed(rows, work, np.arange(first, last), between)
         row = table["row"].to_numpy(np.int64)
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {q.name: f"{q.name}_n" for q in rows.model.observables}
@@ -110,3 +96,30 @@ class Continuation(FollowsFixedPoints):
         for name in ("special", "end"):
             table[name] = pd.Categorical(table[name].fillna(""))
         return table.reindex(columns=table_columns(rows, self))
+
+    def followed(
+        self, rows: Rows, work: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
+    ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
+        """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
+
+        Returns:
+            The return map, the parameters (n,) that do not move, and the table, whose `row` counts from 0.
+        """
+        mapping, values, starts = self.return_map(rows, work, numbers)
+        begin, end = self.path
+        points, _ = mapping.settled(starts, values, self.settle)
+        del values[self.parameter]
+        table = continuation(
+            mapping,
+            points,
+            values,
+            parameter=self.parameter,
+            within=self.path,
+            begin=begin,
+            towards=1 if end > begin else -1,
+            fix=self.fix,
+            steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, between),
+            shown=(),
+            with_points=with_points,
+        )
+        return mapping, values, table

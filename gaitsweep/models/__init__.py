@@ -130,9 +130,13 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         raise ModelError(f"is {name}, which cannot be read; {_OWN}.")
     module = _import(name, module_name, [*folders, Path.cwd()] if own else [])
     if not hasattr(module, attribute):
-        bases = (Model, HybridModel, SteppedModel)
         classes = [(key, each) for key, each in vars(module).items() if inspect.isclass(each)]
-        known = [key for key, each in classes if issubclass(each, Model) and each not in bases]
+        package = module_name.partition(".")[0]  # not the bases, which a user's module imports from here
+        known = [
+            key
+            for key, each in classes
+            if issubclass(each, Model) and each.__module__.partition(".")[0] == package
+        ]
         near = near_miss.suggestion(attribute, known)
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))

@@ -18,8 +18,9 @@ from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
-from gaitsweep.runs.figures import Progress, draw_of_complete
+from gaitsweep.runs.figures import draw_of_complete
 from gaitsweep.runs.prepare import Prepared, naming_the_file, prepare
+from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.refined import refine
 from gaitsweep.runs.self_check import SelfCheckError, self_check
 from gaitsweep.runs.self_check_report import advice, sentence

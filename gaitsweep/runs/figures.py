@@ -6,12 +6,13 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from gaitsweep.errors import FAILED, UserError
 from gaitsweep.job import JobError, read_figures
 from gaitsweep.job.yaml_document import read_document
 from gaitsweep.plot import draw
+from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.thinning import thinned
 from gaitsweep.table import (
     ResultDirectory,
@@ -38,13 +39,6 @@ class FigureError(UserError):
 
     def __reduce__(self) -> tuple[type[FigureError], tuple[str, tuple[Path, ...]]]:
         return FigureError, (str(self), self.drawn)
-
-
-class Progress(Protocol):
-    """Told now and then how far a run is."""
-
-    def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
-        """Rows done and in all, rows a second, the share done (running rows count in part), a remark."""
 
 
 def draw_of_complete(

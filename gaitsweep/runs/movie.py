@@ -71,7 +71,7 @@ class Motion:
         for name in names:
             if name not in self.signals:
                 raise PlotError(f"{self.model.name} has no signal {name}, which says when a foot is down.")
-        return np.stack([self.signals[name] for name in names], axis=1)
+        return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
 
 
 def read_motion(directory: str | Path, row: int) -> Motion:

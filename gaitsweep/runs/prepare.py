@@ -96,6 +96,8 @@ def prepare(job: Job) -> Prepared:
     job_hash = job.hash(device=devices[0].platform, engine=engine, lanes=lanes, steps=digest)
     for own in (type(rows.model), type(job.run)):  # a user's own: edited, it is another job
         job_hash = _with_source(job_hash, own)
+    if digest := rows.model.data_digest:
+        job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
     return Prepared(job, rows, work, note, job_hash, steps)
 
 

@@ -1,8 +1,9 @@
-"""What made a table: versions and the commit of the source."""
+"""What made a table: versions, the commit of the source, and the machine."""
 
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import platform
 import subprocess
 from pathlib import Path
@@ -27,9 +28,21 @@ def version_of(package: str) -> str:
         return "not installed"
 
 
+def machine() -> str:
+    """System, processor and number of cores of the machine that runs the rows or hands them out."""
+    processor = platform.processor() or platform.machine()
+    try:  # Linux, whose own name of the processor says only x86_64
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+        processor = next(named, processor)
+    except OSError:
+        pass
+    return f"{platform.system()} {platform.release()}, {processor}, {os.cpu_count()} cores"
+
+
 def git_commit() -> str | None:
     """Commit of the checkout that gaitsweep runs from, `+changes` where files differ; None outside one."""
-    folder = Path(__file__).resolve().parent
+    folder = Path(__file__).resolve().parents[1]  # of the package
     try:
         # a package installed somewhere inside another project's checkout has no commit of its own
         if Path(_git(folder, "rev-parse", "--show-toplevel")) != folder.parent:

@@ -21,8 +21,8 @@ from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.runs.figures import Progress as RunProgress
 from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.progress import Progress as RunProgress
 from gaitsweep.table import EncodedPart, ResultDirectory, load
 
 if TYPE_CHECKING:

@@ -3,25 +3,62 @@
 from __future__ import annotations
 
 import base64
+import collections
 import html
-import json
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import yaml
 
-from gaitsweep.contract import Status
-from gaitsweep.table import Snapshot, replace_file, writing
+from gaitsweep.analysis.records import in_order
+from gaitsweep.plot import style
+from gaitsweep.runs.self_check_report import advice, sentence
+from gaitsweep.runs.status_sentences import status_sentence
+from gaitsweep.table import Snapshot, load, replace_file, writing
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
-table { border-collapse: collapse; }
-td, th { padding: .2rem 1.2rem .2rem 0; text-align: left; vertical-align: top; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-pre { background: #f5f5f5; padding: 1rem; overflow-x: auto; font-size: 13px; }
-figure { margin: 1.5rem 0; } img { max-width: 100%; } figcaption { color: #555; }
+body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #1d2125;
+  max-width: 62rem; margin: 0 auto 3rem; padding: 0 1rem; }
+h1 { margin: 1.2rem 0 0; font-size: 1.6rem; overflow-wrap: anywhere; }
+h2 { margin: 2.2rem 0 .5rem; font-size: 1.15rem; border-bottom: 1px solid #ccc; }
+p { margin: .3rem 0; } .faint, figcaption { color: #5c636b; } .warning { color: #B00020; font-weight: 600; }
+table { border-collapse: collapse; font-size: .95rem; }
+td, th { padding: .2rem 1.1rem .2rem 0; text-align: left; vertical-align: top;
+  border-bottom: 1px solid #e3e6ea; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+tr.sum td { font-weight: 600; }
+.wide { overflow-x: auto; }
+.facts { width: 100%; } .facts th { white-space: nowrap; } .facts td { overflow-wrap: anywhere; }
+.name { white-space: nowrap; } summary { cursor: pointer; }
+.chip { display: inline-block; width: .9em; height: .9em; margin-right: .45em; border: 1px solid #333;
+  vertical-align: -.1em; }
+pre { background: #f5f6f8; padding: .8rem; font-size: 13px; white-space: pre-wrap; overflow-wrap: anywhere; }
+figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; }
+@media (max-width: 600px) {
+  body { padding: 0 .7rem; }
+  td, th { padding-right: .7rem; }
+  .facts, .facts tbody, .facts tr, .facts th, .facts td { display: block; }
+  .facts th { border: 0; padding-bottom: 0; font-size: .85rem; color: #5c636b; }
+}
 """
+_NOT_READ = "not read"  # of records without a gait
+# Reasons that are shown where sets of constants failed.
+_REASONS = 5
+# What of the manifest is shown apart, or is of no use to a reader.
+_APART = (
+    "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "complete",
+    "versions", "largest_distance",
+)  # fmt: skip
+_NAMES = {
+    "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
+    "created": "begun", "rows": "rows", "block": "rows of a part", "dt": "steps, shortest and longest (s)",
+    "format": "format of the directory", "lanes": "trajectories at once", "axes": "axes",
+    "method": "integration method", "timings": "time",
+}  # fmt: skip
 
 
 def write_report(path: str | Path) -> Path:
@@ -51,15 +88,24 @@ def _page(snapshot: Snapshot) -> str:
     model = html.escape(str(snapshot.job.get("model", "unknown")))
     rows = snapshot.manifest["rows"]
     state = f"{rows} rows" if snapshot.complete else f"{snapshot.rows_done} of {rows} rows so far"
+    kind = snapshot.job.get("run", {}).get("kind")
+    run = f", run of kind {html.escape(str(kind))}" if kind else ""
     job = html.escape(yaml.safe_dump(snapshot.job, sort_keys=False, allow_unicode=True))
+    figures = "".join(figure_of(figure, figure.stem) for figure in snapshot.figures)
+    explorer = snapshot.path / "explore.html"
     sections = [
-        f"<h1>{name}</h1><p>Model {model}, {state}.</p>",
-        *(figure_of(figure, figure.stem) for figure in snapshot.figures),
+        f'<h1>{name}</h1><p class="faint">Model {model}, {state}{run}.</p>{_warnings(snapshot)}',
+        '<p><a href="explore.html">The explorer: click a start, and it walks.</a></p>'
+        if explorer.exists()
+        else "",
+        figures,
         f"<h2>How rows ended</h2>{_counts(snapshot)}",
-        f"<h2>Job</h2><pre>{job}</pre>",
+        _gaits(snapshot),
+        _self_check(snapshot),
         f"<h2>Provenance</h2>{_provenance(snapshot)}",
+        f"<h2>Job</h2><details><summary>as it was run</summary><pre>{job}</pre></details>",
     ]
-    return document(name, _STYLE, sections)
+    return document(name, _STYLE, [section for section in sections if section])
 
 
 def document(title: str, style: str, sections: Sequence[str]) -> str:
@@ -82,23 +128,138 @@ def figure_of(path: Path, caption: str) -> str:
     )
 
 
+def _warnings(snapshot: Snapshot) -> str:
+    """What a reader has to know first."""
+    told = []
+    if not snapshot.complete:
+        told.append("The table is not complete: the same command continues it.")
+    if snapshot.job_edited:
+        told.append("job.yaml was changed after the run; the job below is the one that was run.")
+    check = snapshot.manifest.get("self_check")
+    if isinstance(check, dict) and check.get("verdict") == "warned":
+        told.append("The self-check warned: see below.")
+    return "".join(f'<p class="warning">{html.escape(each)}</p>' for each in told)
+
+
 def _counts(snapshot: Snapshot) -> str:
+    """Rows by status, with what each status means; they add up to the rows that ended."""
+    total = sum(snapshot.counts.values())
+    if not total:
+        return "<p>No row has ended yet.</p>"
+    lines = [
+        f"<tr><td>{html.escape(status)}</td>{_number(number, total)}"
+        f"<td>{html.escape(status_sentence(status, snapshot.job))}</td></tr>"
+        for status, number in snapshot.counts.items()
+    ]
+    lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')
+    stalls = snapshot.manifest.get("stalls")
+    told = "".join(
+        f"<p>{int(found.get('rows', 0))} stalled: {html.escape(names)}.</p>"
+        for names, found in (stalls or {}).items()
+    )
+    return f'<div class="wide"><table>{"".join(lines)}</table></div>{told}{_reasons(snapshot)}'
+
+
+def _columns(snapshot: Snapshot, *names: str) -> pd.DataFrame:
+    """Columns of the table as far as it goes; the page says elsewhere that it is not complete."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return load(snapshot.path, columns=names)
+
+
+def _number(number: int, total: int) -> str:
+    return f'<td class="number">{number}</td><td class="number">{100 * number / total:.1f} %</td>'
+
+
+def _reasons(snapshot: Snapshot) -> str:
+    """Why sets of constants failed, most often."""
+    if not snapshot.counts.get("failed"):  # no status of rows, which have none of this name
+        return ""
+    why = _columns(snapshot, "why")["why"].astype(str)
+    most = collections.Counter(each for each in why if each).most_common(_REASONS)
+    lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most]
+    return f"<p>Why sets failed, most often:</p><ul>{''.join(lines)}</ul>"
+
+
+def _gaits(snapshot: Snapshot) -> str:
+    """The gaits by how their rows ended; they add up to the rows, or to the records of all rows."""
+    footers = snapshot.files.footers.values()
+    if not any("gait" in footer.categories for footer in footers):
+        return ""
+    table = _columns(snapshot, "row", "status", "gait")
+    gait = table["gait"].astype(object).where(table["gait"].notna(), _NOT_READ)
+    status = table["status"].astype(str).to_numpy(str)
+    records = len(table) != table["row"].nunique()
+    statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not records else []
+    names = in_order(table, "gait", pd.Series(gait, dtype=object))
+    chosen = style.colours(names)
+    head = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
     lines = []
-    for status, number in snapshot.counts.items():
-        meaning = Status[status].sentence if status in Status.__members__ else ""
-        share = 100 * number / snapshot.manifest["rows"]
+    for name in names:
+        mine = np.asarray(gait == name)
+        each = "".join(f'<td class="number">{np.count_nonzero(mine & (status == s))}</td>' for s in statuses)
+        chip = f'<span class="chip" style="background:{chosen[name]}"></span>'
+        number = _number(int(mine.sum()), len(table))
+        lines.append(f'<tr><td class="name">{chip}{html.escape(name)}</td>{number}{each}</tr>')
+    each = "".join(f'<td class="number">{np.count_nonzero(status == s)}</td>' for s in statuses)
+    lines.append(f'<tr class="sum"><td>all</td>{_number(len(table), len(table))}{each}</tr>')
+    what = "records" if records else "rows"
+    table_of = f'<div class="wide"><table><tr><th>gait</th>{head}</tr>{"".join(lines)}</table></div>'
+    return f"<h2>Gaits of the {what}</h2>{table_of}"
+
+
+def _self_check(snapshot: Snapshot) -> str:
+    """What a sample of rows at half the step said of the numbers."""
+    found = snapshot.manifest.get("self_check")
+    if not isinstance(found, dict):
+        return ""
+    text = sentence(found)
+    look = ""
+    if found.get("verdict") == "warned":
+        dt = snapshot.job.get("numerics", {}).get("dt")
+        text, look = f"{text} {advice(found, dt if isinstance(dt, float) else None)}", ' class="warning"'
+    quantities = snapshot.manifest.get("quantities", {})
+    lines = []
+    for name, change in found.get("largest", {}).items():
+        unit = str(quantities.get(name, {}).get("unit", "")).replace("1", "", 1).strip()
         lines.append(
-            f'<tr><td>{html.escape(status)}</td><td class="number">{number}</td>'
-            f'<td class="number">{share:.1f} %</td><td>{html.escape(meaning)}</td></tr>'
+            f'<tr><td>{html.escape(name)}</td><td class="number">{change:.1e}</td>'
+            f"<td>{html.escape(unit)}</td></tr>"
         )
-    return f"<table>{''.join(lines)}</table>" if lines else "<p>No row has ended yet.</p>"
+    largest = (
+        f'<div class="wide"><table><tr><th>largest change of</th><th></th><th></th></tr>{"".join(lines)}'
+        "</table></div>"
+        if lines
+        else ""
+    )
+    return f"<h2>Self-check</h2><p{look}>{html.escape(text)}</p>{largest}"
 
 
 def _provenance(snapshot: Snapshot) -> str:
-    lines = []
-    for key, value in snapshot.manifest.items():
-        if key in ("quantities", "job", "figures_drawn"):
-            continue
-        text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        lines.append(f"<tr><th>{html.escape(key)}</th><td>{html.escape(text)}</td></tr>")
-    return f"<table>{''.join(lines)}</table>"
+    """What made the table: the manifest in words, the versions last."""
+    manifest = snapshot.manifest
+    facts = {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
+    if "git_commit" not in manifest or manifest["git_commit"] is None:
+        facts[_NAMES["git_commit"]] = "not known: gaitsweep ran from no checkout"
+    versions = manifest.get("versions", {})
+    facts["versions"] = ", ".join(f"{name} {number}" for name, number in versions.items())
+    facts["to make it again"] = "gaitsweep run job.yaml"
+    lines = [
+        f"<tr><th>{html.escape(str(name))}</th><td>{html.escape(_written(value))}</td></tr>"
+        for name, value in facts.items()
+        if value not in (None, "")
+    ]
+    return f'<table class="facts">{"".join(lines)}</table>'
+
+
+def _written(value: Any) -> str:
+    """A value of the manifest in words."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        if {"names", "length"} <= set(value):
+            return f"{' and '.join(value['names'])} ({value['length']})"
+        return ", ".join(f"{key} {_written(each)}" for key, each in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_written, value))
+    return str(value)

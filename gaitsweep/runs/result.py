@@ -21,7 +21,8 @@ from gaitsweep.job import Job, load_job
 from gaitsweep.models import importable
 from gaitsweep.runs.dataset import dataset_of
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.figures import Progress
+from gaitsweep.runs.explorer.explorer import EXPLORE, MAX_SIZE, MOST_WALKS, explorer_of
+from gaitsweep.runs.progress import Progress, progress_lines
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.table import load
 from gaitsweep.table.manifest import FIGURES, MANIFEST
@@ -138,6 +139,31 @@ class Result:
             )
         return yaml.safe_dump(job, sort_keys=False, allow_unicode=True, width=100)
 
+    def explore(
+        self,
+        out: str | Path | None = None,
+        *,
+        x: str | None = None,
+        y: str | None = None,
+        walks: int = MOST_WALKS,
+        max_size: float = MAX_SIZE,
+    ) -> Path:
+        """Write a page on which a click on a start makes it walk.
+
+        Args:
+            out: the file; `explore.html` in the result directory by default.
+            x, y, walks, max_size: as for `gaitsweep.runs.explorer.explorer.write_explorer`.
+
+        Returns:
+            The file.
+
+        Raises:
+            ArgumentError: the result is in memory, without `out`; or as there.
+            MissingPackageError, PlotError, WriteError: as there.
+        """
+        target = self.path / EXPLORE if out is None else Path(out)
+        return explorer_of(self.table, target, x=x, y=y, walks=walks, max_size=max_size)
+
     def __repr__(self) -> str:
         where = "in memory" if self._path is None else f"in {self._path}"
         return f"Result({'; '.join(self._summary())}; {where})"
@@ -174,7 +200,8 @@ def run(
         job: a job, or the path of its YAML file.
         out: the result directory, `results/NAME` by default.
         overrides: settings for a job from a file, such as "run.max_cycles=50".
-        progress: called now and then with rows done, rows in all, rows a second, the share done, a remark.
+        progress: called now and then with rows done, rows in all, rows a second, the share done, a remark; by
+            default a line on standard error every half minute.
         strict: raise SelfCheckError where a sample of the rows comes out otherwise at half the step.
         client: a `distributed.Client`, whose workers compute the rows; they share the result directory.
 
@@ -196,6 +223,7 @@ def run(
             "model that a file gives: leave out= away, or write the class into a module and import it."
         )
     cluster = None if client is None else _cluster_of(client)
+    progress = progress_lines() if progress is None else progress
     path = run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict, cluster=cluster)
     return Result(path)
 
@@ -222,6 +250,9 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
     """
     cluster = None if client is None else _cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        table = load(run_job(job, folder, tell=warnings.warn, figures=False, cluster=cluster))
+        done = run_job(
+            job, folder, progress=progress_lines(), tell=warnings.warn, figures=False, cluster=cluster
+        )
+        table = load(done)
     del table.attrs["path"]
     return Result(table=table)

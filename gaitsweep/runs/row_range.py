@@ -17,8 +17,8 @@ import pandas as pd
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.execute import RESULTS, run_job
-from gaitsweep.runs.figures import Progress
 from gaitsweep.runs.prepare import Prepared, RunError, naming_the_file, prepare
+from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.some_blocks import run_blocks
 from gaitsweep.runs.summary import describe, quantities_of
 from gaitsweep.table import ResultDirectory

@@ -38,6 +38,7 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         versions=provenance.versions(),
         git_commit=provenance.git_commit(),
+        machine=provenance.machine(),
     )
 
 

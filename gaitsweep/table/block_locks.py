@@ -12,8 +12,11 @@ import errno
 import fcntl
 import os
 import struct
+import sys
 from pathlib import Path
 from typing import NamedTuple
+
+from gaitsweep.errors import UnsupportedSystem
 
 BLOCK_LOCKS = ".blocks"
 _RECORD = 128  # bytes
@@ -33,8 +36,14 @@ class BlockLocks:
         """Open the file of locks.
 
         Raises:
+            UnsupportedSystem: this system has no locks of an open file.
             OSError: it cannot be created.
         """
+        if not hasattr(fcntl, "F_OFD_SETLK"):
+            raise UnsupportedSystem(
+                f"Processes that share the directory {folder} need locks of open files, which {sys.platform} "
+                "lacks: run the job without --rows, or by --cluster with --collect."
+            )
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         self._descriptor = os.open(folder / BLOCK_LOCKS, flags, 0o644)
 

@@ -16,11 +16,14 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+import gaitsweep as gs
 from gaitsweep.cli import main
-from gaitsweep.cli.progress import progress_lines, shown_progress
+from gaitsweep.cli.commands import app
+from gaitsweep.cli.progress import shown_progress
 from gaitsweep.cli.show import duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
+from gaitsweep.runs.progress import progress_lines
 from gaitsweep.table import ResultDirectory, TableError, WriteError
 
 JOB = """\
@@ -143,7 +146,7 @@ def test_version_and_help(capsys: Capture) -> None:
     assert capsys.readouterr().out.startswith("gaitsweep ")
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for command in ("run", "plot", "animate", "info", "models", "check", "report", "schema"):
+    for command in ("run", "plot", "animate", "explore", "info", "models", "check", "report", "schema"):
         assert f"\n  {command} " in text
 
 
@@ -282,7 +285,7 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
 
 def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, log = iter([0.0, 1.0, 21.0, 31.0, 41.0, 71.0, 72.0, 105.0]), io.StringIO()
-    monkeypatch.setattr("gaitsweep.cli.progress.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("gaitsweep.runs.progress.time.monotonic", lambda: next(clock))
     lines = progress_lines(file=log)
     for done in (2000, 3000, 3500, 4000, 5500):
         lines(done, 10000, 50.0, done / 10000, "2.4 M attempts/s")
@@ -293,6 +296,30 @@ def test_without_a_terminal_a_line_comes_every_half_minute(monkeypatch: pytest.M
         "5500/10000 rows, 55 %, 50 rows/s, 90 s left, 2.4 M attempts/s",
         "7/10 rows, 70 %, 17 s left",
     ]
+
+
+def test_each_command_has_its_help_by_h_too(capsys: Capture) -> None:
+    assert main(["-h"]) == 0
+    listed = capsys.readouterr().out
+    names = [each.name or each.callback.__name__.replace("_", "-") for each in app.registered_commands]
+    assert len(names) > 12
+    for command in ([], *([name] for name in names), ["analyse"], ["analyse", "gaits"]):
+        assert not command or f"\n  {command[0]} " in listed
+        shown = []
+        for flag in ("-h", "--help"):
+            assert main([*command, flag]) == 0, command
+            shown.append(capsys.readouterr().out)
+        assert shown[0] == shown[1]
+        assert "Usage: gaitsweep" in shown[0]
+
+
+def test_python_tells_progress_in_lines_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """In a notebook or a script `sweep` and `run` print to standard error what a log has."""
+    monkeypatch.setattr("gaitsweep.runs.progress.INTERVAL", 0.0)
+    gs.sweep("multilegged_reduced", psi_1=[1.0], psi_2=2.0, psi_3=3.0, run=gs.Settle(max_cycles=3), verify=0)
+    assert "1/1 rows, 100 %" in capsys.readouterr().err
 
 
 def test_check_has_a_line_for_each_job(job_file: Path, capsys: Capture) -> None:
@@ -351,7 +378,7 @@ def test_a_report_needs_no_other_file(finished: Path, capsys: Capture) -> None:
     assert base64.b64encode(PNG).decode() in text
     assert "<script>" not in text
     assert "http" not in text
-    for piece in ("&lt;script&gt;toy", "10 rows", "90.0 %", "job_hash", "max_cycles: 10"):
+    for piece in ("&lt;script&gt;toy", "10 rows", "90.0 %", "hash of the job", "max_cycles: 10"):
         assert piece in text
 
 

@@ -14,7 +14,7 @@ from firing_neuron import Neuron
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from smooth_oscillators import Lorenz, Spring, VanDerPol
+from smooth_oscillators import Spring, VanDerPol
 from sweeping import run_rows
 from toy_model import Toy, flight_time
 
@@ -29,6 +29,7 @@ from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.recorder import _packed, unpacked
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
+from gaitsweep.examples.lorenz import Lorenz
 from gaitsweep.models.conformity import fault
 from gaitsweep.table import Snapshot
 

@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from smooth_oscillators import Spring
 from sweeping import run_rows
 
-from gaitsweep.contract import Quantity, Status
-from gaitsweep.dynamics.plane_section import Plane
+from gaitsweep import DeclaredModel, event, parameter, variable
+from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.hidden_events import may_hide
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 
 
-@dataclasses.dataclass(frozen=True)
-class Peaks(Spring):
+class Peaks(DeclaredModel):
     """x = cos(2 t) comes over the height 1 - `below` once a cycle, for a time of about (2 below)^(1/2)."""
 
     linear: ClassVar[bool] = True
-    parameters = (Quantity("below", "1", "distance of the section from the peak", 1e-4),)
+    below = parameter("1", "distance of the section from the peak", 1e-4)
+    x = variable("1", "position", 1.0)
+    v = variable("1/s", "velocity", 0.0)
 
-    def rates(self, params, at):
-        return jnp.stack([at[1], -4.0 * at[0]])
+    def flow(self, p, s):
+        return {"x": s.v, "v": -4.0 * s.x}
 
-    def plane(self, params):
-        return Plane(jnp.array([1.0, 0.0]), 1.0 - params["below"])
+    @event("x comes over the height", section=True)
+    def rises(self, p, s):
+        return s.x - (1.0 - p.below)
 
-    def period(self, params):
+    def period(self, p):
         return jnp.asarray(jnp.pi)
 
 

@@ -198,7 +198,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "an output that sets a parameter": (
         {"outputs": {"a": {"kind": "value", "of": "linear", "at": {"x_1": 1}}}},
-        "a.at.x_1 is free: a measure cannot set it.",
+        "a.at.x_1 is free, but every measure sets it: leave it to one of them.",
     ),
     "a share of what outputs set": (
         {

@@ -114,7 +114,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (3, "structure: {N: 2}\nparams: {N: 3}", ["line 4", "params.N is 3", "structure.N is 2"]),
     (3, "config: nothing.yaml", ["line 3", "config names", "nothing.yaml, which does not exist"]),
     (3, "config: .", ["line 3", "config names", "is a directory"]),
-    (3, "config: 3", ["line 3", "config is 3", "path of a YAML file"]),
+    (3, "config: 3", ["line 3", "config is 3", "a YAML file's path"]),
     # axes
     (5, "  launch_3: [1, 2]", ["line 5", "vary.launch_3", "did you mean launch_1?", "mass"]),
     (5, "  N: [1, 2]", ["line 5", "vary.N shapes the arrays", "one job for each value"]),

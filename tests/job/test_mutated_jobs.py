@@ -90,7 +90,7 @@ def test_a_file_that_becomes_a_pipe_is_not_waited_for(
     regular = os.stat(path)
     path.unlink()
     os.mkfifo(path)
-    monkeypatch.setattr("gaitsweep.job.yaml_document.os.stat", lambda _: regular)
+    monkeypatch.setattr("gaitsweep.job.yaml_document.os.stat", lambda *_, **__: regular)
     with pytest.raises(JobError, match="a named pipe"):
         load_job(path)
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from firing_neuron import Neuron
+from matplotlib.mathtext import MathTextParser
 from sweeping import scalars
 from toy_model import Toy
 
@@ -26,6 +27,7 @@ from gaitsweep.contract import (
 )
 from gaitsweep.engine.recorders.recorder import LABELLED
 from gaitsweep.kinds.columns import STATUSES
+from gaitsweep.models.conformity import faults
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 
@@ -94,6 +96,14 @@ def test_names_are_distinct_and_described(model: Model) -> None:
     assert model.source
 
 
+def test_symbols_can_be_drawn(model: Model) -> None:
+    read = MathTextParser("agg")
+    quantities = (*model.parameters, *model.initial_conditions, *model.observables, *model.signals)
+    for quantity in (*quantities, *model.label_fields):
+        if quantity.symbol:
+            read.parse(f"${quantity.symbol}$")
+
+
 def test_models_are_values(model: Model) -> None:
     """Frozen, hashable, and equal where their structure is: compiled programs are kept by model."""
     assert hash(model) == hash(type(model)())
@@ -160,3 +170,8 @@ def test_functions_are_pure_and_batchable(model: Model) -> None:
     )
     for one, of_two in zip(jax.tree.leaves(alone), jax.tree.leaves(batched), strict=True):
         np.testing.assert_allclose(of_two[1], one, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_check_model_finds_nothing_wrong(model: Model) -> None:
+    assert faults(type(model)) == []

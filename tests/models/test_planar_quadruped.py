@@ -119,6 +119,7 @@ def test_the_tree_is_the_mjcfs_body_for_any_masses_and_lengths() -> None:
     random = np.random.default_rng(7)
     for scale in (0.0, 0.3):
         values = {name: v * (1.0 + scale * random.uniform(-1, 1)) for name, v in page_values().items()}
+        values["com_z"] = 0.1 * scale  # 0 on the page
         spec = mujoco.MjSpec.from_string(mjcf())
         edited(spec, values)
         compiled = spec.compile()
@@ -127,7 +128,7 @@ def test_the_tree_is_the_mjcfs_body_for_any_masses_and_lengths() -> None:
             for field in ("body_mass", "body_ipos", "body_inertia", "body_pos", "geom_size", "geom_pos"):
                 written = getattr(as_written, field)
                 np.testing.assert_allclose(getattr(compiled, field), written, atol=1e-12, err_msg=field)
-        geometry = params_of(model, **values).mechanics.geometry(0.0)
+        geometry = params_of(model, **values).mechanics.geometry(np.zeros(4, bool), 0.0)
         # the tree's first two links are the massless slides of the torso
         np.testing.assert_allclose(geometry.mass[2:], compiled.body_mass[1:], rtol=1e-12)
         np.testing.assert_allclose(geometry.com[2:], compiled.body_ipos[1:], atol=1e-12)
@@ -139,6 +140,25 @@ def test_the_tree_is_the_mjcfs_body_for_any_masses_and_lengths() -> None:
         np.testing.assert_allclose(geometry.damping, compiled.dof_damping)
         mass = np.array(geometry.mass).sum()
         assert mass == pytest.approx(7.0 if scale == 0.0 else compiled.body_mass.sum(), rel=1e-12)
+
+
+def test_knees_have_dampings_of_their_own_in_swing_and_stance() -> None:
+    mechanics = params_of(PlanarQuadruped(), Kv_knee_sw=30.0, Kv_knee_st=5.0).mechanics
+    swings = np.array([True, False, False, True])
+    np.testing.assert_array_equal(mechanics.damping(swings), [0, 0, 0, 1, 30, 1, 5, 1, 5, 1, 30])
+    np.testing.assert_array_equal(mechanics.geometry(swings, 0.5).armature, 0.5 * mechanics.damping(swings))
+    one = params_of(PlanarQuadruped(), Kv_knee=20.0).mechanics.damping(swings)
+    np.testing.assert_array_equal(one, [0, 0, 0, 1, 20, 1, 20, 1, 20, 1, 20])
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.3, 0.5, 0.8, 1.0])
+def test_the_ends_of_the_path_move_what_lies_between(sigma: float) -> None:
+    slow, fast = {"Tr_slow": 0.1, "theta_st_slow": -0.3}, {"Tr_fast": 0.03, "theta_st_fast": -0.7}
+    found = complete(PlanarQuadruped(), {"sigma": sigma, **slow, **fast}, 1)
+    at = [0.0, 0.5, 1.0]
+    assert found["Tr"] == pytest.approx(np.interp(sigma, at, [0.1, 0.0473, 0.03]), rel=1e-12)
+    assert found["theta_st"] == pytest.approx(np.interp(sigma, at, [-0.3, -0.438, -0.7]), rel=1e-12)
+    assert found["s"] == pytest.approx(np.interp(sigma, at, [1.18, 1.71, 1.40]), rel=1e-12)
 
 
 @pytest.mark.parametrize("row", [0, 1])

@@ -22,8 +22,8 @@ from gaitsweep.models.planar_quadruped.bodies import edited, page_values
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
 
 DT, STEPS = 1e-3, 1000
-HEAVY = {"com_x": 0.02, "torso_mass": 4.6, "torso_inertia": 0.2, "upper_mass": 0.4, "foot_mass": 0.07,
-         "hip_x": 0.25, "foot_radius": 0.03, "lower_length": 0.11}  # fmt: skip
+HEAVY = {"com_x": 0.02, "com_z": 0.04, "torso_mass": 4.6, "torso_inertia": 0.2, "upper_mass": 0.4,
+         "foot_mass": 0.07, "hip_x": 0.25, "foot_radius": 0.03, "lower_length": 0.11}  # fmt: skip
 CASES = {"trot": (0.5, {}), "gallop": (1.0, {}), "another body": (0.2, HEAVY)}
 MODEL = PlanarQuadruped("mjx")
 

@@ -8,14 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.colors import to_rgb
 from sweeping import scalars
 from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
 
 from gaitsweep import models
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours, limbs_of
-from gaitsweep.plot.movie.animation import Clip
-from gaitsweep.plot.movie.side_view import heading, turned
+from gaitsweep.plot.movie.animation import Clip, frames
+from gaitsweep.plot.movie.side_view import bounds, heading, turned
 from gaitsweep.runs.movie import read_motion
 from gaitsweep.skeleton import Skeleton
 
@@ -77,3 +78,16 @@ def test_the_picture_follows_the_body_but_not_its_sway(tmp_path: Path) -> None:
     np.testing.assert_allclose(clip.camera[:, 0], SPEED * times - 0.05, atol=1e-9)
     assert clip.down.shape == (161, 4)
     assert clip.down[3].tolist() == [False, True, True, False]
+
+
+def test_a_body_without_limbs_is_drawn(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 1.0, 21)
+    corners = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.0, 0.1], [-0.1, 0.0, 0.1]])
+    ball = Skeleton((), bodies=(corners + (t * (1.0 - t))[:, None, None] * [0.0, 0.0, 1.0],))
+    height = 0.1 + 0.25  # of the highest corner, at half time
+    assert bounds(ball, np.zeros((21, 2))) == pytest.approx((0.1, height, 0.3 * height))
+    no_feet = read_motion(quadruped_table(tmp_path / "trot"), 0).contact(0)
+    assert no_feet.shape[1] == 0
+    clip = Clip(t, ball, np.linspace(0.0, 1.0, len(no_feet)), no_feet, 1.0, "ball")
+    shown = {tuple(pixel) for pixel in next(frames(clip, (320, 180))).reshape(-1, 3).tolist()}
+    assert tuple(round(255 * part) for part in to_rgb("#DDE0E4")) in shown

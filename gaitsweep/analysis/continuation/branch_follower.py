@@ -55,12 +55,19 @@ class BranchTable:
         values: other parameters shown in the records, a number or one for each branch (n,).
         n: number of branches.
         held: the conserved quantities that are constrained.
+        with_points: each record has its `Points` of one point as `at`, coordinates and modes.
     """
 
     def __init__(
-        self, mapping: Map, parameter: str, values: dict[str, np.ndarray], n: int, held: ConservedConstraints
+        self,
+        mapping: Map,
+        parameter: str,
+        values: dict[str, np.ndarray],
+        n: int,
+        held: ConservedConstraints,
+        with_points: bool = False,
     ) -> None:
-        self.parameter = parameter
+        self.parameter, self._with_points = parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
         self._held = [mapping.conserved[k].name for k in held.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
@@ -104,6 +111,7 @@ class BranchTable:
                     "special": special[k],
                     "corrections": int(branch_points.corrections[k]),
                     "end": "",
+                    **({"at": branch_points.points[[k]]} if self._with_points else {}),
                 }
             )
 

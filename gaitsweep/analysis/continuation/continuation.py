@@ -31,6 +31,7 @@ def continuation(
     fix: Sequence[str] | Mapping[str, object] = (),
     steps: ArclengthSteps | None = None,
     shown: Sequence[str] | None = None,
+    with_points: bool = False,
 ) -> pd.DataFrame:
     """Follow the branches of fixed points through n starts.
 
@@ -46,6 +47,7 @@ def continuation(
         fix: conserved quantities to constrain, as for `newton`.
         steps: lengths and number of the steps.
         shown: names of the values in the table beside the parameter; by default all.
+        with_points: whether each record has its `Points` (of one point) as `at`.
 
     Returns:
         One record a point: row (of the start), point, parameter and other values, the map's observables,
@@ -64,7 +66,15 @@ def continuation(
     """
     if not max(within) > min(within):
         raise ArgumentError(f"within is {list(within)}, but must be a range: two numbers that differ.")
-    follow = partial(_followed, parameter=parameter, within=within, towards=towards, steps=steps, shown=shown)
+    follow = partial(
+        _followed,
+        parameter=parameter,
+        within=within,
+        towards=towards,
+        steps=steps,
+        shown=shown,
+        with_points=with_points,
+    )
     branches = follow(mapping, starts, values, begin=begin, fix=fix)
     refined = mapping.refined()
     if branches.empty or refined is None:
@@ -102,6 +112,7 @@ def _followed(
     fix: Sequence[str] | Mapping[str, object],
     steps: ArclengthSteps | None,
     shown: Sequence[str] | None,
+    with_points: bool,
 ) -> pd.DataFrame:
     """The branches of one map, as for `continuation`."""
     n = len(starts)
@@ -114,7 +125,7 @@ def _followed(
     ready = np.flatnonzero(found.converged)
     problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
     beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
-    table = BranchTable(mapping, parameter, beside, n, held)
+    table = BranchTable(mapping, parameter, beside, n, held, with_points)
     for row in np.flatnonzero(~found.converged):
         table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
     if ready.size:

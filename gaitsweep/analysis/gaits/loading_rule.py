@@ -92,7 +92,7 @@ def loading_rule(
     Args:
         table: as for `pairs_in`, or its result.
         split: a column; each of its values is analysed separately.
-        least: the largest |delta| of a pair without shift, cycles.
+        least: the largest absolute delta of a pair without shift, cycles.
         repeats: axes along which rows are repetitions.
 
     Returns:

@@ -109,8 +109,9 @@ def fixed_points(
 
     Returns:
         One record a fixed point: by, value, value_error, slope (of the map), slope_error, stable, count (of
-        the pairs in its window). Errors are standard errors from the scatter. Stable means |slope| < 1.
-        Whether the slope is below 1 follows from the signs on both sides, which are more robust to noise.
+        the pairs in its window). Errors are standard errors from the scatter. Stable means a slope between
+        -1 and 1. Whether the slope is below 1 follows from the signs on both sides, which are more robust to
+        noise.
     """
     columns = [*_listed(by), "value", "value_error", "slope", "slope_error", "stable", "count"]
     found = []

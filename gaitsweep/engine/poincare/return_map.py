@@ -97,9 +97,13 @@ class BatchedReturnMap(Map):
 
     def params(self, values: Values) -> Params:
         """The model's parameters: values, then settings, then defaults; formulas are evaluated."""
+        return self.model.params(self.resolved(values))
+
+    def resolved(self, values: Values) -> dict[str, Any]:
+        """All parameters by name: values, then settings, then defaults; formulas are evaluated."""
         known: dict[str, Any] = {name: jnp.asarray(value) for name, value in values.items()}
         settings = {name: self._written[name] for name in self._order if name not in known}
-        return self.model.params(resolve(settings, known, functions_of(jnp)))
+        return resolve(settings, known, functions_of(jnp))
 
     def complete(self, values: Values, n: int) -> dict[str, np.ndarray]:
         unknown = [name for name in values if name not in self._written]

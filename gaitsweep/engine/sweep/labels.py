@@ -21,7 +21,8 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
     if found is None:
         return {}
     label = _reader(spec.model, spec.drive)
-    width = found.batch or min(spec.block, spec.n_rows)
+    # a power of two, so that sweeps with other numbers of rows compile few sizes
+    width = found.batch or min(spec.block, 1 << (spec.n_rows - 1).bit_length())
     good = found.readable
     values = {k: np.asarray(v, np.float64) for k, v in block.params.items()}
     parts = []

@@ -19,6 +19,7 @@ from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, vel
 from gaitsweep.models.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.models.planar_quadruped.parameters import BODY
+from gaitsweep.models.planar_quadruped.rhythm import swinging
 from gaitsweep.models.planar_quadruped.state import State
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class PlanarTreeBody(PlanarBody):
 
     def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
         tree, _ = body()
-        geometry = m.geometry(dt)
+        geometry = m.geometry(swinging(s.u), dt)
         feet = _ground_forces(m, geometry, s, dt)
         a = forward_dynamics(tree, geometry, s.q, s.v, tau, feet, gravity=m.gravity())
         v = s.v + dt * a
@@ -115,7 +116,7 @@ class PlanarMjxBody(PlanarBody):
         numbers = {
             **m.numbers,
             "opt.gravity": m.gravity(),
-            "dof_damping": m.damping(),
+            "dof_damping": m.damping(swinging(s.u)),
             "geom_friction": jnp.concatenate([sliding, friction[:, 1:]], axis=1),
         }
         before = BodyState(s.q, s.v, jnp.zeros((0,), s.q.dtype), s.warm)
@@ -153,7 +154,7 @@ def page_values() -> dict[str, float]:
 def edited(spec: Any, values: Mapping[str, float]) -> None:
     """Set a mujoco.MjSpec of the body to these masses and lengths."""
     torso = spec.body("torso")
-    torso.ipos = [values["com_x"], 0.0, 0.0]
+    torso.ipos = [values["com_x"], 0.0, values["com_z"]]
     torso.mass = values["torso_mass"]
     # only the inertia about y has an effect; the others are scaled, so that MuJoCo accepts them
     torso.inertia = values["torso_inertia"] / torso.inertia[1] * torso.inertia

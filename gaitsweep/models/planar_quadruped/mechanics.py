@@ -34,6 +34,7 @@ class PlanarMechanics:
     """
 
     com_x: jax.Array
+    com_z: jax.Array
     torso_mass: jax.Array
     torso_inertia: jax.Array
     upper_mass: jax.Array
@@ -45,7 +46,8 @@ class PlanarMechanics:
     lower_length: jax.Array
     foot_radius: jax.Array
     Kv_hip: jax.Array
-    Kv_knee: jax.Array
+    Kv_knee_sw: jax.Array
+    Kv_knee_st: jax.Array
     g: jax.Array
     mu: jax.Array
     K_foot: jax.Array
@@ -53,12 +55,12 @@ class PlanarMechanics:
     v_slip: jax.Array
     numbers: dict[str, jax.Array]
 
-    def damping(self) -> jax.Array:
-        """Damping of the degrees of freedom (11,), N m s/rad and N s/m."""
-        return _placed(self.g, [self.Kv_hip] * 4, [self.Kv_knee] * 4)
+    def damping(self, swings: jax.Array) -> jax.Array:
+        """Damping of the degrees of freedom (11,), N m s/rad and N s/m; `swings` (4,): which legs do."""
+        return _placed(self.g, [self.Kv_hip] * 4, list(jnp.where(swings, self.Kv_knee_sw, self.Kv_knee_st)))
 
-    def geometry(self, dt: Scalar) -> Geometry:
-        """The tree's geometry, with implicit joint damping for a step of `dt` (s).
+    def geometry(self, swings: jax.Array, dt: Scalar) -> Geometry:
+        """The tree's geometry, with implicit joint damping for a step of `dt` (s); `swings` as in `damping`.
 
         With the damping force at the end of the step, the accelerations follow from (M + dt D) a = forces at
         its beginning, as in MuJoCo's Euler integrator: an armature of dt D.
@@ -67,7 +69,7 @@ class PlanarMechanics:
         fields = ("mass", "com", "inertia", "position")
         rows: dict[str, list[Array]] = {name: list(getattr(of_page, name)) for name in fields}
         rows["mass"][tree.index("torso")] = self.torso_mass
-        rows["com"][tree.index("torso")] = _along(0, self.com_x)
+        rows["com"][tree.index("torso")] = jnp.stack([self.com_x, 0.0 * self.com_x, self.com_z])
         rows["inertia"][tree.index("torso")] = _about_y(self.torso_inertia)
         upper = capsule_inertia(self.upper_mass, self.upper_length, UPPER_RADIUS)
         lower_mass, lower_com, lower = self._lower()
@@ -82,7 +84,7 @@ class PlanarMechanics:
             rows["com"][i] = _along(2, lower_com)
             rows["inertia"][i] = _about_y(lower)
             rows["position"][i] = _along(2, -self.l_0)
-        damping = self.damping()
+        damping = self.damping(swings)
         stacked = {name: jnp.stack([jnp.asarray(row) for row in rows[name]]) for name in rows}
         return dataclasses.replace(of_page, **stacked, damping=damping, armature=dt * damping)
 

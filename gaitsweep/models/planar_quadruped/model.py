@@ -139,11 +139,12 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         """The state after a step of `dt` (s); network, motors and body all use the state before it."""
         p, s = params, state
         theta, length = s.q[HIP], s.q[KNEE]
-        tau = forces_on_joints(*p.motors.forces(swinging(s.u), theta, length))
+        swings = swinging(s.u)
+        tau = forces_on_joints(*p.motors.forces(swings, theta, length))
         q, v, warm, load = self._moved_by.moved(p.mechanics, s, tau, dt)
         u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
         # semi-implicit steps: q moves by dt v, with the damping at the end of the step
-        powers = joint_powers(tau, p.mechanics.damping(), v)
+        powers = joint_powers(tau, p.mechanics.damping(swings), v)
         work = dt * jnp.stack([jnp.sum(jnp.maximum(power, 0.0)) for power in powers])
         read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
         return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)

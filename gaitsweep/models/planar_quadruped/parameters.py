@@ -26,12 +26,24 @@ def _at_least_0(
     return Quantity(name, unit, meaning, default, low=0.0, symbol=symbol, source=source)
 
 
-def _over_sigma(start: float, middle: float, end: float) -> str:
-    """Linear interpolation between values at sigma 0, 0.5 and 1, as a formula."""
+def _along_path(
+    name: str, unit: str, meaning: str, start: float, middle: float, end: float, symbol: str, positive: bool
+) -> tuple[Quantity, Quantity, Quantity]:
+    """A speed parameter, linear between sigma = 0, 0.5 and 1, and its values at the two ends of the path."""
     formula = f"{start:g}"
     for slope, along in ((middle - start, "min(sigma, 0.5)"), (end - middle, "max(sigma - 0.5, 0)")):
         formula += f" {'-' if slope < 0.0 else '+'} {abs(2.0 * slope):.6g}*{along}"
-    return formula
+    # other ends are added to the path between the default ones, which changes no bit of those
+    formula += f" + ({name}_slow - {start:.6g})*max(1 - 2*sigma, 0)".replace("- -", "+ ")
+    formula += f" + ({name}_fast - {end:.6g})*max(2*sigma - 1, 0)".replace("- -", "+ ")
+    low = {"low": 0.0, "open_ends": True} if positive else {}
+    return (
+        Quantity(f"{name}_slow", unit, f"{name} at the slow end of the path, sigma = 0", start,
+                 symbol=f"{symbol}(0)", source=_SEARCH, **low),
+        Quantity(f"{name}_fast", unit, f"{name} at the fast end of the path, sigma = 1", end,
+                 symbol=f"{symbol}(1)", source=_SEARCH, **low),
+        Quantity(name, unit, meaning, formula, symbol=symbol, source=_PATH, **low),
+    )  # fmt: skip
 
 
 _SPEED = (
@@ -39,18 +51,17 @@ _SPEED = (
              symbol=r"\sigma", source=_SEARCH),
     Quantity("v_d", "m/s", "desired speed, for formulas only (of sigma, for example)", 1.0,
              symbol="v_d"),
-    _positive("s", "1", "tonic drive", _over_sigma(1.18, 1.71, 1.40), "s", _PATH),
-    _positive("Tr", "s", "time constant of the rise", _over_sigma(0.085, 0.0473, 0.0206), "T_r", _PATH),
-    Quantity("theta_st", "rad", "target hip angle in stance", _over_sigma(-0.166, -0.438, -1.0),
-             symbol=r"\theta_\mathrm{st}", source=_PATH),
-    _positive("Kp_hip_st", "N m/rad", "stiffness of a hip in stance", _over_sigma(5.0, 8.13, 10.6),
-              r"K_p^\mathrm{hip,st}", _PATH),
-    _positive("Kp_knee_st", "N/m", "stiffness of a knee in stance", _over_sigma(2840.0, 1970.0, 1820.0),
-              r"K_p^\mathrm{knee,st}", _PATH),
-    Quantity("l_sw", "m", "target knee length in swing", _over_sigma(0.065, 0.057, 0.054),
-             symbol=r"l_\mathrm{sw}", source=_PATH),
-    _positive("Kp_knee_sw", "N/m", "stiffness of a knee in swing", _over_sigma(2130.0, 1860.0, 2740.0),
-              r"K_p^\mathrm{knee,sw}", _PATH),
+    *_along_path("s", "1", "tonic drive", 1.18, 1.71, 1.40, "s", True),
+    *_along_path("Tr", "s", "time constant of the rise", 0.085, 0.0473, 0.0206, "T_r", True),
+    *_along_path("theta_st", "rad", "target hip angle in stance", -0.166, -0.438, -1.0,
+                 r"\theta_\mathrm{st}", False),
+    *_along_path("Kp_hip_st", "N m/rad", "stiffness of a hip in stance", 5.0, 8.13, 10.6,
+                 r"K_p^\mathrm{hip,st}", True),
+    *_along_path("Kp_knee_st", "N/m", "stiffness of a knee in stance", 2840.0, 1970.0, 1820.0,
+                 r"K_p^\mathrm{knee,st}", True),
+    *_along_path("l_sw", "m", "target knee length in swing", 0.065, 0.057, 0.054, r"l_\mathrm{sw}", False),
+    *_along_path("Kp_knee_sw", "N/m", "stiffness of a knee in swing", 2130.0, 1860.0, 2740.0,
+                 r"K_p^\mathrm{knee,sw}", True),
 )  # fmt: skip
 
 _NETWORK = (
@@ -78,11 +89,15 @@ _MOTORS = (
              source=_SUPPLEMENT),
     _at_least_0("Kv_hip", "N m s/rad", "damping of the hips", 1.0, r"K_v^\mathrm{hip}", _SUPPLEMENT),
     _at_least_0("Kv_knee", "N s/m", "damping of the knees", 40.0, r"K_v^\mathrm{knee}", _SUPPLEMENT),
+    _at_least_0("Kv_knee_sw", "N s/m", "damping of a knee in swing", "Kv_knee", r"K_v^\mathrm{knee,sw}"),
+    _at_least_0("Kv_knee_st", "N s/m", "damping of a knee in stance", "Kv_knee", r"K_v^\mathrm{knee,st}"),
 )  # fmt: skip
 
 BODY = (
     Quantity("com_x", "m", "torso's centre of mass ahead of the middle between the hips", 0.040,
              symbol=r"x_\mathrm{com}", source=_SEARCH),
+    Quantity("com_z", "m", "torso's centre of mass above the hips", 0.0, symbol=r"z_\mathrm{com}",
+             source=_SEARCH),
     _positive("torso_mass", "kg", "mass of the torso", 4.0, "m_T", _PAPER),
     _positive("torso_inertia", "kg m2", "inertia of the torso in pitch about its centre of mass; a box's",
               "torso_mass*(0.67**2 + 0.1**2)/12", "I_T"),

@@ -124,8 +124,9 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
 def signalled(params: Params, state: State) -> dict[str, jax.Array]:
     """The signals of a state."""
     s = state
-    tau = forces_on_joints(*params.motors.forces(swinging(s.u), s.q[HIP], s.q[KNEE]))
-    hip, knee = joint_powers(tau, params.mechanics.damping(), s.v)
+    swings = swinging(s.u)
+    tau = forces_on_joints(*params.motors.forces(swings, s.q[HIP], s.q[KNEE]))
+    hip, knee = joint_powers(tau, params.mechanics.damping(swings), s.v)
     of_legs = {"u_f": s.u[FLEXOR], "F": s.load, "theta": s.q[HIP], "l": s.q[KNEE]}
     of_legs |= {"P_hip": hip, "P_knee": knee}
     down = (s.load > 0.0).astype(s.q.dtype)

@@ -48,8 +48,8 @@ def _flag(name: str, meaning: str, default: float, symbol: str) -> Quantity:
 def _hips(axis: str, of_front: str, front: str, of_rear: str, rear: str) -> tuple[Quantity, Quantity]:
     symbol = f"{axis}_\\mathrm{{hip,"
     return (
-        _positive(f"front_hip_{axis}", "m", f"hips {of_front}", front, f"{symbol}FB}}}}", _SEARCH),
-        _positive(f"rear_hip_{axis}", "m", f"hips {of_rear}", rear, f"{symbol}RB}}}}", _SEARCH),
+        _positive(f"front_hip_{axis}", "m", f"hips {of_front}", front, f"{symbol}FB}}", _SEARCH),
+        _positive(f"rear_hip_{axis}", "m", f"hips {of_rear}", rear, f"{symbol}RB}}", _SEARCH),
     )
 
 

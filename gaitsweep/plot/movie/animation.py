@@ -77,7 +77,7 @@ class Footfalls:
             starts, stops = contact_intervals(t, contact[:, row])
             bars = list(zip(starts, stops - starts, strict=True))
             axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
-        every = -(-len(limbs) // _MOST_NAMES)
+        every = max(1, -(-len(limbs) // _MOST_NAMES))
         named = range(0, len(limbs), every)
         axes.set_yticks(list(named), [limbs[row].name for row in named])
         for tick, row in zip(axes.get_yticklabels(), named, strict=True):

@@ -57,8 +57,8 @@ def bounds(skeleton: Skeleton, camera: np.ndarray) -> tuple[float, float, float]
     every = np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)
     seen = projected(every)
     height = float(seen[:, 1].max())
-    feet = np.concatenate([limb.points[:, -1:] - middle for limb in skeleton.limbs], axis=1)
-    return float(np.abs(seen[:, 0]).max()), height, max(1.5 * float(np.abs(feet[..., 1]).max()), 0.3 * height)
+    aside = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max() for limb in skeleton.limbs]  # of the feet
+    return float(np.abs(seen[:, 0]).max()), height, max(1.5 * float(max(aside, default=0.0)), 0.3 * height)
 
 
 class Ground:

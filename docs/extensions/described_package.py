@@ -1,0 +1,337 @@
+"""References written from the package itself while the site is built.
+
+A comment `<!-- described: NAME -->` in a page is replaced by what the function NAME of `DESCRIBED` writes, as
+Markdown, before the page is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+
+Described = Mapping[str, Any]  # a JSON schema
+
+MARK = re.compile(r"^<!-- described: (?P<name>[a-z_]+) -->$", re.MULTILINE)
+
+
+def commands() -> Iterator[str]:
+    """Each command of `gaitsweep`, its arguments and its options."""
+    import typer
+
+    from gaitsweep.cli.commands import app
+
+    yield from _commands(typer.main.get_command(app), "gaitsweep", "##")
+
+
+def _commands(group: Any, before: str, heading: str) -> Iterator[str]:
+    import typer
+
+    for name, command in group.commands.items():
+        words = f"{before} {name}"
+        yield f"{heading} {words}\n"
+        yield f"{_escaped(command.help or '')}\n"
+        if hasattr(command, "commands"):
+            yield from _commands(command, words, f"{heading}#")
+            continue
+        usage = command.get_usage(typer.Context(command, info_name=words)).removeprefix("Usage: ")
+        yield f"```text\n{re.sub(r'[{}]', '', ' '.join(usage.split()))}\n```\n"
+        rows = [_parameter(each) for each in command.params]
+        if rows:
+            yield from _table(("argument or option", "meaning"), rows)
+
+
+def _parameter(parameter: Any) -> tuple[str, str]:
+    """An argument or an option of a command, and its help."""
+    option = parameter.opts[0].startswith("-")
+    written = " ".join([*parameter.opts[:1], *([parameter.metavar] if parameter.metavar else [])])
+    name = f"`{written}`" if option else f"`{parameter.metavar or parameter.name}`"
+    default = parameter.default
+    told = parameter.help or ""
+    if option and default not in (None, False, "", ()) and "default" not in told and not _infinite(default):
+        told = f"{told} Default: {default}."
+    return name, _escaped(told)
+
+
+def _infinite(value: Any) -> bool:
+    values = value if isinstance(value, tuple) else (value,)
+    return any(isinstance(each, float) and math.isinf(each) for each in values)
+
+
+def job_fields() -> Iterator[str]:
+    """The fields of a job."""
+    described = _schema()
+    fields = {name: each for name, each in described["properties"].items() if name not in _SECTIONS}
+    sections = {name: each for name, each in described["properties"].items() if name in _SECTIONS}
+    required = described["required"]
+    rows = [_field(name, each, required) for name, each in fields.items()]
+    rows += [
+        (f"[`{name}`](#{_SECTIONS[name]})", *_field(name, each, required)[1:])
+        for name, each in sections.items()
+    ]
+    order = {name: place for place, name in enumerate(described["properties"])}
+    rows.sort(key=lambda row: order[re.sub(r"[\[\]`]|\(.*", "", row[0])])
+    yield from _table(_FIELD_COLUMNS, rows)
+
+
+_FIELD_COLUMNS = ("field", "meaning", "value", "default")
+_SECTIONS = {
+    "vary": "what-varies-vary",
+    "run": "run-kinds-run",
+    "numerics": "numerics",
+    "engine": "engine",
+    "figures": "figures-figures",
+    "search": "search-search",
+    "sensitivity": "sensitivity-sensitivity",
+}
+
+
+def axes() -> Iterator[str]:
+    """The ways to write an axis, and the groups of axes."""
+    vary = _schema()["properties"]["vary"]
+    for axis in vary["additionalProperties"]["anyOf"]:
+        if "properties" in axis:
+            yield from _part(axis, heading="###")
+    for group in ("zip", "sample"):
+        schema = vary["properties"][group]
+        yield f"### {group}\n\n{_sentence(schema['description'])}\n"
+        one = schema["anyOf"][0]
+        if "properties" in one:
+            yield from _fields(one)
+
+
+def runs() -> Iterator[str]:
+    """The run kinds."""
+    from gaitsweep.kinds import RUN_KINDS
+    from gaitsweep.plot import FIGURES
+
+    for kind, part in RUN_KINDS.items():
+        yield from _part(part.model_json_schema(), kind)
+        suited = [name for name, figure in FIGURES.items() if kind in figure.runs or name in part.figures]
+        links = ", ".join(f"[`{name}`](#figure-{name.replace('_', '-')})" for name in suited)
+        yield f"Figures: {links or 'none'}.\n"
+
+
+def figures() -> Iterator[str]:
+    """The kinds of figures."""
+    from gaitsweep.plot import FIGURES
+
+    for kind, part in FIGURES.items():
+        yield f"(figure-{kind.replace('_', '-')})="
+        yield from _part(part.model_json_schema(), kind)
+
+
+def numerics() -> Iterator[str]:
+    """The fields of `numerics`."""
+    yield from _fields(_schema()["$defs"]["NumericsSpec"])
+
+
+def engine() -> Iterator[str]:
+    """The fields of `engine`."""
+    yield from _fields(_schema()["$defs"]["EngineChoice"])
+
+
+def search() -> Iterator[str]:
+    """The fields of `search`, of a free constant and of a target."""
+    from gaitsweep.fitting.free import Free
+    from gaitsweep.fitting.targets import Aim
+
+    yield from _fields(_schema()["properties"]["search"])
+    yield "### A free constant\n\n`[low, high]`, or these fields:\n"
+    yield from _fields(Free.model_json_schema())
+    yield "### A target\n\nThe fields of a [measure](#measures), and:\n"
+    yield from _fields(Aim.model_json_schema())
+
+
+def sensitivity() -> Iterator[str]:
+    """The fields of `sensitivity`."""
+    yield from _fields(_schema()["properties"]["sensitivity"])
+
+
+def measures() -> Iterator[str]:
+    """The measures of searches and sensitivity analyses."""
+    from gaitsweep.fitting.measures import MEASURES
+
+    for kind, part in MEASURES.items():
+        yield from _part(part.model_json_schema(), kind, label="measure")
+
+
+def models() -> Iterator[str]:
+    """Each registered model: structure, parameters, starts, observables, signals, label fields, gaits."""
+    from gaitsweep import models as registry
+    from gaitsweep.cli import show
+
+    for name in registry.names():
+        kind = registry.find(name)
+        instance = kind()
+        about = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+        yield f"## {name}\n\n{_escaped(about)} {_escaped(kind.source)}\n"
+        structure = [show.structure_field(field) for field in dataclasses.fields(kind)]  # pyright: ignore
+        if structure:
+            yield "### Structure\n\nWhat shapes the arrays; one job for each.\n"
+            yield from _table(("name", "default", "allowed", "meaning"), _coded(structure))
+        for title, quantities in (
+            ("Parameters", instance.parameters),
+            ("Start values", instance.initial_conditions),
+        ):
+            rows = []
+            for each in quantities:
+                name, unit, default, allowed, meaning, source = show.quantity(each)
+                rows.append((name, meaning, unit, default, allowed, source))
+            yield f"### {title}\n"
+            yield from _table(("name", "meaning", "unit", "default", "allowed", "source"), _coded(rows))
+        for title, quantities in (
+            ("Observables", instance.observables),
+            ("Signals", instance.signals),
+            ("Label fields", instance.label_fields),
+        ):
+            if quantities:
+                yield f"### {title}\n"
+                rows = _coded((each.name, each.meaning, each.unit) for each in quantities)
+                yield from _table(("name", "meaning", "unit"), rows)
+        yield f"### Gaits\n\n{', '.join(f'`{gait}`' for gait in kind.gaits)}.\n"
+
+
+def statuses() -> Iterator[str]:
+    """The statuses of a row, with what each means for its result."""
+    from gaitsweep.contract import Status
+
+    rows = [(f"`{status.name}`", status.verdict.value, _escaped(status.sentence)) for status in Status]
+    yield from _table(("status", "verdict", "meaning"), rows)
+
+
+DESCRIBED = {
+    describe.__name__: describe
+    for describe in (
+        commands,
+        job_fields,
+        axes,
+        runs,
+        figures,
+        numerics,
+        engine,
+        search,
+        sensitivity,
+        measures,
+        models,
+        statuses,
+    )
+}
+
+
+def _schema() -> dict[str, Any]:
+    from gaitsweep.fitting.schema import schema
+
+    return schema()
+
+
+def _part(
+    schema: Described, kind: str | None = None, *, heading: str = "###", label: str = ""
+) -> Iterator[str]:
+    """The section of a part of a job: its kind, what it is, its fields."""
+    title = kind or str(schema["title"]).lower()
+    if label:
+        yield f"({label}-{title.replace('_', '-')})="
+    yield f"{heading} {title}\n\n{_escaped(_sentence(schema.get('description', '')))}\n"
+    yield from _fields(schema)
+
+
+def _fields(schema: Described) -> Iterator[str]:
+    """The fields of a part of a job, but for its kind."""
+    required = schema.get("required", [])
+    rows = [_field(name, each, required) for name, each in schema["properties"].items() if name != "kind"]
+    yield from _table(_FIELD_COLUMNS, rows)
+
+
+def _field(name: str, schema: Described, required: Sequence[str]) -> tuple[str, str, str, str]:
+    if name in required:
+        default = "needed"
+    elif schema.get("default") is None:
+        default = ""
+    else:
+        default = f"`{schema['default']}`".replace("`True`", "`true`").replace("`False`", "`false`")
+    return f"`{name}`", _escaped(schema.get("description", "")), _type(schema), default
+
+
+_TYPES = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "array": "list",
+    "object": "fields",
+}
+
+
+def _type(schema: Described) -> str:
+    """What a field takes, in words; numbers may be arithmetic, which a schema writes as text."""
+    if "enum" in schema:
+        return ", ".join(f"`{each}`" for each in schema["enum"])
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    if "anyOf" in schema or "oneOf" in schema:
+        kinds = [
+            _type(each) for each in schema.get("anyOf", schema.get("oneOf", ())) if each.get("type") != "null"
+        ]
+        return " or ".join(dict.fromkeys(kinds)).replace("fields or fields", "fields")
+    kinds = schema.get("type", "object" if "$ref" in schema else "")
+    if isinstance(kinds, list):
+        if "string" in kinds and len(kinds) > 1:
+            kinds = [kind for kind in kinds if kind != "string"]
+        return " or ".join(dict.fromkeys(_TYPES[kind] for kind in kinds))
+    if kinds == "array" and isinstance(items := schema.get("items"), Mapping) and _type(items):
+        return {"number": "numbers", "text": "names", "whole number": "whole numbers"}.get(
+            _type(items), "list"
+        )
+    return _TYPES.get(kinds, "")
+
+
+def _sentence(text: str) -> str:
+    """A description as a sentence, without what a docstring adds for the readers of the source."""
+    text = " ".join(text.split("\n\n")[0].split())
+    text = text[:1].upper() + text[1:]
+    return text if not text or text.endswith((".", ":")) else f"{text}."
+
+
+def _escaped(text: str) -> str:
+    """Text with what Markdown would read as emphasis, a link or HTML taken literally, outside of code."""
+    parts = re.split(r"(`[^`]*`)", text)
+    return "".join(part if part[:1] == "`" else re.sub(r"([*_<>\[\]$|~])", r"\\\1", part) for part in parts)
+
+
+def _coded(rows: Iterable[Sequence[str]]) -> list[tuple[str, ...]]:
+    """Rows whose first entry is a name."""
+    return [(f"`{first}`", *map(_escaped, rest)) for first, *rest in rows]
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """A table, without the columns that are empty in each row."""
+    kept = [n for n in range(len(columns)) if any(row[n] for row in rows)]
+    lines = [[columns[n] for n in kept], ["---"] * len(kept), *([row[n] for n in kept] for row in rows)]
+    yield "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _replace(app: Sphinx, page: str, source: list[str]) -> None:
+    def written(mark: re.Match[str]) -> str:
+        if mark["name"] not in DESCRIBED:
+            raise ExtensionError(f"{page}: nothing is described as {mark['name']}: {', '.join(DESCRIBED)}.")
+        return "\n".join(DESCRIBED[mark["name"]]())
+
+    source[0] = MARK.sub(written, source[0])
+
+
+def _always_read(app: Sphinx, env: Any, added: set[str], changed: set[str], removed: set[str]) -> set[str]:
+    """Pages that are written from the package are read in each build, since the package may have changed."""
+    return {page for page in env.found_docs if MARK.search(env.doc2path(page).read_text(encoding="utf-8"))}
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the replacement."""
+    app.connect("source-read", _replace)
+    app.connect("env-get-outdated", _always_read)
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

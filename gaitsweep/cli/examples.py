@@ -1,0 +1,113 @@
+"""The command `examples`: jobs, models, configs and notebooks that come with gaitsweep, listed and copied."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+import textwrap
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaitsweep import near_miss
+from gaitsweep.cli.new_files import add_files
+from gaitsweep.errors import ArgumentError
+from gaitsweep.shipped import BUILTIN, EXAMPLES, shipped
+
+KINDS = ("models", "notebooks", "jobs", "configs")
+_NOTES = {
+    "models": "models of your own kind, each with its job",
+    "notebooks": "the papers' models and your own, cell by cell",
+    "jobs": "the papers' figures, and what goes beyond them",
+    "configs": "the papers' parameters: `config: builtin:NAME` in a job",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """What `gaitsweep examples NAME` copies: files by their paths, and what they are, in a line."""
+
+    name: str
+    kind: str
+    files: tuple[Path, ...]
+    about: str
+
+
+def examples(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME", help="What to copy: a name of the list, or all of one kind: models."),
+    ] = None,
+    to: Annotated[
+        Path, typer.Option("--to", metavar="DIR", help="Where the files go; this folder by default.")
+    ] = Path(),
+) -> None:
+    """List the jobs, models, configs and notebooks that come with gaitsweep, or copy some of them."""
+    found = known_examples()
+    if name is None:
+        _list(found)
+        return
+    chosen = [each for each in found if name in (each.name, each.kind)]
+    if not chosen:
+        near = near_miss.suggestion(name, [*KINDS, *(each.name for each in found)])
+        raise ArgumentError(f"{name} is no example{near}")
+    files = {file.name: _portable(file) for each in chosen for file in each.files}
+    for path in add_files(to, files):
+        print(path)
+
+
+def known_examples() -> list[Example]:
+    """All examples, kind by kind, in the order of their names."""
+    jobs, configs, notebooks = (
+        sorted(shipped(folder).glob(pattern))
+        for folder, pattern in (("sweeps", "*.yaml"), ("configs", "*.yaml"), ("notebooks", "*.ipynb"))
+    )
+    own = sorted(EXAMPLES.glob("*.yaml"))
+    return [
+        *(Example(each.stem, "models", _with_its_files(each), _first_line(each)) for each in own),
+        *(Example(each.stem, "notebooks", (each,), _title(each)) for each in notebooks),
+        *(Example(each.stem, "jobs", (each,), _first_line(each)) for each in jobs),
+        *(Example(each.stem, "configs", (each,), _first_line(each)) for each in configs),
+    ]
+
+
+def _with_its_files(job: Path) -> tuple[Path, ...]:
+    """The model of an example's job, the MJCF of its body where it has one, and the job."""
+    files = (job.with_suffix(suffix) for suffix in (".py", ".xml", ".yaml"))
+    return tuple(file for file in files if file.is_file())
+
+
+def _list(found: list[Example]) -> None:
+    width = shutil.get_terminal_size((140, 0)).columns  # that many where there is no terminal
+    for kind in KINDS:
+        of_kind = [each for each in found if each.kind == kind]
+        print(f"{kind}: {_NOTES[kind]}")
+        names = max(len(each.name) for each in of_kind)
+        for each in of_kind:
+            about = textwrap.shorten(each.about, max(width - names - 4, 20), placeholder=" ...")
+            print(f"  {each.name:<{names}}  {about}".rstrip())
+        print()
+    print("gaitsweep examples NAME --to DIR copies one, gaitsweep examples models all models;")
+    print(f"gaitsweep run {BUILTIN}NAME runs a job where it is.")
+
+
+def _portable(file: Path) -> str:
+    """The text of an example; a config beside the shipped jobs is named so that it is found anywhere."""
+    text = file.read_text(encoding="utf-8")
+    if file.suffix != ".yaml":
+        return text
+    return re.sub(r"^(config: *)\.\./configs/(\w+)\.yaml", rf"\g<1>{BUILTIN}\g<2>", text, flags=re.MULTILINE)
+
+
+def _first_line(file: Path) -> str:
+    """The first line of a YAML file's comment, at its beginning."""
+    first = file.read_text(encoding="utf-8").partition("\n")[0]
+    return first.lstrip("# ").strip() if first.startswith("#") else ""
+
+
+def _title(file: Path) -> str:
+    """The title of a notebook."""
+    found = re.search(r'"# (.*?)(?:\\n)?"', file.read_text(encoding="utf-8"))
+    return found.group(1) if found else ""

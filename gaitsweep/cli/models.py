@@ -1,0 +1,94 @@
+"""The commands about models: what there are, one of your own to begin with, and its test."""
+
+from __future__ import annotations
+
+import importlib.util
+import keyword
+import re
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaitsweep.cli.new_files import NewFilesError, write_folder
+from gaitsweep.errors import REFUSED
+from gaitsweep.shipped import EXAMPLES
+
+_TEMPLATE = "hopper"
+_FILES = ("hopper.py", "hopper.yaml", "package_of_a_model/README.md", "package_of_a_model/test_hopper.py")
+
+
+def models(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A model; all of them are listed if not given.")
+    ] = None,
+) -> None:
+    """List the models, or the parameters, starts, observables and gaits of one."""
+    from gaitsweep import models as registry
+    from gaitsweep.cli import show
+
+    if name is None:
+        show.model_list([(known, registry.find(known)) for known in registry.names()])
+    else:
+        show.model(registry.find(name))
+
+
+def new_model(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Lower case, a Python name: my_hopper.")],
+    to: Annotated[
+        Path, typer.Option("--to", metavar="DIR", help="Where its folder NAME goes; here by default.")
+    ] = Path(),
+) -> None:
+    """Write a model of your own to begin with, a hopper: model, job, test and README in a folder NAME."""
+    _refuse_name(name)
+    files = {}
+    for each in _FILES:
+        text = (EXAMPLES / each).read_text(encoding="utf-8")
+        file = Path(each).name.replace(_TEMPLATE, name)
+        files[file] = text.replace(_TEMPLATE, name).replace(_class_name(_TEMPLATE), _class_name(name))
+    write_folder(to / name, files)
+    for file in files:
+        print(to / name / file)
+    print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
+
+
+def _class_name(name: str) -> str:
+    """The class of a model by the name of its module: `my_hopper` gives MyHopper."""
+    return "".join(part.capitalize() for part in name.split("_"))
+
+
+def check_model(
+    name: Annotated[
+        str, typer.Argument(metavar="MODULE:CLASS", help="package.module:attribute, or a registered name.")
+    ],
+) -> None:
+    """Test a model against the contract: what is wrong, a sentence each."""
+    from gaitsweep import models as registry
+    from gaitsweep.cli import show
+    from gaitsweep.models.conformity import faults
+
+    kind = registry.find(name)
+    found = faults(kind)
+    for words in found:
+        print(f"The model is {name}, {words}", file=sys.stderr)
+    if found:
+        raise typer.Exit(REFUSED)
+    print(f"{name}: good, {show.extent_of(kind())}")
+
+
+def _refuse_name(name: str) -> None:
+    from gaitsweep import models as registry
+
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
+        near = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)).strip("_").lower()
+        hint = f"; did you mean {near}?" if re.fullmatch(r"[a-z][a-z0-9_]*", near) and near != name else "."
+        raise NewFilesError(
+            f"The name {name!r} is no name of a Python module: it takes lower-case letters, digits and "
+            f"underscores, a letter first{hint}"
+        )
+    if name in registry.names():
+        raise NewFilesError(f"The name {name} is that of a model of gaitsweep: choose another.")
+    known = importlib.util.find_spec(name)
+    if known is not None and known.origin is not None:
+        raise NewFilesError(f"The name {name} is that of a module of this Python: choose another.")

@@ -1,0 +1,89 @@
+"""New files for a user: all of them or none, and never in place of what is there."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from gaitsweep.errors import FAILED, UserError
+
+
+class NewFilesError(UserError):
+    """New files would replace others, or cannot be written there; the message says which."""
+
+
+class NotWrittenError(NewFilesError):
+    """New files could not be written, for example on a full disk."""
+
+    exit_code = FAILED
+
+
+def write_folder(folder: Path, files: Mapping[str, str]) -> None:
+    """Write a new folder with these files, by their names in it.
+
+    Raises:
+        NewFilesError: the folder exists, or cannot be made there.
+    """
+    if folder.exists() or folder.is_symlink():
+        raise NewFilesError(f"{folder} exists: choose another name, or another place by --to DIR.")
+    hidden = None
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        hidden.chmod(0o777 & ~_umask())
+        for name, text in files.items():
+            (hidden / name).write_text(text, encoding="utf-8")
+        os.rename(hidden, folder)
+    except OSError as error:
+        raise _not_written(folder, error) from error
+    finally:
+        if hidden is not None:
+            shutil.rmtree(hidden, ignore_errors=True)
+
+
+def add_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
+    """Write new files into a folder, which is made where it is missing; those that are there alike stay.
+
+    Args:
+        folder: where they go.
+        files: their texts by their paths in it.
+
+    Returns:
+        Their paths.
+
+    Raises:
+        NewFilesError: a file exists with another text; none is written then.
+    """
+    paths = {folder / name: text for name, text in files.items()}
+    for path, text in paths.items():
+        alike = path.is_file() and path.read_bytes() == text.encode()
+        if not alike and (path.exists() or path.is_symlink()):
+            raise NewFilesError(f"{path} exists with other contents: choose another place by --to DIR.")
+    for path, text in paths.items():
+        if path.exists():
+            continue
+        partial = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial.write_text(text, encoding="utf-8")
+            os.replace(partial, path)
+        except OSError as error:
+            partial.unlink(missing_ok=True)
+            raise _not_written(path, error) from error
+    return list(paths)
+
+
+def _not_written(path: Path, error: OSError) -> NewFilesError:
+    why = (error.strerror or type(error).__name__).lower()
+    place = isinstance(error, (PermissionError, NotADirectoryError, FileExistsError, IsADirectoryError))
+    kind = NewFilesError if place else NotWrittenError
+    return kind(f"{path} could not be written: {why}.")
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,211 @@
+"""A model of a body in an MJCF and declared oscillators that control its actuators, stepped by MJX.
+
+The body is MuJoCo's, with its contacts, actuators and sensors; oscillators and feedback are declared as in a
+`DeclaredModel`. Steps are of a fixed length: events are detected at the end of a step, not located in it.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import functools
+import hashlib
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Quantity, Rates, SteppedModel
+from gaitsweep.dynamics.declared_model import Declared, Values
+from gaitsweep.near_miss import suggestion
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx.body import MjxBody
+
+BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are declared
+
+
+@dataclasses.dataclass(frozen=True)
+class MjcfModel(Declared, SteppedModel):
+    """A body of an MJCF with oscillators.
+
+    A model derives from it and gives `body_file`, `control` and `period`, and `rates` where it declares
+    variables. `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
+
+    Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
+    joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of the MJCF's first keyframe, or of its
+    joints. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
+
+    Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters.
+    """
+
+    body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
+
+    @classmethod
+    def _other_fields(cls) -> list[str]:
+        return [BODY, SENSORS]
+
+    @abc.abstractmethod
+    def control(self, params: Any, state: Any, /) -> jax.Array:
+        """The controls (nu,) of the MJCF's actuators, in their order."""
+
+    def rates(self, params: Any, state: Any, /) -> Rates:
+        """Time derivatives of the declared variables, by name; a step moves them by one step of Euler."""
+        return {}
+
+    def sensor(self, state: Any, name: str) -> jax.Array:
+        """What a sensor of the MJCF gave at the beginning of the last step, a number or (n,); 0 before it.
+
+        Raises:
+            ValueError: the MJCF has no such sensor.
+        """
+        m = _body(type(self)).mj_model
+        names = [m.sensor(i).name for i in range(m.nsensor)]
+        if name not in names:
+            raise ValueError(f"The MJCF has no sensor '{name}'{suggestion(name, names)}")
+        i = names.index(name)
+        first, size = int(m.sensor_adr[i]), int(m.sensor_dim[i])
+        return state.sensors[first] if size == 1 else state.sensors[first : first + size]
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        joints = tuple(quantity for _, _, quantity in _coordinates(type(self)))
+        return (*super().initial_conditions, *joints)
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        qpos = (Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(_body(type(self)).mj_model.nq))
+        return (*super().signals, *qpos)
+
+    def signal(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+        qpos = {f"q_{i}": state.body.q[i] for i in range(_body(type(self)).mj_model.nq)}
+        return {**super().signal(params, state), **qpos}
+
+    def init(self, params: Any, start: Values, /) -> Any:
+        body = _body(type(self))
+        places = [jnp.asarray(each) for each in _keyframe(body.mj_model)]
+        for which, i, quantity in _coordinates(type(self)):
+            places[which] = places[which].at[i].set(start[quantity.name])
+        sensors = jnp.zeros(body.mj_model.nsensordata)
+        return self.State(**self._started(start), body=body.start(*places), sensors=sensors)
+
+    def step(self, params: Any, state: Any, dt: jax.Array, /) -> Any:
+        controls = jnp.asarray(self.control(params, state), float)
+        moved, data = _body(type(self)).step({}, state.body, dt, ctrl=controls)
+        rates = self.rates(params, state)
+        changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
+        return state.replace(**changes, body=moved, sensors=data.sensordata)
+
+    def events(self, params: Any, before: Any, after: Any, /) -> jax.Array:
+        fired = []
+        for each in self._events():
+            ends = jnp.asarray(each.function(self, params, after)) >= 0.0
+            begins = jnp.asarray(each.function(self, params, before)) < 0.0
+            fired.append(each.within(after) & (begins & ends if each.rising else ends))
+        return jnp.stack(fired) if fired else jnp.zeros((0,), bool)
+
+    def jump(self, params: Any, state: Any, fired: jax.Array, /) -> Any:
+        for each, flag in zip(self._events(), fired, strict=True):
+            if each.effect is not None:
+                after = each.effect(self, params, state)
+                state = jax.tree.map(lambda new, old, f=flag: jnp.where(f, new, old), after, state)
+        return state
+
+    def section(self, params: Any, before: Any, fired: jax.Array, /) -> jax.Array:
+        closed = [flag for each, flag in zip(self._events(), fired, strict=True) if each.is_section]
+        return jnp.any(jnp.stack(closed)) if closed else jnp.zeros((), bool)
+
+    def longest_step(self, params: Any, /) -> jax.Array:
+        """The MJCF's timestep."""
+        return jnp.asarray(_body(type(self)).mj_model.opt.timestep) + 0.0 * self.period(params)
+
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        return _source(type(self))
+
+    @property
+    def data_digest(self) -> str:
+        """A digest of the compiled MJCF, with its meshes."""
+        import mujoco
+
+        model = _body(type(self)).mj_model
+        buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, buffer)
+        return hashlib.sha256(buffer.tobytes()).hexdigest()
+
+
+# MuJoCo and MJX are imported when a body is made, since that takes seconds
+
+
+def _source(kind: type[MjcfModel]) -> str:
+    """The XML of a model's body."""
+    if kind.body_file.lstrip().startswith("<"):
+        return kind.body_file
+    return _path(kind).read_text(encoding="utf-8")
+
+
+def _path(kind: type[MjcfModel]) -> Path:
+    """The file of a model's body, from the folder of the class that names it."""
+    owner = next(each for each in kind.__mro__ if "body_file" in vars(each))
+    file = getattr(sys.modules.get(owner.__module__), "__file__", None)
+    folder = Path() if file is None else Path(file).parent
+    return folder / kind.body_file
+
+
+def _body(kind: type[MjcfModel]) -> MjxBody:
+    """The body of a model, compiled once for what its file says.
+
+    Raises:
+        ValueError: MuJoCo refuses it, or MJX would ignore a part of it; the message says which.
+        FileNotFoundError: there is no such file.
+    """
+    if kind.body_file.lstrip().startswith("<"):
+        return _compiled(kind.body_file, None)
+    path = _path(kind)
+    return _compiled(str(path), path.stat().st_mtime_ns if path.is_file() else None)
+
+
+@functools.lru_cache(maxsize=32)
+def _compiled(source: str, _written: int | None) -> MjxBody:
+    from gaitsweep.dynamics.mjx.body import MjxBody
+
+    return MjxBody(source, contact=True)
+
+
+def _keyframe(m: Any) -> tuple[np.ndarray, np.ndarray]:
+    """qpos and qvel of the first keyframe; of the joints where there is none."""
+    if m.nkey:
+        return np.array(m.key_qpos[0]), np.array(m.key_qvel[0])
+    return np.array(m.qpos0), np.zeros(m.nv)
+
+
+def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
+    """The starts of a body's joints: 0 for qpos or 1 for qvel, the place there, and the quantity."""
+    import mujoco
+
+    m = _body(kind).mj_model
+    defaults = _keyframe(m)
+    found: list[tuple[int, int, Quantity]] = []
+
+    def add(which: int, i: int, name: str, unit: str, meaning: str) -> None:
+        found.append((which, int(i), Quantity(name, unit, meaning, float(defaults[which][i]))))
+
+    for j in range(m.njnt):
+        name = re.sub(r"\W", "_", m.jnt(j).name or f"joint_{j + 1}")
+        q, v, type_ = m.jnt_qposadr[j], m.jnt_dofadr[j], int(m.jnt_type[j])
+        if type_ == mujoco.mjtJoint.mjJNT_FREE:
+            for k, axis in enumerate("xyz"):
+                add(0, q + k, f"{name}_{axis}_0", "m", f"{axis} of {name} at the start")
+                add(1, v + k, f"{name}_{axis}_rate_0", "m/s", f"velocity along {axis} of {name} at the start")
+        elif type_ != mujoco.mjtJoint.mjJNT_BALL:
+            unit = "rad" if type_ == mujoco.mjtJoint.mjJNT_HINGE else "m"
+            add(0, q, f"{name}_0", unit, f"position of joint {name} at the start")
+            add(1, v, f"{name}_rate_0", f"{unit}/s", f"velocity of joint {name} at the start")
+    return found

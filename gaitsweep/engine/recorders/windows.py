@@ -1,0 +1,109 @@
+"""The recorder of all crossings, and of the signals at equal intervals inside some windows of time."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Model, Params, Status
+from gaitsweep.engine.advance import CROSSING, TIME, Carry
+from gaitsweep.engine.recorders.recorder import (
+    ATTEMPTS_PER_STEP,
+    BUFFER,
+    Readings,
+    Record,
+    Recorder,
+    Taken,
+    counted,
+)
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.sweep.block import Block
+
+
+@dataclasses.dataclass(frozen=True)
+class WindowsRecorder(Recorder):
+    """Records every crossing with its observables, and the signals inside windows of equal length.
+
+    The first window begins at `first` s; `more` others begin at `second` s, `second + spacing` s and so on.
+    Each has `samples` samples, `every` s apart, and ends before the next one begins. The row ends with the
+    last sample. A record is a crossing, or a sample, whose `crossing` is -1; what it has no number for is 0.
+    """
+
+    model: Model
+    every: float
+    samples: int
+    first: float = 0.0
+    second: float = 0.0
+    spacing: float = 0.0
+    more: int = 0
+
+    @property
+    def total(self) -> int:
+        """Samples of all windows."""
+        return self.samples * (1 + self.more)
+
+    @property
+    def duration(self) -> float:
+        """The time of the last sample, s."""
+        last = self.first if self.more == 0 else self.second + (self.more - 1) * self.spacing
+        return last + (self.samples - 1) * self.every
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        observed = (f"{q.name}_n" for q in self.model.observables)
+        return ("crossing", "t", *observed, *(q.name for q in self.model.signals))
+
+    def time(self, sample: jax.Array) -> jax.Array:
+        """The time (s) of a sample, a whole number in floating point, counted over all windows."""
+        window = jnp.floor((sample + 0.5) / self.samples)
+        inside = (sample - window * self.samples) * self.every
+        return jnp.where(window < 0.5, self.first, self.second + (window - 1.0) * self.spacing) + inside
+
+    def stop(self, params: Params) -> jax.Array:
+        """The time of the first sample, s."""
+        return jnp.full_like(self.model.period(params), self.first)
+
+    def max_attempts(self, params: Params, dt: jax.Array | float) -> jax.Array:
+        # an interval shorter than a step needs an attempt of its own
+        return super().max_attempts(params, dt) + ATTEMPTS_PER_STEP * (self.duration / dt + self.total)
+
+    def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
+        record, _, _ = super().begin(params, carry)
+        head = jnp.stack([record.cycles.astype(record.last.dtype), carry.t])
+        row = jnp.concatenate([head, record.last, jnp.zeros(len(self.model.signals), record.last.dtype)])
+        keep = jnp.asarray(True)
+        return counted(record, keep), row, keep
+
+    def readings(self, block: Block) -> Readings:
+        return self.readings_at_the_end(block)
+
+    def take(self, params: Params, carry: Carry, record: Record) -> Taken:
+        room = record.filled < BUFFER
+        crossed = (carry.halt == CROSSING) & room
+        timed = (carry.halt == TIME) & room
+        # every crossing has a record, the start among them
+        sample = (record.samples - record.cycles - 1).astype(carry.t.dtype)
+        cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
+        last = jnp.where(crossed, self.observables(params, carry.state), record.last)
+        taken = counted(dataclasses.replace(record, cycles=cycles, last=last), crossed | timed)
+        signals = self.model.signal(params, carry.state)
+        number = jnp.where(crossed, cycles.astype(last.dtype), -1.0)
+        seen = [signals[q.name] for q in self.model.signals]
+        # a scheme whose steps cannot be shortened gives the state at the end of the step nearest to that time
+        t = jnp.where(timed, self.time(sample), carry.t)
+        row = jnp.concatenate([jnp.stack([number, t]), last, *([jnp.stack(seen)] if seen else [])])
+        done = timed & (sample >= self.total - 1.0)
+        status = jnp.where(done, Status.complete, Status.running)
+        stop = jnp.where(timed, self.time(sample + 1.0), carry.stop)
+        waits = ((carry.halt == CROSSING) | (carry.halt == TIME)) & ~crossed & ~timed
+        halt = jnp.where(waits, carry.halt, jnp.zeros_like(carry.halt))
+        carry = dataclasses.replace(carry, stop=stop, halt=halt.astype(carry.halt.dtype))
+        return carry, dataclasses.replace(taken, status=status.astype(jnp.int32)), row, crossed | timed
+
+    def share(self, record: Record, t: np.ndarray, typical_cycles: float) -> np.ndarray:
+        return t / max(self.duration, 1e-300)

@@ -1,0 +1,88 @@
+"""A compass walker: two stiff legs with masses and a hip, which walk down a slope by gravity alone.
+
+Angles are those of the legs from the vertical, positive where the hip is in front of the foot. The swing foot
+scuffs through the ground when the legs pass each other, as in the source.
+
+Source: Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17:1282. Its gait takes two steps to
+repeat from a slope of about 4.39 degrees on, and then four.
+"""
+
+import jax.numpy as jnp
+
+from gaitsweep import DeclaredModel, event, observable, parameter, variable
+
+
+class CompassWalker(DeclaredModel):
+    """The walker; the section is the heel strike, just after it."""
+
+    source = "Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17:1282"
+    section_coordinates = ("stance", "stance_rate", "swing_rate")
+
+    slope = parameter("deg", "slope of the ground, downwards", 3.0, low=0.0, high=20.0, symbol=r"\phi")
+    m = parameter("kg", "mass of a leg", 5.0, low=0.0, open_ends=True)
+    m_H = parameter("kg", "mass of the hip", 10.0, low=0.0, symbol="m_H")
+    a = parameter("m", "from the foot to the leg's mass", 0.5, low=0.0, open_ends=True)
+    b = parameter("m", "from the leg's mass to the hip", 0.5, low=0.0, open_ends=True)
+    g = parameter("m/s2", "gravitational acceleration", 9.81, low=0.0, open_ends=True)
+
+    stance = variable("rad", "angle of the stance leg", -0.2187, symbol=r"\theta_s")
+    swing = variable("rad", "angle of the swing leg", symbol=r"\theta_{ns}")
+    stance_rate = variable("rad/s", "rate of the stance leg", 1.0918, symbol=r"\dot\theta_s")
+    swing_rate = variable("rad/s", "rate of the swing leg", 0.3772, symbol=r"\dot\theta_{ns}")
+
+    def complete(self, p, s):
+        return s.replace(swing=2.0 * jnp.deg2rad(p.slope) - s.stance)  # both feet are on the ground
+
+    def flow(self, p, s):
+        mass, coupling = _inertia(p, s.stance - s.swing)
+        sine = p.m * (p.a + p.b) * p.b * jnp.sin(s.stance - s.swing)
+        weight = (p.m_H * (p.a + p.b) + p.m * (2.0 * p.a + p.b)) * p.g
+        stance = weight * jnp.sin(s.stance) + sine * s.swing_rate**2
+        swing = -p.m * p.b * p.g * jnp.sin(s.swing) - sine * s.stance_rate**2
+        stance, swing = _solved(mass, coupling, coupling, p.m * p.b**2, stance, swing)
+        return {
+            "stance": s.stance_rate,
+            "swing": s.swing_rate,
+            "stance_rate": stance,
+            "swing_rate": swing,
+        }
+
+    @event("heel strikes", section=True)
+    def strike(self, p, s):
+        return s.stance + s.swing - 2.0 * jnp.deg2rad(p.slope)
+
+    @strike.jump
+    def exchange(self, p, s):
+        """The legs change their roles; angular momentum about the new foot and about the hip is kept."""
+        length, c = p.a + p.b, jnp.cos(s.stance - s.swing)
+        ab = p.m * p.a * p.b
+        whole = (p.m_H * length**2 + 2.0 * p.m * p.a * length) * c * s.stance_rate
+        whole = whole - ab * (s.stance_rate + s.swing_rate)
+        leg = -ab * s.stance_rate
+        mass, coupling = _inertia(p, s.stance - s.swing)
+        inertia = p.m * p.b**2
+        stance, swing = _solved(mass + coupling, coupling + inertia, coupling, inertia, whole, leg)
+        return s.replace(stance=s.swing, swing=s.stance, stance_rate=stance, swing_rate=swing)
+
+    @observable("m", "length of the last step")
+    def step_length(self, p, s):
+        return 2.0 * (p.a + p.b) * jnp.sin(0.5 * jnp.abs(s.swing - s.stance))
+
+    def failed(self, p, s):
+        return (jnp.abs(s.stance) > 0.5 * jnp.pi) | (jnp.abs(s.swing) > jnp.pi)
+
+    def period(self, p):
+        return 2.5 * jnp.sqrt((p.a + p.b) / p.g)
+
+
+def _inertia(p, between):
+    """Inertia of the stance leg with what it carries, and the coupling of the legs (kg m2)."""
+    length = p.a + p.b
+    mass = (p.m_H + p.m) * length**2 + p.m * p.a**2
+    return mass, -p.m * length * p.b * jnp.cos(between)
+
+
+def _solved(a11, a12, a21, a22, b1, b2):
+    """The two unknowns of two linear equations."""
+    determinant = a11 * a22 - a12 * a21
+    return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant

@@ -1,0 +1,64 @@
+"""Batches of sets that are measured side by side, and end in the order in which they began.
+
+A batch lasts as long as its slowest row. At its end most lanes of a card would be idle, so that other batches
+run meanwhile.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from types import TracebackType
+from typing import Generic, TypeVar
+
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+
+T = TypeVar("T")
+# Seconds between two looks at the batches under way.
+_LOOK = 0.1
+
+
+class Batches(Generic[T]):
+    """Batches under way, each in a thread.
+
+    Args:
+        threads: batches that run at a time; others wait.
+        look: called about ten times a second while a batch is waited for, with what each of the batches
+            under way has done; an exception that it raises is raised by `oldest`.
+    """
+
+    def __init__(self, threads: int, look: Callable[[list[SweepProgress]], None]) -> None:
+        self._threads, self._look = ThreadPoolExecutor(threads), look
+        self._under_way: deque[tuple[Future[T], list[SweepProgress]]] = deque()
+        self._stopped = threading.Event()
+
+    def __enter__(self) -> Batches[T]:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopped.set()
+        self._threads.shutdown(cancel_futures=True)
+
+    def begin(self, measure: Callable[[Callable[[SweepProgress], None]], T]) -> None:
+        """Measure a batch; `measure` is given what it tells how far it is."""
+        done: list[SweepProgress] = []
+
+        def tell(now: SweepProgress) -> None:
+            if self._stopped.is_set():  # nobody asks what is found
+                raise InterruptedError
+            done[:] = [now]
+
+        self._under_way.append((self._threads.submit(measure, tell), done))
+
+    def oldest(self) -> T:
+        """What the batch has found that began first; it is waited for."""
+        future, _ = self._under_way[0]
+        while not future.done():
+            wait([future], timeout=_LOOK)
+            self._look([done[0] for _, done in self._under_way if done])
+        self._under_way.popleft()
+        return future.result()

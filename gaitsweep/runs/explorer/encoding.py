@@ -1,0 +1,78 @@
+"""Compact numbers for a page: whole numbers of two bytes, differences where neighbours are alike."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from typing import Any
+
+import numpy as np
+
+from gaitsweep.runs.explorer.walks import Crossings, Motion
+
+# Pictures are stored to this share of the body's height.
+RESOLUTION = 1e-3
+_LARGEST = 32767
+_NO_NUMBER = -32768
+
+
+def packed(numbers: np.ndarray) -> str:
+    """Whole numbers (n,) of two bytes as text: the low bytes, then the high ones, to compress better."""
+    planes = numbers.astype("<i2").reshape(-1).view(np.uint8).reshape(-1, 2).T
+    return base64.b64encode(planes.tobytes()).decode()
+
+
+def compressed(text: bytes) -> str:
+    """Bytes as gzip, in text of base64."""
+    return base64.b64encode(gzip.compress(text, 9, mtime=0)).decode()
+
+
+def motion_fields(motion: Motion) -> dict[str, Any]:
+    """A stretch of motion as the page reads it.
+
+    Each column of `points` is stored as differences from picture to picture, the first from 0, in units of
+    `unit` m; the last column is the camera's path. `contact`: for each limb the samples between which it is
+    on the ground, begin and end in turn.
+    """
+    stretch, t = motion.stretch, motion.t
+    found: dict[str, Any] = {
+        "name": stretch.name,
+        "begin": round(float(t[0]), 6),
+        "sample": _digits((t[-1] - t[0]) / (len(t) - 1)),
+        "samples": len(t),
+        "stride": motion.stride,
+        "loops": stretch.loops,
+        "contact": [_turns(column > 0.5) for column in motion.contact.T],
+    }
+    if motion.pictures is not None:
+        pictures = motion.pictures
+        unit = RESOLUTION * pictures.height
+        columns = np.column_stack([pictures.points, pictures.camera - pictures.camera[0]])
+        whole = np.rint(columns / unit)
+        steps = np.diff(whole, axis=0, prepend=np.zeros((1, whole.shape[1])))
+        steps = np.clip(steps, -_LARGEST, _LARGEST)  # 32 heights between two pictures
+        found |= {
+            "unit": _digits(unit),
+            "ground": round(float(pictures.camera[0]), 4),
+            "pictures": len(whole),
+            "points": packed(steps.T.ravel()),
+        }
+    return found
+
+
+def crossing_fields(crossings: Crossings, shown: np.ndarray, low: np.ndarray, high: np.ndarray) -> Any:
+    """The observables numbered `shown` (k,) over the crossings of a row, as shares of the way low to high."""
+    values = crossings.observed[:, shown]
+    share = (values - low) / np.where(high > low, high - low, 1.0)
+    whole = np.rint(share * 2.0 * _LARGEST) - _LARGEST
+    whole = np.where(np.isfinite(whole), np.clip(whole, -_LARGEST, _LARGEST), _NO_NUMBER)
+    return {"first": int(crossings.number[0]) if len(crossings.number) else 0, "values": packed(whole.T)}
+
+
+def _turns(down: np.ndarray) -> list[int]:
+    """The samples at which a limb lands and lifts, in turn, from its contact (n,)."""
+    return np.flatnonzero(np.diff(np.r_[False, down, False])).tolist()
+
+
+def _digits(number: float) -> float:
+    return float(f"{number:.9g}")

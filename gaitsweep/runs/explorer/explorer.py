@@ -1,0 +1,478 @@
+"""The explorer of a result directory: one page on which a click on a start makes it walk."""
+
+from __future__ import annotations
+
+import html
+import importlib.util
+import json
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import SETTLED
+from gaitsweep.contract import Status
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.errors import ArgumentError
+from gaitsweep.job import Job
+from gaitsweep.kinds.columns import gaits
+from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.plot.provenance_marks import remarks
+from gaitsweep.runs.dataset import MissingPackageError
+from gaitsweep.runs.explorer.encoding import compressed, crossing_fields, motion_fields
+from gaitsweep.runs.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
+from gaitsweep.runs.explorer.walks import BodyParts, Crossings, Walker, Watched
+from gaitsweep.runs.explorer.watching import Watch, watches
+from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.self_check import changes, circular
+from gaitsweep.skeleton import LimbLook
+from gaitsweep.table import load, replace_file, writing
+from gaitsweep.version import version
+
+EXPLORE = "explore.html"
+MAX_SIZE = 10.0  # MB
+MOST_WALKS = 400
+KINDS = ("settle", "fixed_time", "return_map", "ramp", "staircase", "continuation")
+_MB = 1_000_000
+# The share of the room beside plotly.js that the table may take.
+_TABLE_SHARE = 0.6
+# Records by which the size of a table's records is measured.
+_MEASURED = 1000
+_MOST_SERIES = 6
+_SIZE = "{{size}}"  # where the page says how large it is
+# An angle by which a row that was simulated again may differ from the table's unsaid, rad.
+_APART = 1e-2
+
+
+class ExplorerSizeError(ArgumentError):
+    """The page does not fit into the size that is allowed."""
+
+
+def write_explorer(
+    directory: str | Path,
+    out: str | Path | None = None,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    walks: int = MOST_WALKS,
+    max_size: float = MAX_SIZE,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write a page on which a click on a start of a table makes it walk; it needs no other file.
+
+    Args:
+        directory: a result directory of a run of kind settle, fixed_time, return_map, ramp, staircase or
+            continuation.
+        out: the file; `explore.html` in the directory by default.
+        x, y: columns along the axes; by default those of the job's figures, or the longest axes.
+        walks: how many starts (records of a ramp or a staircase) are simulated again at most.
+        max_size: the largest size of the page, MB.
+        progress: told how far it is.
+        tell: told, in a sentence each, what the page lacks.
+
+    Returns:
+        The file.
+
+    Raises:
+        ArgumentError: the table's kind cannot be explored, or the size is too small.
+        MissingPackageError: plotly is not installed.
+        PlotError: a column is not there.
+        TableError, JobError, RunError: the directory cannot be read, or its job not run here.
+        WriteError: the file cannot be written.
+    """
+    directory = Path(directory)
+    _plotly()  # refuses before a large table is read
+    table = load(directory)
+    target = directory / EXPLORE if out is None else Path(out)
+    return explorer_of(table, target, x=x, y=y, walks=walks, max_size=max_size, progress=progress, tell=tell)
+
+
+def explorer_of(
+    table: pd.DataFrame,
+    target: Path,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    walks: int = MOST_WALKS,
+    max_size: float = MAX_SIZE,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write the page of a table, as `write_explorer` does."""
+    plotly = _plotly()
+    page = _page(table, _job_of(table), plotly, (x, y), walks, max_size, progress, tell)
+    with writing(f"{target} could not be written"):
+        replace_file(target, lambda file: file.write(page.encode()))
+    return target
+
+
+def _plotly() -> str:
+    """The source of plotly.js."""
+    if importlib.util.find_spec("plotly") is None:
+        raise MissingPackageError(
+            "The explorer needs the package plotly: install it with pip install 'gaitsweep[explore]'."
+        )
+    return resources.files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+
+
+def _job_of(table: pd.DataFrame) -> Job:
+    """The job that made a table, whatever `job.yaml` says by now."""
+    fields, where = table.attrs["job"], table.attrs.get("path", "This result")
+    for other in ("search", "sensitivity"):
+        if other in fields:
+            raise ArgumentError(
+                f"{where} holds sets of constants (a job with `{other}:`), which the explorer does not show: "
+                "`gaitsweep report` does."
+            )
+    kind = fields.get("run", {}).get("kind", "another kind")
+    if kind not in KINDS:
+        instead = " `gaitsweep animate` shows a trace's rows." if kind == "trace" else ""
+        raise ArgumentError(
+            f"{where} holds {kind} rows, which the explorer does not show. "
+            f"Allowed: {', '.join(KINDS)}.{instead}"
+        )
+    return Job.model_validate(fields, context={"folder": Path(table.attrs.get("path", "."))})
+
+
+def _page(
+    table: pd.DataFrame,
+    job: Job,
+    plotly: str,
+    axes: tuple[str | None, str | None],
+    walks: int,
+    max_size: float,
+    progress: Progress | None,
+    tell: Callable[[str], None],
+) -> str:
+    """The page of a table: HTML with plotly.js (its source `plotly`), the records and the walks inside."""
+    if walks < 0 or max_size <= 0.0:
+        raise ArgumentError(f"walks is {walks} and max_size {max_size:g} MB, but neither may be below 0.")
+    if not len(table):
+        raise ArgumentError("No row has ended yet, so that there is nothing to explore.")
+    script = compressed(plotly.encode())
+    frame_size = len(script) + sum(len(_part(name)) for name in ("html", "css", "js")) + 4000
+    room = int(max_size * _MB) - frame_size
+    least = f"The page needs {(frame_size + 0.2 * _MB) / _MB:.1f} MB without any walk"
+    if room < 0.2 * _MB:
+        raise ExplorerSizeError(f"{least}, but --max-size is {max_size:g} MB.")
+    ready = prepare(job)
+    table = _labelled(table, ready)
+    shown = map_of(table, job, *axes, _most_records(table, _TABLE_SHARE * room))
+    fields = _table_fields(shown)
+    room -= len(compressed(_json(fields)))
+    if room < 0:
+        raise ExplorerSizeError(f"The table alone takes more than --max-size, {max_size:g} MB.")
+    spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
+    chosen = _Walks(shown, ready, walks, float(spent), progress)
+    fields |= chosen.fields(room)
+    fields |= _about(shown, table, ready, chosen)
+    data = compressed(_json(fields))
+    told = chosen.sentence
+    page = _filled(fields["name"], script, data, told)
+    size = f"{len(page.encode()) / _MB:.1f}"
+    tell(f"{told} The page is {size} MB.")
+    return page.replace(_SIZE, size, 1)
+
+
+def _labelled(table: pd.DataFrame, ready: Prepared) -> pd.DataFrame:
+    """A table with a gait for each record: of crossings, the gait that their observables are labelled as."""
+    run = ready.job.run
+    if "gait" not in table.columns:
+        names = [q.name for q in ready.work.model.observables]
+        seen = table[[f"{name}_n" for name in names]].to_numpy(float)
+        rows = table["row"].to_numpy(np.int64)
+        codes = _gaits(ready, rows, table["t"].to_numpy(float), dict(zip(names, seen.T, strict=True)))
+        codes = np.where(np.isfinite(seen).all(axis=1), codes, -1)
+        if not run.moved:  # all crossings of a start lead to one gait, that of the last
+            last = pd.Series(codes).groupby(rows).transform("last").to_numpy()
+            codes = np.asarray(last, np.int64)
+        attrs = table.attrs
+        table = table.assign(gait=gaits(ready.work.model, codes))
+        table.attrs = attrs
+    if run.kind_name == "return_map":
+        drawn = next((f.y for f in ready.job.figures if getattr(f, "y", None)), None)  # pyright: ignore[reportAttributeAccessIssue]
+        names = [f"{drawn}_n"] if drawn else []
+        names += [f"{q.name}_n" for q in ready.work.model.observables]
+        table = with_next(table, next(name for name in names if name in table.columns))
+    return table
+
+
+def _gaits(ready: Prepared, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The number of the gait (n,) that the observables of n records, at times `t` (n,) s, are labelled as."""
+    model, drive = ready.work.model, ready.work.drive
+    some, place = np.unique(rows, return_inverse=True)
+    parameters, _ = ready.plan.values_in(some)
+    held = {name: jnp.asarray(each)[place] for name, each in model.on_host(parameters).items()}
+
+    def one(values: Any, time: jax.Array, observed: Any) -> jax.Array:
+        params = model.params(values) if drive is None else drive(values, time)
+        return model.label(params, observed)["gait"]
+
+    finite = {name: np.nan_to_num(each) for name, each in seen.items()}
+    return np.asarray(jax.jit(jax.vmap(one))(held, np.nan_to_num(t), finite), np.int64)
+
+
+def _most_records(table: pd.DataFrame, room: float) -> int:
+    """How many records of a table fit into so many bytes of the page."""
+    some = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
+    size = len(compressed(_json({"columns": columns_of(some)}))) / len(some)
+    return max(int(room / size), 100)
+
+
+def _table_fields(shown: StartMap) -> dict[str, Any]:
+    """The map and the records, as the page reads them."""
+    fields: dict[str, Any] = {
+        "kind": shown.kind,
+        "x": shown.axis("x"),
+        "y": shown.axis("y"),
+        "diagonal": shown.diagonal,
+        "outcomes": shown.outcomes,
+        "outcome": shown.outcome.tolist(),
+        "columns": columns_of(shown.table),
+        "slices": [
+            {"name": html_symbol(shown.table, each.name), "texts": each.texts, "of": each.of_record.tolist()}
+            for each in shown.slices
+        ],
+        "statuses": {status.name: status.sentence for status in Status},
+    }
+    if shown.edges is not None and shown.at is not None:
+        fields |= {
+            "edges": [[float(f"{edge:.9g}") for edge in edges] for edges in shown.edges],
+            "at": [shown.at[:, 0].tolist(), shown.at[:, 1].tolist()],
+            "closed": list(shown.closed),
+        }
+    return fields
+
+
+class _Walks:
+    """The records that walk, simulated again, and their fields on the page.
+
+    Args:
+        shown: the records of the page.
+        ready: their job.
+        most: how many walk at most.
+        spent: seconds that the job took.
+        progress: told how far it is.
+    """
+
+    def __init__(
+        self, shown: StartMap, ready: Prepared, most: int, spent: float, progress: Progress | None
+    ) -> None:
+        self._ready, self._progress = ready, progress
+        self._model, self._shown = ready.work.model, shown.table
+        self._table = shown.table.reset_index(drop=True)
+        self._table.attrs = {}  # which pandas would copy with each record
+        self._watches, self._beside = watches(shown, self._table, ready, most, spent, self._following)
+        self._parts: BodyParts | None = None
+        self._sizes: list[tuple[float, float, float]] = []
+        self.series = self._drawn_over_cycles()
+        self.sentence = "No walk is stored."
+
+    def fields(self, room: int) -> dict[str, Any]:
+        """The walks, as many as fit into so many bytes; `sentence` says how many."""
+        walks: dict[int, dict[str, Any]] = {}
+        around: dict[int, Crossings] = {}
+        for watch in self._watches:
+            walker = watch.walker()
+            windows = watch.windows(float(walker.periods.max()))
+            for watched in walker.watched(windows, self._told_of(watch.rows.size)):
+                for record in watch.records_of(watched.row):
+                    walks[record] = self._walk(watch, walker, watched, record)
+                    around[record] = watch.around(record, watched)
+            self._parts = self._parts or walker.parts
+        self._set_ranges(list(around.values()))
+        kept, size = [], 0
+        for record in (record for watch in self._watches for record in watch.records.tolist()):
+            walk = {**walks[record], "crossings": self._over_cycles(around[record])}
+            size += len(compressed(_json(walk)))
+            if size > room:
+                break
+            kept.append(walk)
+        self._tell(kept, len(walks))
+        cycles = np.concatenate([[], *(np.diff(each.t) for each in around.values())])
+        cycle = float(np.median(cycles)) if cycles.size else 1.0
+        return {"walks": kept, "figure": self._figure(), "series": self.series, "cycle": cycle}
+
+    def _following(self, note: str = "") -> None:
+        """Told of each step along branches that are followed again."""
+        if self._progress is not None:
+            self._progress(0, 1, 0.0, 0.0, "following branches again")
+
+    def _told_of(self, rows: int) -> Callable[[SweepProgress], None]:
+        def told(now: SweepProgress) -> None:
+            if self._progress is not None:
+                done = min(round(now.share * now.rows), rows)
+                self._progress(done, rows, done / max(now.seconds, 1e-9), done / rows, "walking")
+
+        return told
+
+    def _walk(self, watch: Watch, walker: Walker, watched: Watched, record: int) -> dict[str, Any]:
+        """The fields of one record that walks."""
+        period = float(walker.periods[watched.place])
+        motions = [walker.motion(watched, each) for each in watch.stretches(record, watched, period)]
+        motions = [each for each in motions if each is not None]
+        self._sizes += [(p.half, p.height, p.depth) for each in motions if (p := each.pictures) is not None]
+        return {
+            "record": record,
+            "motions": [motion_fields(motion) for motion in motions],
+            **self._differs(record, watched),
+        }
+
+    def _over_cycles(self, crossings: Crossings) -> dict[str, Any]:
+        """The observables that are drawn over the cycles."""
+        numbers = np.array([each["number"] for each in self.series], int)
+        low, high = (np.array([each[end] for each in self.series]) for end in ("low", "high"))
+        return crossing_fields(crossings, numbers, low, high)
+
+    def _differs(self, record: int, watched: Watched) -> dict[str, Any]:
+        """How a row that was simulated again differs from the table's, where it does."""
+        row, run = self._table.iloc[record], self._ready.job.run
+        if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
+            return self._apart(record, watched, 1, "n")
+        if not run.one_a_row or str(row["status"]) not in SETTLED:
+            return {}
+        name = self._model.gaits[watched.gait] if watched.gait >= 0 else "none"
+        other = not pd.isna(row["gait"]) and name != str(row["gait"])
+        later = {"later": name} if other else {}
+        return {**later, **self._apart(record, watched, int(row["cycles"]), "end")}
+
+    def _apart(self, record: int, watched: Watched, crossing: int, suffix: str) -> dict[str, Any]:
+        """By how much the angles at a crossing differ from the table's, where they do."""
+        if crossing >= len(watched.crossings.number):
+            return {}
+        row = self._table.iloc[record]
+        ends = np.array([float(row[f"{q.name}_{suffix}"]) for q in self._model.observables])
+        apart = changes(self._model, watched.crossings.observed[crossing], ends)[circular(self._model)]
+        most = float(np.nanmax(apart, initial=0.0))
+        return {"apart": most} if most > _APART else {}
+
+    def _drawn_over_cycles(self) -> list[dict[str, Any]]:
+        """The observables that are drawn over the cycles: angles, or those of the first one's unit."""
+        observables = self._model.observables
+        angles = [q for q in observables if q.circular]
+        chosen = angles or [q for q in observables if q.unit == observables[0].unit][:_MOST_SERIES]
+        return [
+            {
+                "name": q.name,
+                "symbol": html_symbol(self._shown, q.name),
+                "unit": "" if q.unit == "1" else q.unit,
+                "circular": q.circular,
+                "number": observables.index(q),
+            }
+            for q in chosen
+        ]
+
+    def _set_ranges(self, crossings: list[Crossings]) -> None:
+        """Set the ranges of the observables that are drawn over the cycles."""
+        for each in self.series:
+            seen = [some.observed[:, each["number"]] for some in crossings]
+            values = np.concatenate(seen) if seen else np.zeros(0)
+            values = values[np.isfinite(values)]
+            each["low"], each["high"] = (float(f(values)) if values.size else 0.0 for f in (np.min, np.max))
+
+    def _figure(self) -> dict[str, Any] | None:
+        """What the pictures show, and the size of the body; None for a model without a skeleton."""
+        if self._parts is None or not self._sizes:
+            return None
+        half, height, depth = np.quantile(np.array(self._sizes), 0.98, axis=0)
+        return {
+            "limbs": list(self._parts.limbs),
+            "bodies": list(self._parts.bodies),
+            "springs": self._parts.springs,
+            "note": self._parts.note,
+            "half": half,
+            "height": height,
+            "depth": depth,
+        }
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        """The limbs by name and place: those of the skeleton, of the model, or numbers."""
+        if self._parts is not None:
+            named = zip(self._parts.names, self._parts.pairs, strict=True)
+            return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
+        count = sum(q.name.startswith("contact_") for q in self._model.signals)
+        if len(self._model.limbs) == count:
+            return tuple(self._model.limbs)
+        return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
+
+    def _tell(self, kept: list[dict[str, Any]], made: int) -> None:
+        """Say how many walk, and how many of them differ from their records."""
+        starts = self._ready.job.run.one_a_row or self._ready.job.run.kind_name == "return_map"
+        total = self._table["row"].nunique() if starts else len(self._table)
+        noun = ("start" if starts else "record") + "s" * (total != 1)
+        beside = f", {self._beside} of them beside a boundary" if self._beside and len(kept) == made else ""
+        full = f"; {made - len(kept)} more did not fit" if len(kept) < made else ""
+        other = sum("later" in each or "apart" in each for each in kept)
+        differ = f"; the page says how {other} of them differ from their records" if other else ""
+        self.sentence = f"{len(kept)} of {total} {noun} walk{beside}{full}{differ}."
+
+
+def _about(shown: StartMap, table: pd.DataFrame, ready: Prepared, walks: _Walks) -> dict[str, Any]:
+    """What the page says of itself: its name, its model, the limbs, remarks and provenance."""
+    job, model = ready.job, ready.work.model
+    manifest = table.attrs.get("manifest", {})
+    told = [*remarks(table)]
+    if shown.thinned:
+        told.append(f"shown: {shown.thinned}")
+    colours = limb_colours(walks.limbs)
+    return {
+        "name": job.name,
+        "model": model.name,
+        "source": model.source,
+        "what": (type(model).__doc__ or "").strip().split("\n")[0],
+        "run": job.run.kind_name,
+        "rows": int(manifest.get("rows", table["row"].nunique())),
+        "remarks": told,
+        "told": walks.sentence,
+        "limbs": [
+            {"name": look.name, "colour": colour, "far": look.far}
+            for look, colour in zip(walks.limbs, colours, strict=True)
+        ],
+        "provenance": {
+            "gaitsweep": version(),
+            "job": str(manifest.get("job_hash", ""))[:12],
+            "commit": str(manifest.get("git_commit", "") or "")[:12],
+            "engine": str(manifest.get("engine", "")),
+            "device": str(manifest.get("device", "")),
+        },
+    }
+
+
+def _json(fields: Any) -> bytes:
+    return json.dumps(fields, separators=(",", ":"), ensure_ascii=False, default=_plain).encode()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value)} is no JSON")
+
+
+def _part(ending: str) -> str:
+    return (
+        resources.files("gaitsweep.runs.explorer").joinpath("page", f"explorer.{ending}").read_text("utf-8")
+    )
+
+
+def _filled(name: str, plotly: str, data: str, told: str) -> str:
+    """The template with its parts; the marks cannot occur in base64."""
+    parts = {
+        "{{title}}": html.escape(name),
+        "{{told}}": html.escape(told),
+        "{{style}}": _part("css"),
+        "{{script}}": _part("js"),
+        "{{data}}": data,
+        "{{plotly}}": plotly,
+    }
+    page = _part("html")
+    for mark, text in parts.items():
+        page = page.replace(mark, text)
+    return page

@@ -1,0 +1,845 @@
+"use strict";
+// The explorer: the map of a table's records by plotly.js, and the body of the chosen one on a canvas.
+
+const TURN = 2 * Math.PI;
+const LARGEST = 32767, NO_NUMBER = -32768;      // of whole numbers of two bytes, as encoding.py packs them
+const CYCLE_SECONDS = 1.6;                      // that a cycle takes at the speed shown first
+const INK = "#1d2125", GREY = "#5c636b";
+// The side view's own drawing: gaitsweep/plot/movie/side_view.py.
+const ASIDE = [0.28, 0.22];
+const LOOK = { body: "#DDE0E4", near: "#BFC4CC", edge: "#4A4F57", strip: "#F1EEE8", mark: "#CFC9BE", ink: "#8A8478" };
+const SERIES = ["#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"];
+const SYMBOLS = { "o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down",
+  "x": "x", "P": "cross", "X": "x", "*": "star" };
+const FONT = { family: "system-ui, -apple-system, Segoe UI, Roboto, DejaVu Sans, sans-serif", size: 13, color: INK };
+
+// A finger scrolls the page; it does not zoom the map.
+const TOUCH = matchMedia("(pointer: coarse)").matches;
+
+// What a record is beside another of another gait, for kinds whose rows have several gaits.
+const ELSEWHERE = { staircase: "Nearest stair with another gait", ramp: "Nearest crossing with another gait",
+  continuation: "Nearest point of another gait" };
+
+const $ = id => document.getElementById(id);
+const mod = (a, n) => ((a % n) + n) % n;
+const wait = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
+
+// ------------------------------------------------------------------------------- unpacking
+
+function bytesOf(text) {
+  const raw = atob(text), bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+  return bytes;
+}
+
+async function unpacked(id) {
+  const stream = new Blob([bytesOf($(id).textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const text = await new Response(stream).text();
+  $(id).remove();
+  return text;
+}
+
+function numbersOf(text) {
+  const bytes = bytesOf(text), n = bytes.length / 2, numbers = new Int16Array(n);
+  for (let i = 0; i < n; i++) numbers[i] = bytes[i] | (bytes[n + i] << 8);
+  return numbers;
+}
+
+/** Pictures of a stretch: points (m) by picture, and the camera's place (m). */
+function picturesOf(motion) {
+  if (motion.points === undefined) return null;
+  if (motion.unpacked) return motion.unpacked;
+  const steps = numbersOf(motion.points), n = motion.pictures, columns = steps.length / n;
+  const points = Array.from({ length: n }, () => new Float64Array(columns));
+  for (let c = 0; c < columns; c++) {
+    let at = 0;
+    for (let k = 0; k < n; k++) points[k][c] = (at += steps[c * n + k]) * motion.unit;
+  }
+  return motion.unpacked = { points, camera: points.map(each => motion.ground + each[columns - 1]) };
+}
+
+/** The observables over the cycles: an array of numbers (null where there is none) for each series. */
+function seriesOf(walk) {
+  const whole = numbersOf(walk.crossings.values), count = data.series.length, n = count ? whole.length / count : 0;
+  return data.series.map((series, s) => Array.from({ length: n }, (_, k) => {
+    const q = whole[s * n + k];
+    return q === NO_NUMBER ? null : series.low + (q + LARGEST) / (2 * LARGEST) * (series.high - series.low);
+  }));
+}
+
+// ------------------------------------------------------------------------------- the table
+
+let data, count;                                  // the page's fields, and how many records it has
+let columns = {};                                 // columns by name
+let slice = [];                                   // the value shown of each axis that is not drawn
+let chosen = -1, other = -1;                      // the record, and the nearest one that leads elsewhere
+let recordAt = new Map();                         // of cells: the record by slice and cell
+let recordsOf = new Map();                        // records of a row, in their order
+
+const raw = (column, i) => Array.isArray(column.values) ? column.values[i] : column.values;
+const numberAt = (name, i) => { const v = raw(columns[name], i); return v === null ? NaN : Number(v); };
+
+function textOf(column, i) {
+  const value = raw(column, i);
+  if (column.categories) return value < 0 ? "" : column.categories[value];
+  return value === null ? "no number" : String(value).replace("-", "−");
+}
+
+function inPi(angle) {
+  const turns = Math.round(angle / Math.PI * 1e4) / 1e4, quarters = turns * 4;
+  const sign = turns < 0 ? "−" : "", size = Math.abs(turns);
+  if (size === 0) return "0";
+  if (Number.isInteger(turns)) return `${sign}${size === 1 ? "" : size}π`;
+  if (Number.isInteger(quarters)) {
+    const below = Number.isInteger(2 * turns) ? 2 : 4, top = size * below;
+    return `${sign}${top === 1 ? "" : top}π/${below}`;
+  }
+  return `${sign}${Number(size.toPrecision(5))}π`;
+}
+
+const plain = text => text.replace(/<[^>]*>/g, "");
+const outcomeOf = i => data.outcomes[data.outcome[i]];
+const sliceKey = i => data.slices.map(each => each.of[i]).join(",");
+const shownKey = () => slice.join(",");
+const nameOf = i => {
+  const row = raw(columns.row, i), mine = recordsOf.get(row);
+  return mine.length > 1 ? `row ${row}, record ${mine.indexOf(i) + 1} of ${mine.length}` : `row ${row}`;
+};
+
+function valueText(name, i) {
+  const column = columns[name], value = numberAt(name, i);
+  if (!Number.isFinite(value)) return "no number";
+  return column.circular ? inPi(value) : `${Number(value.toPrecision(5))}${column.unit ? " " + column.unit : ""}`.replace("-", "−");
+}
+
+/** A coordinate on an axis: angles lie in the turn that begins at the axis's origin. */
+function along(axis, value) {
+  return axis.circular && data.kind === "points" ? axis.origin + mod(value - axis.origin, TURN) : value;
+}
+
+// ------------------------------------------------------------------------------- the map
+
+function piTicks(low, high) {
+  const steps = [0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1];
+  const step = Math.PI * (steps.find(each => (high - low) / (each * Math.PI) <= 6) ?? 1), values = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9; k++) values.push(k * step);
+  return { tickvals: values, ticktext: values.map(inPi) };
+}
+
+function axisOf(axis, range) {
+  const layout = { title: { text: axis.label, standoff: 8 }, range, zeroline: false, ticks: "outside", showline: true,
+    linecolor: "#888", tickcolor: "#888", showgrid: data.kind === "points", gridcolor: "#eee", automargin: true };
+  return axis.circular ? { ...layout, ...piTicks(...range) } : layout;
+}
+
+function ranges() {
+  if (data.kind === "cells") return data.edges.map(edges => [edges[0], edges[edges.length - 1]]);
+  return [data.x, data.y].map(axis => {
+    let low = Infinity, high = -Infinity;
+    for (let i = 0; i < count; i++) {
+      const value = along(axis, numberAt(axis.name, i));
+      if (Number.isFinite(value)) { low = Math.min(low, value); high = Math.max(high, value); }
+    }
+    if (!(low <= high)) { low = 0; high = 1; }
+    const room = 0.04 * (high - low) || 0.5;
+    return [low - room, high + room];
+  });
+}
+
+const marker = (outcome, size) => ({ size, symbol: (SYMBOLS[outcome.marker] || "circle") + (outcome.hollow ? "-open" : ""),
+  color: outcome.colour, line: { width: outcome.hollow ? 1.6 : 0.5, color: outcome.hollow ? outcome.colour : "#333" } });
+
+function told(i) {
+  return `${data.x.label} ${valueText(data.x.name, i)}<br>${data.y.label} ${valueText(data.y.name, i)}`
+    + `<extra>${outcomeOf(i).name}<br>${nameOf(i)}</extra>`;
+}
+
+const middle = (edges, k) => 0.5 * (edges[k] + edges[k + 1]);
+
+function cellTraces() {
+  const [xs, ys] = data.edges, across = xs.length - 1, up = ys.length - 1, last = data.outcomes.length - 1;
+  const z = Array.from({ length: up }, () => new Array(across).fill(null));
+  const text = Array.from({ length: up }, () => new Array(across).fill(""));
+  const hatched = { x: [], y: [] }, walking = { x: [], y: [] }, key = shownKey();
+  for (let i = 0; i < count; i++) {
+    if (sliceKey(i) !== key) continue;
+    const a = data.at[0][i], b = data.at[1][i], place = [middle(xs, a), middle(ys, b)];
+    z[b][a] = data.outcome[i];
+    text[b][a] = told(i);
+    const into = outcomeOf(i).hatched ? [hatched] : [];
+    if (walkOf.has(i)) into.push(walking);
+    for (const each of into) { each.x.push(place[0]); each.y.push(place[1]); }
+  }
+  const scale = [];
+  data.outcomes.forEach((outcome, k) => scale.push([k / (last + 1), outcome.colour], [(k + 1) / (last + 1), outcome.colour]));
+  const size = Math.max(3, Math.min(12, 300 / Math.max(across, up)));
+  const over = { type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false };
+  return [
+    { type: "heatmap", x: xs, y: ys, z, text, hovertemplate: "%{text}", zmin: -0.5, zmax: last + 0.5, colorscale: scale, showscale: false },
+    { ...over, ...hatched, marker: { symbol: "line-ne-open", size, color: "#888", line: { width: 1, color: "#888" } } },
+    { ...over, ...walking, marker: { symbol: "circle", size: Math.min(4, size / 2), color: "rgba(0,0,0,.5)" } },
+  ];
+}
+
+function pointTraces() {
+  const traces = [], key = shownKey(), size = count > 1500 ? 4 : count > 400 ? 6 : 8;
+  const line = { x: [], y: [] };
+  if (!data.diagonal && recordsOf.size < count) {
+    for (const records of recordsOf.values()) {
+      let before = null;
+      for (const i of records) {
+        if (sliceKey(i) !== key) continue;
+        const at = [along(data.x, numberAt(data.x.name, i)), along(data.y, numberAt(data.y.name, i))];
+        const leaps = before && [data.x, data.y].some((axis, k) => axis.circular && Math.abs(at[k] - before[k]) > Math.PI);
+        if (leaps || !before) { line.x.push(null); line.y.push(null); }
+        line.x.push(at[0]); line.y.push(at[1]);
+        before = at;
+      }
+    }
+    traces.push({ type: "scatter", mode: "lines", ...line, line: { width: 0.8, color: "rgba(90,95,105,.35)" }, hoverinfo: "skip" });
+  }
+  if (data.diagonal) {
+    const [range] = ranges();
+    traces.push({ type: "scatter", mode: "lines", x: range, y: range, line: { width: 1, dash: "dot", color: "#888" }, hoverinfo: "skip" });
+  }
+  data.outcomes.forEach((outcome, number) => {
+    const trace = { type: "scatter", mode: "markers", x: [], y: [], customdata: [], hovertemplate: [], marker: marker(outcome, size) };
+    for (let i = 0; i < count; i++) {
+      if (data.outcome[i] !== number || sliceKey(i) !== key) continue;
+      trace.x.push(along(data.x, numberAt(data.x.name, i)));
+      trace.y.push(along(data.y, numberAt(data.y.name, i)));
+      trace.customdata.push(i);
+      trace.hovertemplate.push(told(i));
+    }
+    traces.push(trace);
+  });
+  return traces;
+}
+
+/** The mark of a record on the map: its cell's edge, or a ring around its point. */
+function mark(i, look) {
+  if (i < 0 || sliceKey(i) !== shownKey()) return [];
+  const line = { color: look.colour, width: look.width, dash: look.dash };
+  if (data.kind === "cells") {
+    const [xs, ys] = data.edges, a = data.at[0][i], b = data.at[1][i];
+    return [{ type: "rect", x0: xs[a], x1: xs[a + 1], y0: ys[b], y1: ys[b + 1], line }];
+  }
+  const r = look.radius;
+  return [{ type: "circle", xsizemode: "pixel", ysizemode: "pixel", x0: -r, x1: r, y0: -r, y1: r, line,
+    xanchor: along(data.x, numberAt(data.x.name, i)), yanchor: along(data.y, numberAt(data.y.name, i)) }];
+}
+
+const marks = () => [
+  ...mark(other, { colour: "#fff", width: 4, radius: 9 }), ...mark(other, { colour: "#000", width: 1.6, dash: "dot", radius: 9 }),
+  ...mark(chosen, { colour: "#fff", width: 5.5, radius: 10 }), ...mark(chosen, { colour: "#000", width: 2.5, radius: 10 }),
+];
+
+async function drawMap() {
+  const width = $("map").clientWidth, square = data.x.circular && data.y.circular && data.kind === "cells";
+  const height = Math.min(square ? width * 0.98 : width * 0.8, Math.max(360, innerHeight * 0.78));
+  const [across, up] = ranges();
+  const layout = { width, height, margin: { l: 62, r: 12, t: TOUCH ? 8 : 30, b: 52 }, font: FONT, showlegend: false, hovermode: "closest",
+    xaxis: axisOf(data.x, across), yaxis: axisOf(data.y, up), shapes: marks(), paper_bgcolor: "#fff", plot_bgcolor: "#fff",
+    dragmode: TOUCH ? false : "zoom" };
+  if (square) { layout.yaxis.scaleanchor = "x"; layout.yaxis.constrain = "domain"; layout.xaxis.constrain = "domain"; }
+  const traces = data.kind === "cells" ? cellTraces() : pointTraces();
+  await Plotly.react("map", traces, layout, { displaylogo: false, displayModeBar: TOUCH ? false : "hover", doubleClick: "reset", modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] });
+}
+
+// ------------------------------------------------------------------------------- neighbours
+
+/** The distance of two records on the map: in cells, or in shares of the axes. */
+function distance(i, j) {
+  let sum = 0;
+  if (data.kind === "cells") {
+    for (const k of [0, 1]) {
+      let apart = Math.abs(data.at[k][i] - data.at[k][j]);
+      if (data.closed[k]) apart = Math.min(apart, data.edges[k].length - 1 - apart);
+      sum += apart * apart;
+    }
+    return Math.sqrt(sum);
+  }
+  [data.x, data.y].forEach((axis, k) => {
+    let apart = Math.abs(numberAt(axis.name, i) - numberAt(axis.name, j));
+    if (axis.circular) { apart = mod(apart, TURN); apart = Math.min(apart, TURN - apart); }
+    sum += (apart / spans[k]) ** 2;
+  });
+  return Math.sqrt(sum);
+}
+
+let spans = [1, 1];
+
+function nearest(i, fits) {
+  const key = sliceKey(i);
+  let best = -1, least = Infinity;
+  for (let j = 0; j < count; j++) {
+    if (j === i || sliceKey(j) !== key || !fits(j)) continue;
+    const apart = distance(i, j);
+    if (apart < least) { least = apart; best = j; }
+  }
+  return best;
+}
+
+// ------------------------------------------------------------------------------- the chosen record
+
+let walkOf = new Map();                           // walks by record
+let walk = null, motion = null;                   // what is shown, and the stretch of it
+
+/** The walk of a record: its own, or that of the row (of kinds whose rows walk as a whole). */
+function walkFor(i) {
+  if (walkOf.has(i)) return [walkOf.get(i), i];
+  for (const j of recordsOf.get(raw(columns.row, i)))
+    if (data.run === "return_map" && walkOf.has(j)) return [walkOf.get(j), i];
+  const near = nearest(i, j => walkOf.has(j) && data.outcome[j] === data.outcome[i]);
+  return near < 0 ? [null, -1] : [walkOf.get(near), near];
+}
+
+function choose(i, { announce = true } = {}) {
+  if (!(i >= 0 && i < count)) return;
+  chosen = i;
+  const mine = data.slices.map(each => each.of[i]), moved = mine.join() !== slice.join();
+  slice = mine;
+  other = nearest(i, j => outcomeOf(j).leads !== outcomeOf(i).leads);
+  if (moved) { showSlices(); drawMap(); showLegend(); } else Plotly.relayout("map", { shapes: marks() });
+  const row = raw(columns.row, i), place = recordsOf.get(row).indexOf(i);
+  const hash = recordsOf.get(row).length > 1 ? `#row=${row},${place}` : `#row=${row}`;
+  if (location.hash !== hash) history.replaceState(null, "", hash);
+  showRecord();
+  showWalk();
+  if (announce) $("live").textContent = `${nameOf(i)}: ${plain(data.x.label)} ${valueText(data.x.name, i)}, `
+    + `${plain(data.y.label)} ${valueText(data.y.name, i)}, ${outcomeOf(i).name}`;
+}
+
+function chip(outcome) {
+  const span = document.createElement("span");
+  span.className = `chip${outcome.hollow ? " hollow" : ""}${outcome.hatched ? " hatched" : ""}`;
+  span.style.backgroundColor = outcome.colour;
+  if (outcome.hollow) span.style.borderColor = outcome.colour;
+  return span;
+}
+
+function hashOf(i) {
+  const row = raw(columns.row, i), mine = recordsOf.get(row);
+  return mine.length > 1 ? `#row=${row},${mine.indexOf(i)}` : `#row=${row}`;
+}
+
+function showRecord() {
+  const i = chosen, outcome = outcomeOf(i), status = textOf(columns.status, i);
+  const where = [data.x, data.y].map(axis => `${columns[axis.name].symbol} = ${valueText(axis.name, i)}`);
+  $("chosen").innerHTML = [`${nameOf(i)}: ${where.join(", ")}`, ...data.slices.map(each => each.texts[each.of[i]])].join("; ");
+  $("ended").replaceChildren(chip(outcome), outcome.name);
+  const sentence = data.statuses[status];
+  const whole = recordsOf.get(raw(columns.row, i)).length > 1 ? "the whole row: " : "";
+  $("ended").append(`; ${whole}${status}${sentence ? ": " + sentence : ""}`);
+  const link = $("elsewhere");
+  link.replaceChildren();
+  if (other >= 0) {
+    const a = document.createElement("a"), target = outcomeOf(other);
+    a.href = hashOf(other);
+    a.append(chip(target), `${target.name} (${nameOf(other)})`);
+    const apart = distance(i, other);
+    const far = data.kind === "cells" ? `, ${Number(apart.toPrecision(3))} cell${apart === 1 ? "" : "s"} away` : "";
+    link.append(`${ELSEWHERE[data.run] || "Nearest start that leads elsewhere"}: `, a, far + ".");
+  } else link.textContent = "All that is shown here has the same gait.";
+  const lines = data.columns.map(column => {
+    const line = document.createElement("tr"), head = document.createElement("th"), value = document.createElement("td");
+    const meaning = document.createElement("td");
+    head.scope = "row";
+    head.innerHTML = column.symbol;
+    if (plain(column.symbol) !== column.name) {
+      const code = document.createElement("code");
+      code.textContent = column.name;
+      head.append(code);
+    }
+    value.className = "value";
+    value.dataset.column = column.name;
+    value.textContent = textOf(column, i) + (column.unit && raw(column, i) !== null ? ` ${column.unit}` : "");
+    meaning.className = "meaning";
+    const angle = column.circular && Number.isFinite(numberAt(column.name, i)) ? `${inPi(numberAt(column.name, i))}` : "";
+    meaning.textContent = [angle, column.meaning].filter(Boolean).join("; ");
+    line.append(head, value, meaning);
+    return line;
+  });
+  $("record").tBodies[0].replaceChildren(...lines);
+}
+
+function showWalk() {
+  const [found, owner] = walkFor(chosen), before = motion ? motion.name : null;
+  walk = found;
+  const note = $("instead"), texts = [];
+  if (!walk && !columns.multiplier) texts.push("No walk is stored for this outcome here.");
+  else if (walk && owner !== chosen) texts.push(`Shown is the walk of ${nameOf(owner)}, the nearest one stored with this outcome; starts that walk have a dot on the map.`);
+  if (walk && walk.later) texts.push(`Simulated again with samples in between, this start walked as ${walk.later} at the end: it lies on a boundary, or has drifted since.`);
+  if (walk && walk.apart) texts.push(`Simulated again with samples in between, its phases came ${walk.apart.toPrecision(2)} rad from those of the record.`);
+  note.hidden = !texts.length;
+  note.textContent = texts.join(" ");
+  const group = $("stretches");
+  group.replaceChildren();
+  const motions = walk ? walk.motions : [];
+  motions.forEach((each, k) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = each.name;
+    button.onclick = () => showMotion(k);
+    group.append(button);
+  });
+  const loop = motions.findIndex(each => each.name === before);
+  showMotion(loop >= 0 ? loop : Math.max(0, motions.length - 1));
+  showPhases();
+}
+
+function showMotion(k) {
+  motion = walk && walk.motions.length ? walk.motions[k] : null;
+  [...$("stretches").children].forEach((button, j) => button.setAttribute("aria-pressed", j === k));
+  clock.at = 0;
+  clock.turns = 0;
+  const drawn = motion && motion.points !== undefined;
+  $("stretches").hidden = !motion;
+  $("body").hidden = !drawn;
+  $("controls").hidden = !motion || (!drawn && !motion.contact.length);
+  $("footfalls").hidden = $("footfalls-title").hidden = !motion || !motion.contact.length;
+  $("body").setAttribute("aria-label", drawn ? `stick figure of ${nameOf(chosen)}, ${motion.name}` : "");
+  $("footfalls").setAttribute("aria-label", "footfall diagram: when each foot is on the ground");
+  document.querySelectorAll("#body, #footfalls, #footfalls-title, #controls, #stretches").forEach(each => each.style.display = each.hidden ? "none" : "");
+  paint();
+}
+
+// ------------------------------------------------------------------------------- time
+
+const clock = { at: 0, turns: 0, playing: false, speed: 1, last: 0 };
+const lengthOf = each => (each.samples - 1) * each.sample;
+
+function tick(now) {
+  if (clock.playing && motion) {
+    const length = lengthOf(motion), pause = motion.loops ? 0 : 0.6 * clock.speed;
+    clock.at += Math.min(now - clock.last, 100) / 1000 * clock.speed;
+    while (clock.at > length + pause) { clock.at -= length + pause; clock.turns += 1; }
+    paint();
+  }
+  clock.last = now;
+  requestAnimationFrame(tick);
+}
+
+function play(on) {
+  clock.playing = on;
+  $("play").textContent = on ? "❚❚" : "▶";
+  $("play").setAttribute("aria-label", on ? "pause" : "play");
+}
+
+function paint() {
+  if (!motion) { $("clock").textContent = ""; return; }
+  const length = lengthOf(motion), at = Math.min(clock.at, length);
+  $("time").value = length ? Math.round(at / length * 1000) : 0;
+  $("clock").textContent = `${(motion.begin + at).toFixed(2)} s`;
+  if (motion.points !== undefined) paintBody(at);
+  if (motion.contact.length) paintFootfalls(at);
+}
+
+function surface(canvas) {
+  const scale = devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return { pen, width, height };
+}
+
+// ------------------------------------------------------------------------------- the body
+
+/** The points and the camera at a time (s) of the stretch, linear between pictures. */
+function bodyAt(at) {
+  const { points, camera } = picturesOf(motion), step = motion.sample * motion.stride;
+  const k = Math.min(Math.floor(at / step), points.length - 1), next = Math.min(k + 1, points.length - 1);
+  const share = Math.min(at / step - k, 1), mix = (a, b) => a + share * (b - a);
+  const advance = motion.loops ? clock.turns * (camera[camera.length - 1] - camera[0]) : 0;
+  return { points: points[k].map((each, c) => mix(each, points[next][c])), camera: mix(camera[k], camera[next]) + advance };
+}
+
+/** How far the camera goes in a stretch, m. */
+function wayOf(each) {
+  const { camera } = picturesOf(each);
+  return camera[camera.length - 1] - camera[0];
+}
+
+/** Whether a limb is on the ground at a time (s) of the stretch. */
+function down(limb, at) {
+  const sample = Math.min(Math.round(at / motion.sample), motion.samples - 1), turns = motion.contact[limb];
+  let passed = 0;
+  while (passed < turns.length && turns[passed] <= sample) passed++;
+  return passed % 2 === 1;
+}
+
+function hull(points) {
+  const sorted = [...points].sort((p, q) => p[0] - q[0] || p[1] - q[1]);
+  const turn = (o, p, q) => (p[0] - o[0]) * (q[1] - o[1]) - (p[1] - o[1]) * (q[0] - o[0]);
+  const half = list => list.reduce((kept, p) => {
+    while (kept.length > 1 && turn(kept[kept.length - 2], kept[kept.length - 1], p) <= 0) kept.pop();
+    kept.push(p);
+    return kept;
+  }, []);
+  return [...half(sorted).slice(0, -1), ...half(sorted.reverse()).slice(0, -1)];
+}
+
+function roundStep(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  return power * [1, 2, 5, 10].find(head => head * power >= length * (1 - 1e-9));
+}
+
+function paintBody(at) {
+  const { pen, width, height } = surface($("body")), look = data.figure;
+  const { points, camera } = bodyAt(at);
+  const nearEdge = -ASIDE[1] * look.depth, low = nearEdge - 0.24 * look.height, high = 1.2 * look.height;
+  const scale = Math.min(height / (high - low), width / (2.3 * look.half));
+  const base = height - (height - scale * (high - low)) / 2 + scale * low;
+  const place = (x, y) => [width / 2 + x * scale, base - y * scale];
+  const thick = Math.max(0.5, Math.min(1.5, look.height * scale / 110));
+  const path = list => { pen.beginPath(); list.forEach(([x, y], k) => k ? pen.lineTo(x, y) : pen.moveTo(x, y)); };
+
+  // the ground, its marks, and how far the body has come
+  const [, top] = place(0, -nearEdge), [, bottom] = place(0, nearEdge), reach = width / 2 / scale + ASIDE[0] * look.depth;
+  pen.fillStyle = LOOK.strip;
+  pen.fillRect(0, top, width, bottom - top);
+  const walks = Math.abs(wayOf(motion)) > 1e-3 * look.half;
+  const step = roundStep(width / scale / 7), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  pen.font = "11px system-ui, DejaVu Sans, sans-serif";
+  pen.strokeStyle = LOOK.mark;
+  pen.fillStyle = LOOK.ink;
+  pen.lineWidth = 1;
+  for (let m = Math.ceil((camera - reach) / step); walks && m * step <= camera + reach; m++) {
+    const ahead = m * step - camera, near = place(ahead - ASIDE[0] * look.depth, nearEdge);
+    path([near, place(ahead + ASIDE[0] * look.depth, -nearEdge)]);
+    pen.stroke();
+    pen.fillText(`${(m * step + 0).toFixed(digits)} m`.replace("-0 ", "0 "), near[0] + 3, near[1] - 3);
+  }
+
+  // points are in the order limbs, bodies, springs
+  let from = 0;
+  const take = k => { const list = []; for (let j = 0; j < k; j++) list.push(place(points[from + 2 * j], points[from + 2 * j + 1])); from += 2 * k; return list; };
+  const limbs = look.limbs.map(take), bodies = look.bodies.map(take);
+  const springs = Array.from({ length: look.springs }, () => take(2));
+  const sole = 0.05 * look.height * scale, stands = limbs.map((_, k) => down(k, at));
+  pen.lineCap = pen.lineJoin = "round";
+  limbs.forEach((limb, k) => {
+    if (!stands[k]) return;
+    const [x, y] = limb[limb.length - 1];
+    pen.strokeStyle = LOOK.edge;
+    pen.lineWidth = 2.4 * thick;
+    path([[x - sole, y], [x + sole, y]]);
+    pen.stroke();
+  });
+  const drawLimb = k => {
+    const limb = limbs[k], colour = data.limbs[k].colour;
+    pen.strokeStyle = colour;
+    pen.lineWidth = 4 * thick;
+    path(limb);
+    pen.stroke();
+    limb.forEach(([x, y], j) => {
+      const foot = j === limb.length - 1;
+      pen.beginPath();
+      pen.arc(x, y, (foot ? 3.8 : 2.9) * thick, 0, TURN);
+      pen.fillStyle = foot && stands[k] ? colour : "#fff";
+      pen.lineWidth = 1.6 * thick;
+      pen.fill();
+      pen.stroke();
+    });
+  };
+  limbs.forEach((_, k) => { if (data.limbs[k].far) drawLimb(k); });
+  pen.strokeStyle = LOOK.edge;
+  for (const body of bodies) {
+    for (const [part, face] of [[body, LOOK.body], [body.slice(0, (body.length + 1) >> 1), LOOK.near]]) {
+      path(part.length > 2 ? hull(part) : part);
+      pen.closePath();
+      pen.fillStyle = face;
+      pen.lineWidth = 0.9 * thick;
+      pen.fill();
+      pen.stroke();
+    }
+  }
+  for (const [a, b] of springs) {
+    const along = [b[0] - a[0], b[1] - a[1]], size = Math.hypot(...along) || 1, normal = [-along[1] / size, along[0] / size];
+    const zigzag = Array.from({ length: 12 }, (_, k) => {
+      const share = k === 0 ? 0 : k === 11 ? 1 : 0.2 + 0.6 * (k - 1) / 10, aside = k > 1 && k < 11 ? 0.6 * sole * (k % 2 ? 1 : -1) : 0;
+      return [a[0] + share * along[0] + aside * normal[0], a[1] + share * along[1] + aside * normal[1]];
+    });
+    pen.lineWidth = 1.1 * thick;
+    path(zigzag);
+    pen.stroke();
+  }
+  limbs.forEach((_, k) => { if (!data.limbs[k].far) drawLimb(k); });
+  pen.fillStyle = GREY;
+  pen.textAlign = "right";
+  pen.fillText("forward ⟶", width - 6, 14);
+  pen.textAlign = "left";
+}
+
+// ------------------------------------------------------------------------------- footfalls
+
+function paintFootfalls(at) {
+  const canvas = $("footfalls"), n = data.limbs.length, row = n > 12 ? 9 : 17;
+  canvas.style.height = `${n * row + 24}px`;
+  const { pen, width } = surface(canvas), length = lengthOf(motion), every = Math.ceil(n / 16);
+  pen.font = "12px system-ui, DejaVu Sans, sans-serif";
+  const left = Math.max(...data.limbs.map(limb => pen.measureText(limb.name).width)) + 12, right = width - 8;
+  const x = t => left + (right - left) * t / length;
+  data.limbs.forEach((limb, k) => {
+    const y = k * row + 2;
+    if (k % every === 0) {
+      pen.fillStyle = INK;
+      pen.textAlign = "right";
+      pen.textBaseline = "middle";
+      pen.fillText(limb.name, left - 8, y + row / 2 - 1);
+    }
+    pen.fillStyle = "#f1f2f4";
+    pen.fillRect(left, y, right - left, row - 4);
+    pen.fillStyle = limb.colour;
+    const turns = motion.contact[k];
+    for (let j = 0; j + 1 < turns.length; j += 2) {
+      const begin = x(Math.max(0, (turns[j] - 0.5) * motion.sample)), end = x(Math.min(length, (turns[j + 1] - 0.5) * motion.sample));
+      pen.fillRect(begin, y, end - begin, row - 4);
+    }
+  });
+  const below = n * row + 2;
+  pen.strokeStyle = pen.fillStyle = GREY;
+  pen.textAlign = "center";
+  pen.textBaseline = "top";
+  const step = roundStep(length / 5), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  for (let m = Math.ceil(motion.begin / step); m * step <= motion.begin + length + 1e-9; m++) {
+    const place = x(m * step - motion.begin);
+    pen.beginPath();
+    pen.moveTo(place, below - 2);
+    pen.lineTo(place, below + 2);
+    pen.stroke();
+    if (place < right - 20) pen.fillText(`${(m * step).toFixed(digits)}`, place, below + 5);
+  }
+  pen.textAlign = "right";
+  pen.fillText("s", right, below + 5);
+  pen.strokeStyle = "#000";
+  pen.lineWidth = 1.4;
+  pen.beginPath();
+  pen.moveTo(x(at), 0);
+  pen.lineTo(x(at), below);
+  pen.stroke();
+}
+
+// ------------------------------------------------------------------------------- phases
+
+/** The largest multiplier along a branch, for tables that have one. */
+function showMultipliers() {
+  const mine = recordsOf.get(raw(columns.row, chosen)), line = { x: [], y: [] };
+  for (const i of mine) { line.x.push(numberAt(data.x.name, i)); line.y.push(numberAt("multiplier", i)); }
+  const at = numberAt(data.x.name, chosen), range = ranges()[0], box = $("phases");
+  $("phases-title").textContent = "Largest multiplier along the branch: the gait is stable below 1";
+  const [lines, points] = [{ mode: "lines", ...line, line: { color: SERIES[1], width: 1.8 } },
+    { mode: "markers", x: [at], y: [numberAt("multiplier", chosen)], marker: { size: 11, color: SERIES[1], line: { width: 2, color: "#000" } } }];
+  Plotly.react(box, [lines, points].map(each => ({ type: "scatter", hovertemplate: "%{x:.5g}: %{y:.5g}<extra></extra>", ...each })), {
+    width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 42 }, font: { ...FONT, size: 12 }, showlegend: false,
+    xaxis: { title: { text: data.x.label, standoff: 4 }, range, zeroline: false, gridcolor: "#eee" }, hovermode: "closest", dragmode: false,
+    yaxis: { title: { text: "modulus" }, rangemode: "tozero", gridcolor: "#eee" },
+    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { dash: "dot", width: 1.2, color: "#555" } }] }, { displayModeBar: false });
+}
+
+function showPhases() {
+  if (columns.multiplier) { showMultipliers(); return; }
+  const box = $("phases"), angles = data.series.some(each => each.circular);
+  const there = walk && data.series.length && walk.crossings.values.length;
+  box.style.display = $("phases-title").style.display = there ? "" : "none";
+  if (!there) return;
+  $("phases-title").textContent = angles ? "Relative phases at each crossing of the section" : "Observables at each crossing of the section";
+  const found = seriesOf(walk), first = walk.crossings.first, traces = [];
+  let low = Infinity, high = -Infinity;
+  found.forEach((values, s) => {
+    const series = data.series[s], x = [], y = [], cut = data.y.origin || 0;
+    let before = null;
+    values.forEach((value, k) => {
+      const shown = value === null ? null : series.circular ? mod(value, TURN) : value;
+      // a line between both ends of the circle would show a change that is none
+      if (series.circular && shown !== null && before !== null && Math.abs(shown - before) > Math.PI) { x.push(null); y.push(null); }
+      x.push(first + k);
+      y.push(shown);
+      if (shown !== null) { low = Math.min(low, shown); high = Math.max(high, shown); }
+      before = shown;
+    });
+    traces.push({ type: "scatter", mode: values.length > 80 ? "lines" : "lines+markers", x, y, name: series.symbol, marker: { size: 4 },
+      line: { color: SERIES[s % SERIES.length], width: 1.8 }, hovertemplate: `cycle %{x}: ${series.circular ? "%{y:.4f} rad" : "%{y:.5g} " + series.unit}` });
+  });
+  const yaxis = angles ? { range: [-0.1, TURN + 0.1], ...piTicks(0, TURN) } : { title: { text: data.series[0].unit } };
+  const shapes = data.run === "return_map" ? [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: numberAt("crossing", chosen), x1: numberAt("crossing", chosen), line: { width: 1.4 } }] : [];
+  Plotly.react(box, traces, { width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 38 }, font: { ...FONT, size: 12 }, shapes,
+    xaxis: { title: { text: "cycle", standoff: 4 }, zeroline: false, gridcolor: "#eee" }, yaxis: { zeroline: false, gridcolor: "#eee", automargin: true, ...yaxis },
+    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true, hovermode: "closest", dragmode: false }, { displayModeBar: false });
+}
+
+// ------------------------------------------------------------------------------- slices, legend, keys
+
+function showSlices() {
+  $("slices").replaceChildren(...data.slices.map((each, k) => {
+    const several = each.texts.length > 5, label = document.createElement(several ? "label" : "fieldset");
+    const pick = value => {
+      slice[k] = value;
+      const key = shownKey(), at = data.kind === "cells" ? cellKey(chosen) : null;
+      let next = at !== null && recordAt.has(`${key}|${at}`) ? recordAt.get(`${key}|${at}`) : -1;
+      for (let i = 0; i < count && next < 0; i++) if (sliceKey(i) === key) next = i;
+      slice = [];
+      choose(next);
+    };
+    if (several) {
+      const select = document.createElement("select");
+      each.texts.forEach((text, value) => select.add(new Option(plain(text), value, false, slice[k] === value)));
+      select.onchange = () => pick(Number(select.value));
+      label.append(plain(each.name), select);
+    } else each.texts.forEach((text, value) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.innerHTML = text;
+      button.setAttribute("aria-pressed", slice[k] === value);
+      button.onclick = () => pick(value);
+      label.append(button);
+    });
+    return label;
+  }));
+}
+
+function showLegend() {
+  const shares = data.outcomes.map(() => 0), key = shownKey();
+  let all = 0;
+  for (let i = 0; i < count; i++) if (sliceKey(i) === key) { shares[data.outcome[i]]++; all++; }
+  $("legend").replaceChildren(...data.outcomes.map((outcome, k) => {
+    const item = document.createElement("li"), share = 100 * shares[k] / all;
+    item.append(chip(outcome), `${outcome.name} ${share > 0 && share < 0.5 ? "<1" : share.toFixed(0)} %`);
+    return item;
+  }));
+}
+
+const cellKey = i => `${data.at[0][i]},${data.at[1][i]}`;
+
+/** The record one step along an axis from the chosen one. */
+function neighbour(dx, dy) {
+  if (data.kind === "cells") {
+    const at = [data.at[0][chosen], data.at[1][chosen]], step = [dx, dy];
+    const lengths = data.edges.map(edges => edges.length - 1);
+    for (let tries = 0; tries < Math.max(...lengths); tries++) {
+      for (const k of [0, 1]) {
+        at[k] += step[k];
+        if (data.closed[k]) at[k] = mod(at[k], lengths[k]);
+        if (at[k] < 0 || at[k] >= lengths[k]) return chosen;
+      }
+      const found = recordAt.get(`${shownKey()}|${at}`);
+      if (found !== undefined) return found;
+    }
+    return chosen;
+  }
+  const row = raw(columns.row, chosen), mine = recordsOf.get(row);
+  if (dx && mine.length > 1) return mine[Math.min(Math.max(mine.indexOf(chosen) + dx, 0), mine.length - 1)];
+  const rows = [...recordsOf.keys()].filter(each => sliceKey(recordsOf.get(each)[0]) === sliceKey(chosen));
+  const next = rows[Math.min(Math.max(rows.indexOf(row) + (dy || dx), 0), rows.length - 1)];
+  const theirs = recordsOf.get(next);
+  return theirs[Math.min(mine.indexOf(chosen), theirs.length - 1)];
+}
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
+
+function pressed(event) {
+  const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName);
+  if (event.ctrlKey || event.metaKey || event.altKey || typing) return;
+  if (event.key === " " && event.target.tagName !== "BUTTON") play(!clock.playing);
+  else if (ARROWS[event.key] && (event.target === $("map") || event.target === document.body)) choose(neighbour(...ARROWS[event.key]));
+  else if (event.key === "e" && other >= 0) choose(other);
+  else return;
+  event.preventDefault();
+}
+
+function fromHash() {
+  const found = /^#row=(\d+)(?:,(\d+))?$/.exec(location.hash);
+  const records = found && recordsOf.get(Number(found[1]));
+  return records ? records[Math.min(Number(found[2] || 0), records.length - 1)] : -1;
+}
+
+// ------------------------------------------------------------------------------- beginning
+
+function firstChoice() {
+  // a start that walks, beside a boundary if there is one: what is worth seeing
+  return data.walks.length ? data.walks[Math.min(1, data.walks.length - 1)].record : 0;
+}
+
+function showAbout() {
+  document.title = `${data.name}: explorer`;
+  $("about").textContent = `${data.model}${data.what ? ": " + data.what : ""} ${data.source ? "(" + data.source + ") " : ""}${data.rows} row${data.rows === 1 ? "" : "s"}, run of kind ${data.run}.`;
+  $("remarks").textContent = data.remarks.join("; ");
+  $("remarks").hidden = !data.remarks.length;
+  $("map-title").textContent = data.kind === "cells" ? "Where each start leads: choose one" : "Choose a point";
+  $("map").setAttribute("aria-label", `map of ${count} records over ${plain(data.x.label)} and ${plain(data.y.label)}; arrow keys move from one to the next`);
+  const arrows = data.kind === "cells" ? "<kbd>←</kbd> <kbd>→</kbd> <kbd>↑</kbd> <kbd>↓</kbd> move"
+    : "<kbd>←</kbd> <kbd>→</kbd> move along a row, <kbd>↑</kbd> <kbd>↓</kbd> to another row";
+  const playing = data.walks.length ? " <kbd>space</kbd> plays and pauses," : "";
+  $("keys").innerHTML = `${arrows},${playing} <kbd>e</kbd> goes to the nearest that leads elsewhere.`;
+  const from = data.provenance;
+  $("provenance").textContent = `gaitsweep ${from.gaitsweep}; job ${from.job}${from.commit ? ", commit " + from.commit : ""}; ${from.engine}, ${from.device}.`;
+  if (!data.figure && data.walks.length) $("told").append(` ${data.model} does not say how its body is drawn, so that only its feet and phases are shown.`);
+  else if (data.figure && data.figure.note) $("told").append(` ${data.figure.note}`);
+}
+
+function fillSpeeds() {
+  const usual = data.cycle / CYCLE_SECONDS;
+  const speeds = [0.02, 0.05, 0.1, 0.2, 0.4, 1, 2, 5].map(speed => [speed, speed === 1 ? "real time" : speed < 1 ? `${1 / speed} times slower` : `${speed} times faster`]);
+  const best = speeds.reduce((a, b) => Math.abs(Math.log(b[0] / usual)) < Math.abs(Math.log(a[0] / usual)) ? b : a);
+  for (const [speed, text] of speeds) $("speed").add(new Option(text, speed, false, speed === best[0]));
+  clock.speed = best[0];
+  $("speed").onchange = () => clock.speed = Number($("speed").value);
+}
+
+async function begin() {
+  if (typeof DecompressionStream === "undefined") throw new Error("This browser is older than 2023 and cannot unpack the page.");
+  const [source, fields] = await Promise.all([unpacked("plotly"), unpacked("data")]);
+  data = JSON.parse(fields);
+  const script = document.createElement("script");
+  script.textContent = source;
+  document.head.append(script);
+  data.columns.forEach(each => columns[each.name] = each);
+  count = data.outcome.length;
+  data.walks.forEach(each => walkOf.set(each.record, each));
+  for (let i = 0; i < count; i++) {
+    const row = raw(columns.row, i);
+    if (!recordsOf.has(row)) recordsOf.set(row, []);
+    recordsOf.get(row).push(i);
+    if (data.kind === "cells") recordAt.set(`${sliceKey(i)}|${cellKey(i)}`, i);
+  }
+  spans = ranges().map(([low, high]) => high - low);
+  $("wait").remove();
+  document.querySelector("main").hidden = false;
+  showAbout();
+  fillSpeeds();
+  const linked = fromHash(), first = linked >= 0 ? linked : firstChoice();
+  slice = data.slices.map(each => each.of[first]);
+  showSlices();
+  showLegend();
+  chosen = first;
+  await drawMap();
+  choose(first, { announce: false });
+  $("map").on("plotly_click", event => {
+    const point = event.points[0];
+    if (point.data.type !== "heatmap") { if (point.customdata !== undefined) choose(point.customdata); return; }
+    const [b, a] = point.pointIndex ?? point.pointNumber, found = recordAt.get(`${shownKey()}|${a},${b}`);
+    if (found !== undefined) choose(found);
+    $("map").focus({ preventScroll: true });
+  });
+  $("play").onclick = () => play(!clock.playing);
+  $("time").oninput = () => { play(false); clock.at = Number($("time").value) / 1000 * lengthOf(motion); paint(); };
+  addEventListener("keydown", pressed);
+  addEventListener("hashchange", () => { const i = fromHash(); if (i >= 0 && i !== chosen) choose(i); });
+  let width = innerWidth;
+  addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawMap(); showPhases(); } paint(); });
+  play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
+  requestAnimationFrame(tick);
+  const opened = performance.now();
+  $("provenance").append(` Shown ${(opened / 1000).toFixed(2)} s after it was opened.`);
+  document.documentElement.dataset.ready = Math.round(opened);
+}
+
+begin().catch(error => {
+  const wait = $("wait") || document.body.appendChild(document.createElement("p"));
+  wait.className = "warning";
+  wait.textContent = `The page could not be shown: ${error.message}`;
+});

@@ -1,0 +1,326 @@
+"""What the explorer draws of a table: where each record stands, and how it ended."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.circular import cut
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order, outcome_labels, sound
+from gaitsweep.contract import Status
+from gaitsweep.job import Job
+from gaitsweep.plot import PlotError, style
+from gaitsweep.plot.basins.cells import cell_edges
+from gaitsweep.plot.columns import column, is_angle, rows_where, symbol, unit_of
+
+CELLS, POINTS = "cells", "points"
+# Significant digits of the numbers that the page shows.
+DIGITS = 7
+# Points of a figure of a browser beyond which it is slow to answer.
+MOST_POINTS = 6000
+# Values of a parameter of which the points of one are shown at a time.
+_MOST_SLICES = 12
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "Delta": "Δ", "eta": "η", "kappa": "κ", "mu": "μ",
+    "omega": "ω", "phi": "φ", "psi": "ψ", "sigma": "σ", "tau": "τ", "theta": "θ", "zeta": "ζ", "lambda": "λ",
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Slice:
+    """An axis that is not drawn, of which one value is shown at a time: `texts` (n,) name its values."""
+
+    name: str
+    texts: list[str]
+    of_record: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class StartMap:
+    """The records of a table as the page draws them.
+
+    `kind` is cells or points; `x` and `y` name columns of `table`; `edges` are those of cells along x and y,
+    `at` the cell (n, 2) of each record. `outcome` (n,) is the number of each record's outcome in
+    `outcomes`, which have name, colour and marker. `thinned` says which records were left out.
+    """
+
+    table: pd.DataFrame
+    kind: str
+    x: str
+    y: str
+    slices: list[Slice]
+    outcomes: list[dict[str, Any]]
+    outcome: np.ndarray
+    edges: tuple[np.ndarray, np.ndarray] | None = None
+    at: np.ndarray | None = None
+    closed: tuple[bool, bool] = (False, False)
+    diagonal: bool = False
+    thinned: str = ""
+
+    def axis(self, which: str) -> dict[str, Any]:
+        """The label of an axis, whether it is an angle, and where the circle is cut."""
+        name = self.x if which == "x" else self.y
+        circular = is_angle(self.table, name)
+        origin = 0.0
+        if circular and self.kind == POINTS:
+            origin = cut(self.table[name].to_numpy(float))
+        return {"name": name, "label": label_of(self.table, name), "circular": circular, "origin": origin}
+
+
+def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: int) -> StartMap:
+    """What the page draws of a table.
+
+    Args:
+        table: the table, with a column `gait`.
+        job: its job.
+        x, y: columns along the axes; by default those of the job's figures, or the longest axes.
+        most: records that the page can hold.
+
+    Raises:
+        PlotError: a column is not there.
+    """
+    x, y = _axes(table, job, x, y)
+    outcomes, outcome = _outcomes(table)
+    shown = StartMap(table, POINTS, x, y, [], outcomes, outcome, diagonal=x == _this(y) and y != x)
+    groups = [group for group in job.plan.groups if group.length > 1]
+    along = [next((i for i, group in enumerate(groups) if name in group.points), None) for name in (x, y)]
+    taken = [i for i in along if i is not None]
+    if job.run.one_a_row and len(set(taken)) == 2:
+        values = [np.unique(table[name].to_numpy(float)) for name in (x, y)]
+        # an axis whose values follow another's makes no grid, nor does a sample
+        if all(
+            len(v) <= groups[i].length and not groups[i].drawn for v, i in zip(values, taken, strict=True)
+        ):
+            return _cells(shown, values, job, taken, most)
+    return _points(shown, job, taken, most)
+
+
+def _cells(shown: StartMap, values: list[np.ndarray], job: Job, taken: list[int], most: int) -> StartMap:
+    """A map of cells whose middles are at `values` along x and y, thinned to `most` of them."""
+    table = shown.table
+    places = [table[name].to_numpy(float) for name in (shown.x, shown.y)]
+    at = np.column_stack([np.searchsorted(v, place) for v, place in zip(values, places, strict=True)])
+    step = 1
+    while np.count_nonzero((at % step == 0).all(axis=1)) > most:
+        step += 1
+    kept = (at % step == 0).all(axis=1)
+    values = [each[::step] for each in values]
+    table = rows_where(table, kept)
+    row = table["row"].to_numpy(np.int64)
+    grids = job.plan.grids
+    return dataclasses.replace(
+        shown,
+        kind=CELLS,
+        table=table,
+        outcome=shown.outcome[kept],
+        slices=_slices(table, job, row, taken),
+        edges=(cell_edges(values[0]), cell_edges(values[1])),
+        at=at[kept] // step,
+        closed=tuple(name in grids and grids[name].closed for name in (shown.x, shown.y)),
+        thinned=f"every {_ordinal(step)} cell along both axes" if step > 1 else "",
+    )
+
+
+def _points(shown: StartMap, job: Job, taken: list[int], most: int) -> StartMap:
+    """A map of points, thinned to `most` of them."""
+    step = math.ceil(len(shown.table) / min(most, MOST_POINTS))
+    table = rows_where(shown.table, np.arange(len(shown.table)) % step == 0)
+    row = table["row"].to_numpy(np.int64)
+    return dataclasses.replace(
+        shown,
+        table=table,
+        outcome=shown.outcome[::step],
+        slices=[] if job.run.one_a_row else _slices(table, job, row, taken, few=_MOST_SLICES),
+        thinned=f"every {_ordinal(step)} record" if step > 1 else "",
+    )
+
+
+def with_next(table: pd.DataFrame, y: str) -> pd.DataFrame:
+    """A return map's table with the value of an observable at the next crossing beside that at each."""
+    table = table.sort_values(["row", "crossing"], kind="stable")
+    attrs = table.attrs
+    table = table.assign(**{next_of(y): table.groupby("row")[y].shift(-1)})
+    quantities = dict(attrs.get("quantities", {}))
+    known = dict(quantities.get(y) or quantities.get(y.removesuffix("_n")) or {})
+    table.attrs = {**attrs, "quantities": {**quantities, next_of(y): {**known, "symbol": ""}}}
+    return rows_where(table, table[next_of(y)].notna())
+
+
+def next_of(y: str) -> str:
+    """The name of the column with the value at the next crossing."""
+    return f"{y}_next"
+
+
+def _this(y: str) -> str:
+    return y.removesuffix("_next")
+
+
+def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[str, str]:
+    run = job.run
+    observables = [f"{q.name}_{'end' if run.one_a_row else 'n'}" for q in job.plan.model.observables]
+    drawn = [figure for figure in job.figures if getattr(figure, "y", None) is not None]
+    with_both = [figure for figure in drawn if getattr(figure, "x", None) is not None]
+    suffixes = ("", "_end") if run.one_a_row else ("_n", "")
+    if run.one_a_row:
+        known = (with_both[0].x, with_both[0].y) if with_both else (None, None)  # pyright: ignore[reportAttributeAccessIssue]
+        several = [axis for axis in job.plan.axes if axis.length > 1]
+        # what moves alone says more than a zip, whose values go by its first name
+        longest = sorted(several, key=lambda axis: (len(axis.names) > 1, -axis.length))
+        names = [axis.names[0] for axis in longest[:2]]
+        if len(longest) == 1 and len(longest[0].names) > 1 and job.plan.groups[0].drawn:
+            names = list(longest[0].names[:2])
+        elif len(names) == 2:
+            places = [job.plan.names.index(name) for name in names]
+            names = [names[i] for i in np.argsort(places)[::-1]]  # the last varies fastest
+        names = [*names, *observables[:1]] if names else ["row", observables[0]]
+        default = known if None not in known and set(known) <= set(table.columns) else names[:2]
+    else:
+        first = drawn[0].y if drawn else None  # pyright: ignore[reportAttributeAccessIssue]
+        first = column(table, first, suffixes) if isinstance(first, str) else observables[0]
+        default = (run.moved or "crossing", first)
+        if run.kind_name == "return_map":
+            default = (first, next_of(first))
+    chosen = [
+        column(table, given, suffixes) if given else str(other)
+        for given, other in zip((x, y), default, strict=True)
+    ]
+    for name in chosen:
+        if name not in table.columns:
+            raise PlotError(f"{name} is not a column of this table.")
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            raise PlotError(f"{name} has no numbers for an axis.")
+    return chosen[0], chosen[1]
+
+
+def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], np.ndarray]:
+    """The outcomes that occur, with their looks, and the number of each record's.
+
+    Of rows with several records each record has its own: its gait, hollow where a stair had not settled or a
+    steady gait is unstable, and `failed` for the last crossings before a fall.
+    """
+    hollow, told = np.zeros(len(table), bool), ""
+    if "stable" in table.columns:
+        hollow, told = np.asarray(table["stable"].astype(object) == False), "unstable"  # noqa: E712
+    elif "settled" in table.columns:
+        hollow, told = ~table["settled"].to_numpy(bool), NOT_SETTLED
+    if "cycles" in table.columns:  # one record a row
+        shown = outcome_labels(table, "gait")
+    else:
+        observed = [name for name in map(str, table.columns) if name.endswith("_n")]
+        labels = np.where(table["gait"].notna(), table["gait"].astype(str), "none").astype(object)
+        gone = table["status"].astype(str) == Status.no_fixed_point.name
+        labels[~sound(table, *observed[:1]) | gone.to_numpy()] = FAILED
+        shown = pd.Series(labels, table.index)
+    names = in_order(table, "gait", shown)
+    colours, markers = style.colours(names), style.markers(names)
+    found: list[dict[str, Any]] = []
+    numbers = np.zeros(len(table), np.int64)
+    for name in names:
+        mine = np.asarray(shown == name)
+        for text, where, open_ in ((name, mine & ~hollow, False), (f"{name}, {told}", mine & hollow, True)):
+            if where.any():
+                numbers[where] = len(found)
+                look = {"colour": colours[name], "marker": markers[name], "hollow": open_}
+                leads = {"leads": name, "hatched": name in (NOT_SETTLED, FAILED)}
+                found.append({"name": text, **look, **leads})
+    return found, numbers
+
+
+def _slices(
+    table: pd.DataFrame, job: Job, row: np.ndarray, taken: Sequence[int], few: int | None = None
+) -> list[Slice]:
+    """The axes that are not drawn; with `few`, only parameters that have no more values."""
+    groups = [(place, group) for place, group in enumerate(job.plan.groups) if group.length > 1]
+    found = []
+    for number, (place, group) in enumerate(groups):
+        if number in taken or (few is not None and (group.length > few or not _parameters(job, group))):
+            continue
+        index = row // job.plan.stride(place) % group.length
+        texts = []
+        for value in range(group.length):
+            rows = np.array([value * job.plan.stride(place)])
+            there = job.plan.at(rows, tuple(group.points))
+            texts.append(", ".join(written(table, name, float(v[0])) for name, v in there.items()))
+        found.append(Slice(next(iter(group.points)), texts, index))
+    return found
+
+
+def _parameters(job: Job, group: Any) -> bool:
+    names = {q.name for q in job.plan.model.parameters}
+    return any(name in names for name in group.points)
+
+
+def _ordinal(number: int) -> str:
+    return {2: "second", 3: "third"}.get(number, f"{number}th")
+
+
+def label_of(table: pd.DataFrame, name: str) -> str:
+    """A column's symbol and unit as HTML."""
+    unit = unit_of(table, name)
+    return f"{html_symbol(table, name)} ({unit})" if unit else html_symbol(table, name)
+
+
+def written(table: pd.DataFrame, name: str, value: float) -> str:
+    """`ψ₁ = 0.4π` in HTML, with the unit where there is one."""
+    if is_angle(table, name):
+        return f"{html_symbol(table, name)} = {style.in_pi(value)}"
+    return f"{html_symbol(table, name)} = {value:.4g} {unit_of(table, name)}".rstrip()
+
+
+def html_symbol(table: pd.DataFrame, name: str) -> str:
+    """A column's symbol as HTML; its name where its TeX has more than letters, marks above and indices."""
+    if name.endswith("_next"):
+        return f"next {html_symbol(table, _this(name))}"
+    text = symbol(table, name)
+    if not (text.startswith("$") and text.endswith("$")):
+        return text
+    text = re.sub(r"\\(?:mathrm|text|rm)\b\s*", "", text[1:-1])
+    text = re.sub(r"\\bar\s*(\\?[A-Za-z]+)", "\\1\u0304", text)
+    text = re.sub(r"\\([A-Za-z]+)", lambda found: _GREEK.get(found[1], found[0]), text)
+    for mark, tag in (("_", "sub"), ("^", "sup")):
+        text = re.sub(rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
+    text = text.replace("{", "").replace("}", "").replace("\\,", " ")
+    return name if "\\" in text else text
+
+
+def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """The columns of a table as the page shows them: numbers to `DIGITS` digits, categories by number."""
+    quantities: Mapping[str, Any] = table.attrs.get("quantities", {})
+    found = []
+    for name in map(str, table.columns):
+        values = table[name]
+        known = quantities.get(name) or quantities.get(re.sub(r"_(end|n)$", "", name)) or {}
+        entry: dict[str, Any] = {
+            "name": name,
+            "symbol": html_symbol(table, name),
+            "unit": unit_of(table, name),
+            "meaning": str(known.get("meaning", "")),
+            "circular": is_angle(table, name) and pd.api.types.is_float_dtype(values),
+        }
+        if isinstance(values.dtype, pd.CategoricalDtype) or not pd.api.types.is_numeric_dtype(values):
+            codes, categories = pd.factorize(values.astype(object), use_na_sentinel=True)
+            entry |= {"categories": [str(each) for each in categories], "values": codes.tolist()}
+        elif pd.api.types.is_float_dtype(values):
+            entry["values"] = [rounded(value) for value in values.to_numpy(float)]
+        else:
+            entry["values"] = [int(value) for value in values]
+        if len(set(map(str, entry["values"]))) == 1 and len(table) > 1:
+            entry["values"] = entry["values"][0]  # one for all
+        found.append(entry)
+    return found
+
+
+def rounded(value: float) -> float | str | None:
+    """A number to `DIGITS` digits; text where it is infinite, None where it is missing."""
+    if math.isnan(value):
+        return None
+    if math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    short = float(f"{value:.{DIGITS}g}")
+    return int(short) if short == int(short) and abs(short) < 1e6 else short

@@ -1,0 +1,285 @@
+"""Rows simulated again, so that they can be watched: their crossings, and stretches of their motion."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.engine.recorders.windows import WindowsRecorder
+from gaitsweep.engine.sweep.block import BlockResult
+from gaitsweep.engine.sweep.sweep import sweep
+from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
+from gaitsweep.plot.movie.animation import Clip
+from gaitsweep.plot.movie.side_view import bounds, heading, projected, turned
+from gaitsweep.skeleton import Skeleton
+
+# Contacts are sampled at this many instants a nominal cycle, and every second of them is a picture.
+SAMPLES_A_CYCLE = 64
+PICTURES_EVERY = 2
+# Signals of the rows of one block, in bytes.
+_BLOCK_BYTES = 128 * 2**20
+# A picture in which the body is this many times larger than in the first one is of a row that diverges.
+_MOST_GROWTH = 4.0
+
+Told = Callable[[SweepProgress], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossings:
+    """The crossings of the section of one row: number (m,), time (m,) s, observables (m, k)."""
+
+    number: np.ndarray
+    t: np.ndarray
+    observed: np.ndarray
+
+    def where(self, kept: np.ndarray) -> Crossings:
+        """Those for which `kept` (m,) is true."""
+        return Crossings(self.number[kept], self.t[kept], self.observed[kept])
+
+    def until(self, t: float) -> Crossings:
+        """Those up to a time, s."""
+        return self.where(self.t <= t * (1.0 + 1e-9))
+
+
+@dataclasses.dataclass(frozen=True)
+class Stretch:
+    """A stretch of a row's motion from `begin` to `end`, s; `loops`: it is one period of a steady gait."""
+
+    name: str
+    begin: float
+    end: float
+    loops: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Pictures:
+    """The body as seen from its side at n equal instants.
+
+    `points` (n, c) m: the coordinates x, y of all points of limbs, bodies and springs, relative to the
+    camera; `camera` (n,) m along the ground; `half`, `height`, `depth` m of what contains the body.
+    """
+
+    points: np.ndarray
+    camera: np.ndarray
+    half: float
+    height: float
+    depth: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """One stretch as it was simulated.
+
+    `t` (m,) s are equal instants, those of `pictures` every `stride`-th of them; `contact` (m, limbs) is 1 on
+    the ground; `pictures` is None for a model that says nothing of how it is drawn.
+    """
+
+    stretch: Stretch
+    t: np.ndarray
+    stride: int
+    contact: np.ndarray
+    pictures: Pictures | None
+
+
+@dataclasses.dataclass(frozen=True)
+class BodyParts:
+    """What the pictures of a model show: points of each limb, body and spring, in the order of `Pictures`."""
+
+    limbs: tuple[int, ...]
+    bodies: tuple[int, ...]
+    springs: int
+    names: tuple[str, ...]
+    pairs: tuple[tuple[int, bool], ...]
+    note: str
+
+    @classmethod
+    def of(cls, skeleton: Skeleton) -> BodyParts:
+        """The parts of a skeleton."""
+        return cls(
+            limbs=tuple(limb.points.shape[1] for limb in skeleton.limbs),
+            bodies=tuple(body.shape[1] for body in skeleton.bodies),
+            springs=len(skeleton.springs),
+            names=tuple(limb.name for limb in skeleton.limbs),
+            pairs=tuple((limb.pair, limb.far) for limb in skeleton.limbs),
+            note=skeleton.note,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Windows:
+    """The windows of time in which rows are watched, s each.
+
+    The first begins at `first`; `more` others begin at `second`, `second + spacing` and so on; each is
+    `length` long.
+    """
+
+    length: float
+    first: float = 0.0
+    second: float = 0.0
+    spacing: float = 0.0
+    more: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Watched:
+    """One row simulated again: its crossings, samples of its signals (n,) at times `t` (n,) s, and its end.
+
+    `gait` is the number of its gait where it ended, -1 where that was not read; `place` its place among the
+    rows that were simulated.
+    """
+
+    row: int
+    place: int
+    crossings: Crossings
+    t: np.ndarray
+    signals: dict[str, np.ndarray]
+    gait: int
+
+
+class Walker:
+    """Simulates rows again, and draws stretches of their motion.
+
+    Args:
+        work: how rows of their job are run.
+        rows: the numbers (n,) by which they are known.
+        parameters, starts: their values (n,) by name.
+        begun: values of parameters that move, by name, where they begin.
+    """
+
+    def __init__(
+        self,
+        work: SweepSpec,
+        rows: np.ndarray,
+        parameters: Mapping[str, np.ndarray],
+        starts: Mapping[str, np.ndarray],
+        begun: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
+        self._work, self._rows, self._given = work, rows, (parameters, starts)
+        model = work.model
+        there = {**parameters, **{name: np.full(rows.size, value) for name, value in begun.items()}}
+        self._parameters = [{k: float(v[i]) for k, v in there.items()} for i in range(rows.size)]
+        hosted = {name: jnp.asarray(each) for name, each in model.on_host(there).items()}
+        self.periods = np.asarray(jax.vmap(lambda values: model.period(model.params(values)))(hosted))
+        self.every = float(self.periods.min()) / SAMPLES_A_CYCLE
+        self.parts: BodyParts | None = None
+        self._contacts = [q.name for q in model.signals if q.name.startswith("contact_")]
+
+    def watched(self, windows: Windows, told: Told | None = None) -> Iterator[Watched]:
+        """The rows one after the other, simulated in one batch."""
+        rows, work = self._rows, self._work
+        recorder = WindowsRecorder(
+            work.model,
+            self.every,
+            int(np.ceil(windows.length / self.every)) + 1,
+            windows.first,
+            windows.second,
+            windows.spacing,
+            windows.more,
+        )
+        cycles = recorder.duration / float(self.periods.min())
+        room = int(_BLOCK_BYTES / (8 * recorder.width * (recorder.total + cycles)))
+        block = min(max(room, 1), rows.size)
+        # programs of XLA are compiled for the width of the run
+        lanes = work.lanes if work.engine == "xla" else min(work.lanes, max(8, block))
+        spec = dataclasses.replace(
+            work,
+            recorder=recorder,
+            n_rows=rows.size,
+            block=block,
+            lanes=lanes,
+            values=self._values,
+        )
+        for number in range(-(-rows.size // block)):
+            found: list[BlockResult] = []
+            sweep(spec, [number], lambda _, result, found=found: found.append(result), told)
+            yield from self._of_block(found[0], recorder)
+
+    def _values(self, first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        parameters, starts = ({k: v[first:last] for k, v in some.items()} for some in self._given)
+        return parameters, starts
+
+    def _of_block(self, result: BlockResult, recorder: WindowsRecorder) -> Iterator[Watched]:
+        observed = len(self._work.model.observables)
+        cuts = np.searchsorted(result.owner, result.first + np.arange(result.status.size + 1))
+        for i in range(result.status.size):
+            numbers = result.samples[cuts[i] : cuts[i + 1]]
+            crossed = numbers[:, 0] >= 0.0
+            crossings, samples = numbers[crossed], numbers[~crossed]
+            yield Watched(
+                row=int(self._rows[result.first + i]),
+                place=result.first + i,
+                crossings=Crossings(
+                    crossings[:, 0].astype(np.int64), crossings[:, 1], crossings[:, 2 : 2 + observed]
+                ),
+                t=samples[:, 1],
+                signals=dict(zip(recorder.names[2 + observed :], samples[:, 2 + observed :].T, strict=True)),
+                gait=int(result.labels["gait"][i]),
+            )
+
+    def motion(self, watched: Watched, stretch: Stretch) -> Motion | None:
+        """A stretch of a row, inside one window and up to where its numbers are finite.
+
+        None where no two pictures are left.
+        """
+        place = watched.place
+        stride = PICTURES_EVERY * max(1, round(self.periods[place] / self.periods.min()))
+        slack = 1e-6 * self.every
+        first, last = np.searchsorted(watched.t, [stretch.begin - slack, stretch.end + slack])
+        part = {name: values[first:last] for name, values in watched.signals.items()}
+        t = watched.t[first:last]
+        whole = np.isfinite(np.stack(list(part.values()))).all(axis=0)
+        length = len(t) if whole.all() else int(np.argmin(whole))
+        gaps = np.flatnonzero(np.diff(t[:length]) > 1.5 * self.every)
+        length = int(gaps[0]) + 1 if gaps.size else length  # the next window is another stretch
+        if length < 2 * stride + 1:
+            return None
+        part = {name: values[:length] for name, values in part.items()}
+        pictures = self._pictures(place, {k: v[::stride] for k, v in part.items()}, t[:length:stride])
+        if pictures is not None and (len(pictures.points) - 1) * stride + stride < length:
+            length = (len(pictures.points) - 1) * stride + 1
+            if length < 2 * stride + 1:
+                return None
+        whole = t[0] - stretch.begin <= self.every and stretch.end - t[length - 1] <= stride * self.every
+        stretch = dataclasses.replace(stretch, loops=stretch.loops and whole)
+        contact = [part[name][:length] for name in self._contacts]
+        feet = np.stack(contact, axis=1) if contact else np.zeros((length, 0))
+        return Motion(stretch, t[:length], stride, feet, pictures)
+
+    def _pictures(self, place: int, signals: dict[str, np.ndarray], t: np.ndarray) -> Pictures | None:
+        skeleton = self._work.model.skeleton(self._parameters[place], signals)
+        if skeleton is None:
+            return None
+        if self.parts is None:
+            self.parts = BodyParts.of(skeleton)
+        skeleton = turned(skeleton, heading(skeleton))
+        clip = Clip(t, skeleton, t, np.zeros((len(t), 0)), float(self.periods[place]), "")
+        camera = clip.camera
+        middle = np.column_stack([camera, np.zeros(len(t))])[:, None, :]
+        seen = [projected(limb.points - middle) for limb in skeleton.limbs]
+        for body in skeleton.bodies:
+            seen.append(projected(_nearest_first(body - middle)))
+        seen += [projected(spring - middle) for spring in skeleton.springs]
+        points = np.concatenate(seen, axis=1).reshape(len(t), -1)
+        size = np.abs(points).max(axis=1)
+        wild = ~np.isfinite(size) | (size > _MOST_GROWTH * size[0])
+        if wild.any():  # a row that falls or diverges
+            cut = int(np.argmax(wild))
+            skeleton = dataclasses.replace(
+                skeleton,
+                limbs=tuple(dataclasses.replace(limb, points=limb.points[:cut]) for limb in skeleton.limbs),
+                bodies=tuple(body[:cut] for body in skeleton.bodies),
+                springs=tuple(spring[:cut] for spring in skeleton.springs),
+            )
+            points, camera = points[:cut], camera[:cut]
+        return Pictures(points, camera[:, 0], *bounds(skeleton, camera))
+
+
+def _nearest_first(points: np.ndarray) -> np.ndarray:
+    """Points (n, k, 3) at each instant from the nearest to the farthest for who looks from the right side."""
+    order = np.argsort(points[..., 1], axis=1, kind="stable")
+    return np.take_along_axis(points, order[..., None], axis=1)

@@ -1,0 +1,338 @@
+"""When rows are watched, for each run kind: windows of time, and stretches that belong to a record."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import math
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import FAILURES
+from gaitsweep.contract import Status
+from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.kinds.continuation import Continuation
+from gaitsweep.kinds.run_kind import Between
+from gaitsweep.kinds.staircase import Staircase
+from gaitsweep.runs.explorer.choice import cells_to_trace, spread
+from gaitsweep.runs.explorer.section_states import states_at
+from gaitsweep.runs.explorer.start_map import CELLS, StartMap
+from gaitsweep.runs.explorer.walks import Crossings, Stretch, Walker, Watched, Windows
+from gaitsweep.runs.prepare import Prepared
+
+FIRST_CYCLES = 3
+LAST_CYCLES = 2  # of a row that has no steady gait
+_SPARE_CYCLES = 1.5  # cycles may be longer than the nominal period
+_MOST_WINDOWS = 60  # of a ramp
+_CYCLES_AROUND = 30  # of a record of a ramp
+_SLACK = 1e-9
+_SAME = 1e-9  # relative difference of a parameter on a branch that is followed again
+_LONGEST = 600.0  # s of following branches again
+
+
+class Watch(abc.ABC):
+    """The records of a table that walk, and what is watched of their rows.
+
+    Args:
+        table: the records of the page, numbered from 0.
+        records: those that walk (n,), the most useful first.
+        ready: their job.
+    """
+
+    def __init__(self, table: pd.DataFrame, records: np.ndarray, ready: Prepared) -> None:
+        self.table, self.records, self.ready = table, records, ready
+        self.row_of = table["row"].to_numpy(np.int64)
+        self.rows = np.array(list(dict.fromkeys(self.row_of[records].tolist())), np.int64)
+        self._mine: dict[int, list[int]] = {}
+        for record in records.tolist():
+            self._mine.setdefault(int(self.row_of[record]), []).append(record)
+
+    def records_of(self, row: int) -> list[int]:
+        """The records of a row that walk."""
+        return self._mine[row]
+
+    def walker(self) -> Walker:
+        """What simulates its rows again."""
+        run = self.ready.job.run
+        begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
+        return Walker(self.ready.work, self.rows, *self.ready.plan.values_in(self.rows), begun)
+
+    @abc.abstractmethod
+    def windows(self, period: float) -> Windows:
+        """When its rows are watched; `period` is their longest nominal one, s."""
+
+    @abc.abstractmethod
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        """The stretches of motion that are shown of a record; `period` is its row's nominal one, s."""
+
+    def around(self, record: int, watched: Watched) -> Crossings:
+        """The crossings that are drawn beside a record."""
+        return watched.crossings
+
+    def number(self, record: int, column: str) -> float:
+        """A number of a record."""
+        return float(self.table[column].iloc[record])
+
+
+class WatchStarts(Watch):
+    """Rows of settle and fixed_time that did not fail: their first cycles, and their gait at the end.
+
+    The gait is read where the last of the rows ends, so that one window does for all.
+    """
+
+    def windows(self, period: float) -> Windows:
+        end = float(np.nanmax(self.table["t_end"].to_numpy(float)[self.records]))
+        length = (max(FIRST_CYCLES, self._longest) + _SPARE_CYCLES) * period
+        if end < 2.5 * length:
+            return Windows(end)
+        return Windows(length, second=end - length, more=1)
+
+    @property
+    def _longest(self) -> int:
+        """The longest period of an attractor, in crossings."""
+        if "attractor_period" not in self.table.columns:
+            return 1
+        return int(np.asarray(self.table["attractor_period"])[self.records].max(initial=1))
+
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        t = watched.crossings.t
+        t = t[t <= watched.t[-1] + _SLACK] if len(watched.t) else t[:0]
+        if len(t) <= 2 * FIRST_CYCLES:
+            return [Stretch("the motion", 0.0, float(watched.t[-1]))] if len(watched.t) else []
+        first = Stretch("the first cycles", 0.0, float(t[FIRST_CYCLES]))
+        cycles = int(self.number(record, "attractor_period")) if "attractor_period" in self.table else 0
+        if self.table["status"].iloc[record] == Status.settled.name and cycles:
+            return [
+                first,
+                Stretch("the gait", float(t[-1 - min(cycles, len(t) - 1)]), float(t[-1]), loops=True),
+            ]
+        return [first, Stretch("the last cycles", float(t[-1 - LAST_CYCLES]), float(t[-1]))]
+
+    def around(self, record: int, watched: Watched) -> Crossings:
+        return watched.crossings.until(self.number(record, "t_end"))
+
+
+class WatchFailures(Watch):
+    """Rows of settle and fixed_time that failed: their first cycles, and the last ones before they failed."""
+
+    def windows(self, period: float) -> Windows:
+        return Windows(float(np.nanmax(self.table["t_end"].to_numpy(float)[self.records])))
+
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        end = self.number(record, "t_end")
+        name = f"the end: {self.table['status'].iloc[record]}"
+        if end <= 2 * FIRST_CYCLES * period:
+            return [Stretch(name, 0.0, end)]
+        first = Stretch("the first cycles", 0.0, FIRST_CYCLES * period)
+        return [first, Stretch(name, end - LAST_CYCLES * period, end)]
+
+    def around(self, record: int, watched: Watched) -> Crossings:
+        return watched.crossings.until(self.number(record, "t_end"))
+
+
+class WatchMap(Watch):
+    """Rows of a return map: the first and the last cycles of the map."""
+
+    def windows(self, period: float) -> Windows:
+        t = np.asarray(self.table["t"], float)
+        times = [t[(self.row_of == row) & np.isfinite(t)] for row in self.rows]
+        begun, ended = (np.array([f(each) for each in times]) for f in (np.min, np.max))
+        # rows reach the first and the last crossing at times of their own
+        length = (FIRST_CYCLES + _SPARE_CYCLES) * period + max(float(np.ptp(begun)), float(np.ptp(ended)))
+        first, last = float(begun.min()), float(ended.max()) + period
+        if last - first < 2.5 * length:
+            return Windows(last - first, first)
+        return Windows(length, first, last - length, more=1)
+
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        t = self.around(record, watched).t
+        if len(t) <= 2 * FIRST_CYCLES:
+            return [Stretch("the cycles of the map", float(t[0]), float(t[-1]))] if len(t) > 1 else []
+        return [
+            Stretch("the first cycles", float(t[0]), float(t[FIRST_CYCLES])),
+            Stretch("the last cycles", float(t[-1 - LAST_CYCLES]), float(t[-1])),
+        ]
+
+    def around(self, record: int, watched: Watched) -> Crossings:
+        found = watched.crossings
+        within = np.asarray(self.table["crossing"])[self.row_of == watched.row]
+        kept = (found.number >= within.min()) & (found.number <= within.max() + 1)
+        return found.where(kept)
+
+
+class WatchRamp(Watch):
+    """Records of a ramp at equal times, `spacing` s: the cycles up to each."""
+
+    def __init__(self, table: pd.DataFrame, ready: Prepared, rows: np.ndarray, count: int) -> None:
+        t, of_row = table["t"].to_numpy(float), table["row"].to_numpy(np.int64)
+        end = float(np.nanmax(t[np.isin(of_row, rows)]))
+        self._spacing, self._count = end / count, count
+        found = []
+        for row in rows.tolist():
+            mine = np.flatnonzero((of_row == row) & np.isfinite(t))
+            places = np.searchsorted(t[mine], self._spacing * np.arange(1, count + 1) * (1.0 + _SLACK))
+            found += [int(mine[place - 1]) for place in np.unique(places) if place]
+        super().__init__(table, np.array(found, np.int64), ready)
+
+    def windows(self, period: float) -> Windows:
+        length = min((LAST_CYCLES + _SPARE_CYCLES) * period, 0.9 * self._spacing)
+        return Windows(
+            length, self._spacing - length, 2.0 * self._spacing - length, self._spacing, self._count - 1
+        )
+
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        return _up_to(self.number(record, "t"), watched, "up to this crossing", period)
+
+    def around(self, record: int, watched: Watched) -> Crossings:
+        crossing = self.number(record, "crossing")
+        number = watched.crossings.number
+        return watched.crossings.where((number <= crossing) & (number >= crossing - _CYCLES_AROUND))
+
+
+class WatchStairs(Watch):
+    """Records of a staircase: the last cycles of each stair."""
+
+    @property
+    def _kind(self) -> Staircase:
+        assert isinstance(self.ready.job.run, Staircase)
+        return self.ready.job.run
+
+    def windows(self, period: float) -> Windows:
+        schedule = self._kind.schedule()
+        length = min((LAST_CYCLES + _SPARE_CYCLES) * period, 0.9 * schedule.dwell, schedule.first)
+        second = schedule.first + schedule.dwell - length
+        return Windows(length, schedule.first - length, second, schedule.dwell, schedule.count - 1)
+
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        end = float(self._kind.schedule().end(np.asarray(self.number(record, "stair"))))
+        return _up_to(end, watched, "the end of this stair", period)
+
+    def around(self, record: int, watched: Watched) -> Crossings:
+        schedule, stair = self._kind.schedule(), np.asarray(self.number(record, "stair"))
+        begin = 0.0 if stair == 0.0 else float(schedule.end(stair - 1.0))
+        t = watched.crossings.t
+        return watched.crossings.where((t >= begin) & (t <= float(schedule.end(stair)) + _SLACK))
+
+
+class WatchBranches(Watch):
+    """Points of branches of a continuation: one cycle of each steady gait, stable or not.
+
+    The table has what is observed of a point, not its state: the branches are followed again, and points that
+    come out otherwise are left out.
+
+    Args:
+        table: the records of the page, numbered from 0.
+        ready: their job.
+        rows: the rows (m,) whose branches are followed again.
+        most: how many points walk at most.
+        between: called before each step.
+    """
+
+    def __init__(
+        self, table: pd.DataFrame, ready: Prepared, rows: np.ndarray, most: int, between: Between
+    ) -> None:
+        run = ready.job.run
+        assert isinstance(run, Continuation)
+        mapping, values, found = run.followed(ready.plan, ready.work, rows, between, with_points=True)
+        of_row, point = table["row"].to_numpy(np.int64), table["point"].to_numpy(np.int64)
+        known = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
+        records, points, moved, branch = [], [], [], []
+        for each in found.to_dict("records"):
+            record = known.get((int(rows[each["row"]]), each["point"]))
+            same = record is not None and math.isclose(
+                each[run.parameter], float(table[run.parameter].iloc[record]), rel_tol=_SAME
+            )
+            if same and isinstance(each.get("at"), Points):
+                records.append(record)
+                points.append(each["at"])
+                moved.append(each[run.parameter])
+                branch.append(each["row"])
+        kept = spread(len(records))[:most] if records else np.zeros(0, np.int64)
+        super().__init__(table, np.array(records, np.int64)[kept], ready)
+        self.rows = self.records  # each point is a trajectory of its own
+        self._mine = {record: [record] for record in self.records.tolist()}
+        place = np.array(branch, np.int64)[kept]
+        held = {name: np.broadcast_to(each, rows.shape)[place] for name, each in values.items()}
+        held[run.parameter] = np.array(moved, float)[kept]
+        self._start = states_at(mapping, [points[k] for k in kept], held)
+
+    def walker(self) -> Walker:
+        model, parameters, starts = self._start
+        work = dataclasses.replace(self.ready.work, model=model, drive=None)
+        return Walker(work, self.rows, parameters, starts)
+
+    def windows(self, period: float) -> Windows:
+        longest = float(np.nanmax(np.asarray(self.table["time"], float)[self.records]))
+        return Windows(longest + 0.1 * period)
+
+    def stretches(self, record: int, watched: Watched, period: float) -> list[Stretch]:
+        t = watched.crossings.t
+        return [Stretch("the steady gait", 0.0, float(t[1]), loops=True)] if len(t) > 1 else []
+
+
+def _up_to(end: float, watched: Watched, name: str, period: float) -> list[Stretch]:
+    """The last cycles that end by a time, s."""
+    t = watched.crossings.t
+    t = t[t <= end + _SLACK]
+    if len(t) > LAST_CYCLES:
+        return [Stretch(name, float(t[-1 - LAST_CYCLES]), float(t[-1]))]
+    return [Stretch(name, max(0.0, end - LAST_CYCLES * period), end)]
+
+
+def _branches_in_time(ready: Prepared, spent: float, rows: int) -> int:
+    """How many of the rows' branches may be followed again, which takes as long as it took the job."""
+    each = spent / ready.plan.n_rows
+    return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
+
+
+def watches(
+    shown: StartMap, table: pd.DataFrame, ready: Prepared, most: int, spent: float, between: Between
+) -> tuple[list[Watch], int]:
+    """The records that walk, `most` at most, in groups that are simulated together.
+
+    Args:
+        shown: the map.
+        table: its records, numbered from 0.
+        ready: their job.
+        most: how many walk at most.
+        spent: seconds that the job took.
+        between: called now and then while branches are followed again.
+
+    Returns:
+        The groups, and how many of the records lie beside a boundary.
+    """
+    kind, beside = ready.job.run.kind_name, 0
+    if most <= 0:
+        return [], 0
+    if kind == "continuation":
+        found = np.unique(table["row"].to_numpy(np.int64)[np.isfinite(table["multiplier"].to_numpy(float))])
+        if not len(found):
+            return [], 0
+        rows = found[np.sort(spread(len(found))[: _branches_in_time(ready, spent, len(found))])]
+        return [WatchBranches(table, ready, rows, most, between)], 0
+    if ready.job.run.one_a_row:
+        simulated = np.isfinite(table["t_end"].to_numpy(float))  # and not inferred
+        if shown.kind == CELLS:
+            records, beside = cells_to_trace(shown, simulated, most)
+        else:
+            records = np.flatnonzero(simulated)
+            records = records[spread(len(records))][:most] if len(records) else records
+        failed = table["status"].astype(str).isin(list(FAILURES)).to_numpy()[records]
+        groups = ((WatchStarts, records[~failed]), (WatchFailures, records[failed]))
+        return [watch(table, some, ready) for watch, some in groups if len(some)], beside
+    usable = np.isfinite(table["t"].to_numpy(float))
+    of_row = table["row"].to_numpy(np.int64)
+    rows = np.unique(of_row[usable])
+    if not len(rows):
+        return [], 0
+    if kind == "return_map":
+        firsts = np.array([np.argmax(usable & (of_row == row)) for row in rows], np.int64)
+        return [WatchMap(table, firsts[spread(len(firsts))][:most], ready)], 0
+    if kind == "staircase":
+        each = int(np.asarray(table["stair"]).max()) + 1
+        kept = rows[np.sort(spread(len(rows))[: max(1, most // each)])]
+        return [WatchStairs(table, np.flatnonzero(usable & np.isin(of_row, kept)), ready)], 0
+    kept = rows[np.sort(spread(len(rows))[: max(1, most // 2)])]
+    count = int(min(_MOST_WINDOWS, max(2, most // len(kept))))
+    return [WatchRamp(table, ready, kept, count)], 0

@@ -1,0 +1,23 @@
+"""What a status says of a row, or of a set of constants of a search or a sensitivity analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gaitsweep.contract import Status
+
+# Of jobs whose rows are sets: what one of their results is called.
+_RESULTS = {"search": "target", "sensitivity": "output"}
+
+
+def status_sentence(status: str, job: Mapping[str, Any]) -> str:
+    """The sentence of a status of a job's rows; empty for a status of another version of gaitsweep."""
+    result = next((word for field, word in _RESULTS.items() if field in job), None)
+    if result is None:
+        return Status[status].sentence if status in Status.__members__ else ""
+    sets = {
+        "complete": f"Every {result} has a value for this set of constants.",
+        "failed": f"Some {result} has no value for this set; the column `why` says which and why.",
+    }
+    return sets.get(status, "")

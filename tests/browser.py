@@ -1,0 +1,159 @@
+"""A headless Chromium for the tests of pages, driven over a pipe by the DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+PATIENCE = 60.0  # s for an answer, on a machine that does other things besides
+
+
+def program() -> str | None:
+    """The browser of this machine."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
+class Page:
+    """One tab: it opens files, evaluates JavaScript, clicks, types, and lists its requests and errors."""
+
+    def __init__(self, to: int, back: int) -> None:
+        self._to, self._back, self._buffer, self._number = to, back, b"", 0
+        self._session: str | None = None
+        self.requests: list[str] = []
+        self.errors: list[str] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **params: Any) -> dict[str, Any]:
+        """Call a method of the DevTools protocol, and return its result."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": params}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._to, json.dumps(message).encode() + b"\0")
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            answer = self._next()
+            if answer.get("id") == self._number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']['message']}")
+                return answer["result"]
+            self._heard(answer)
+        raise TimeoutError(method)
+
+    def _next(self) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            part = os.read(self._back, 1 << 20)
+            if not part:
+                raise EOFError("The browser has ended.")
+            self._buffer += part
+        text, self._buffer = self._buffer.split(b"\0", 1)
+        return json.loads(text)
+
+    def _heard(self, event: dict[str, Any]) -> None:
+        params = event.get("params", {})
+        if event.get("method") == "Network.requestWillBeSent":
+            self.requests.append(params["request"]["url"])
+        elif event.get("method") == "Runtime.exceptionThrown":
+            details = params["exceptionDetails"]
+            self.errors.append(details.get("exception", {}).get("description", details["text"]))
+        elif event.get("method") == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.errors.append(params["entry"]["text"])
+
+    def size(self, width: int, height: int, scale: float = 1.0) -> None:
+        """Set the size of the window, in CSS pixels."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width, height=height, deviceScaleFactor=scale, mobile=width < 600,
+        )  # fmt: skip
+        self.call("Emulation.setTouchEmulationEnabled", enabled=width < 600)
+
+    def open(self, path: Path, fragment: str = "") -> None:
+        """Open a file and wait until the page says that it is ready."""
+        self.call("Page.navigate", url="about:blank")
+        self.requests.clear()
+        self.errors.clear()
+        self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
+        self.wait("document.documentElement?.dataset.ready")
+
+    def evaluate(self, script: str) -> Any:
+        """The value of an expression in the page."""
+        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in answer:
+            raise RuntimeError(answer["exceptionDetails"]["exception"]["description"])
+        return answer["result"].get("value")
+
+    def wait(self, condition: str) -> Any:
+        """Wait until an expression in the page is true, and return its value."""
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            if found := self.evaluate(condition):
+                return found
+            time.sleep(0.02)
+        raise TimeoutError(f"{condition}; errors: {self.errors}")
+
+    def click(self, x: float, y: float) -> None:
+        """Click at a place of the window, CSS pixels."""
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def press(self, key: str) -> None:
+        """Press a key and let go."""
+        text = {"text": key} if len(key) == 1 else {}
+        for kind in ("keyDown", "keyUp"):
+            self.call(
+                "Input.dispatchKeyEvent", type=kind, key=key, code="Space" if key == " " else key, **text
+            )
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        """Write what the window shows, or the whole page, as PNG."""
+        options: dict[str, Any] = {}
+        if whole:
+            size = self.call("Page.getLayoutMetrics")["cssContentSize"]
+            options = {"captureBeyondViewport": True, "clip": {**size, "scale": 1}}
+        picture = self.call("Page.captureScreenshot", format="png", **options)["data"]
+        path.write_bytes(base64.b64decode(picture))
+
+
+@contextlib.contextmanager
+def browser() -> Iterator[Page]:
+    """A browser with one page, without any profile of the user's."""
+    executable = program()
+    assert executable is not None
+    out, to = os.pipe()
+    back, into = os.pipe()
+    with tempfile.TemporaryDirectory(prefix="gaitsweep_browser_", ignore_cleanup_errors=True) as profile:
+        # the browser reads from 3 and writes to 4; a function of ours between fork and exec could deadlock
+        pipes = f'exec "$@" 3</proc/self/fd/{out} 4>/proc/self/fd/{into}'
+        command = [
+            "sh", "-c", pipes, "sh", executable,
+            "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu",
+            "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage", f"--user-data-dir={profile}",
+            "--disable-background-networking", "--hide-scrollbars",
+        ]  # fmt: skip
+
+        process = subprocess.Popen(
+            command, pass_fds=(out, into), stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        os.close(out)
+        os.close(into)
+        try:
+            yield Page(to, back)
+        finally:
+            process.kill()
+            process.wait()
+            os.close(to)
+            os.close(back)

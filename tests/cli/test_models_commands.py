@@ -1,0 +1,154 @@
+"""The commands `new-model` and `check-model`: what they write, what they refuse, and in which words."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gaitsweep.cli import main
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(capsys: Capture, *arguments: str, code: int = 2) -> str:
+    assert main(list(arguments)) == code
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "Traceback" not in printed.err
+    return printed.err
+
+
+def test_a_new_model_is_a_folder_of_four_files(capsys: Capture) -> None:
+    assert main(["new-model", "my_hopper", "--to", "models"]) == 0
+    printed = capsys.readouterr().out
+    folder = Path("models/my_hopper")
+    names = {"README.md", "my_hopper.py", "my_hopper.yaml", "test_my_hopper.py"}
+    assert {each.name for each in folder.iterdir()} == names
+    assert all(str(folder / name) in printed for name in names)
+    assert not [each for each in folder.parent.iterdir() if each.name != "my_hopper"]
+    texts = [each.read_text() for each in folder.iterdir()]
+    assert "class MyHopper(DeclaredModel)" in (folder / "my_hopper.py").read_text()
+    assert all("my_hopper" in text or "MyHopper" in text for text in texts)
+    assert not any(word in text for text in texts for word in (" hopper", "Hopper:", "`hopper", "my_my"))
+    assert main(["check-model", "my_hopper:MyHopper"]) == 2, "it is not in this folder"
+    capsys.readouterr()
+    kept = texts[0]
+    assert "models/my_hopper exists" in refused(capsys, "new-model", "my_hopper", "--to", "models")
+    assert next(folder.iterdir()).read_text() == kept
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("MyHopper", "did you mean my_hopper?"),
+        ("my-hopper", "did you mean my_hopper?"),
+        ("3legs", "a letter first."),
+        ("../out", "no name of a Python module"),
+        ("class", "no name of a Python module"),
+        ("multilegged", "a model of gaitsweep"),
+        ("json", "a module of this Python"),
+        ("numpy", "a module of this Python"),
+    ],
+)
+def test_bad_names_are_refused(name: str, sentence: str, capsys: Capture) -> None:
+    assert sentence in refused(capsys, "new-model", name)
+    assert not list(Path().iterdir())
+
+
+def test_nothing_is_left_where_it_cannot_be_written(capsys: Capture) -> None:
+    Path("file").write_text("")
+    assert "could not be written" in refused(capsys, "new-model", "mine", "--to", "file")
+    assert [each.name for each in Path().iterdir()] == ["file"]
+
+
+@pytest.mark.slow
+def test_a_new_model_runs_at_once(tmp_path: Path) -> None:
+    def at(folder: Path, *command: str) -> str:
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+        done = subprocess.run(
+            [sys.executable, "-m", *command], cwd=folder, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    at(tmp_path, "gaitsweep", "new-model", "jumper")
+    folder = tmp_path / "jumper"
+    assert at(folder, "gaitsweep", "check-model", "jumper:Jumper").startswith(
+        "jumper:Jumper: good, 4 parameters"
+    )
+    told = at(folder, "gaitsweep", "run", "jumper.yaml", "--set", "verify=4")
+    assert "4096 rows" in told
+    assert (folder / "results/jumper/figures/basin.png").exists()
+    assert "3 passed" in at(folder, "pytest", "-q", "-p", "no:cacheprovider")
+
+
+MODEL = """\
+import dataclasses
+import jax.numpy as jnp
+from gaitsweep import DeclaredModel, event, parameter, variable
+
+
+class Good(DeclaredModel):
+    g = parameter("m/s2", "gravity", 9.81)
+    z = variable("m", "height", 1.0)
+    v = variable("m/s", "speed")
+
+    def flow(self, p, s):
+        return {"z": s.v, "v": -p.g}
+
+    @event("lands", section=True)
+    def landing(self, p, s):
+        return -s.z
+
+    @landing.jump
+    def bounce(self, p, s):
+        return s.replace(z=0.0, v=jnp.abs(s.v))
+
+    def period(self, p):
+        return jnp.sqrt(8.0 / p.g)
+"""
+BAD = {
+    "": "good, 1 parameter, 1 start, 1 observable, 2 signals, 1 gait",
+    "N: int = 3": "annotates N but is no dataclass",
+    "g = parameter('', 'gravity', 9.81)": "whose g has no unit",
+    "gaits = ()": "takes at least one name",
+    "def period(self, p): return -p.g": "its function period gives -9.81, where it gives seconds above 0",
+    "def period(self, p): return jnp.sqrt(-p.g)": "its function period gives nan",
+    "def flow(self, p, s): return {'z': 1.0 / s.v}": "its function flow gives inf for z",
+    "def label(self, p, at): return {'gait': jnp.asarray(4)}": "label gives gait 4, where it gives an index",
+    "def failed(self, p, s): return s.z > 0.0": "its function failed says that its default start has fallen",
+    "def failed(self, p, s): return s.z > 0.0 if p.g > 1 else s.z": "Use jnp.where in place of if",
+    "def jump(self, p, s, fired): return s.replace(z=0.0)": "jump changes z where nothing fired",
+    "def section(self, p, s, fired): return ~fired[0]": "section closes a cycle where no event has fired",
+    "z = variable('m', 'height', 'log(0-1)')": "a default of which has no value",
+    "def flow(self, p, s): return {'height': s.v}": "height",
+}
+
+
+@pytest.mark.parametrize("number", range(len(BAD)))
+def test_what_is_wrong_with_a_model_is_a_sentence(number: int, tmp_path: Path, capsys: Capture) -> None:
+    line, sentence = list(BAD.items())[number]
+    module = f"own_model_{number}"
+    text = MODEL + (f"\n\nclass Mine(Good):\n    {line}\n" if line else "\n\nclass Mine(Good):\n    pass\n")
+    (tmp_path / f"{module}.py").write_text(text)
+    code = main(["check-model", f"{module}:Mine"])
+    printed = capsys.readouterr()
+    assert code == (2 if line else 0)
+    assert sentence in (printed.err if line else printed.out)
+    if line:
+        assert printed.err.startswith(f"The model is {module}:Mine, ")
+        assert all(each.endswith(".") for each in printed.err.splitlines())
+
+
+def test_what_is_no_model_is_refused_as_by_a_job(capsys: Capture) -> None:
+    assert "did you mean multilegged?" in refused(capsys, "check-model", "multileged")
+    assert "does not import" in refused(capsys, "check-model", "nowhere:Model")

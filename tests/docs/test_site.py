@@ -1,0 +1,98 @@
+"""The site builds without a warning, and its references are complete."""
+
+from __future__ import annotations
+
+import html
+import re
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+import typer
+
+import gaitsweep as gs
+from gaitsweep.cli.commands import app
+from gaitsweep.fitting.schema import schema
+from gaitsweep.plot import FIGURES
+
+pytestmark = pytest.mark.slow  # half a minute: Sphinx reads each page and imports the package
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site; a warning, such as a link that leads nowhere, is an error."""
+    pytest.importorskip("myst_nb")
+    out = tmp_path_factory.mktemp("site")
+    options = ["-W", "--keep-going", "-n", "-q", "-b", "html", "-c", "docs", "-d", str(out / "doctrees")]
+    command = [sys.executable, "-m", "sphinx", *options, ".", str(out / "html")]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    assert not built.stderr
+    return out / "html"
+
+
+def documented(site: Path) -> set[str]:
+    """The names of Python objects in the site's inventory."""
+    inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)
+    lines = zlib.decompress(inventory[4]).decode().splitlines()
+    return {line.split()[0] for line in lines if re.match(r"\S+ py:", line)}
+
+
+def text(page: Path) -> str:
+    """The text of a page, without its markup."""
+    return html.unescape(re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8")))
+
+
+def test_every_public_name_is_in_the_api_reference(site: Path) -> None:
+    names = {f"gaitsweep.{name}" for name in gs.__all__}
+    names |= {f"gaitsweep.analyses.{name}" for name in gs.analyses.__all__} - {"gaitsweep.analyses.basins"}
+    names |= {f"gaitsweep.theory.{name}" for name in gs.theory.__all__}
+    names |= {f"gaitsweep.plot.{kind}" for kind in FIGURES}
+    # these two are the functions of the package itself
+    assert names - {"gaitsweep.analyses.hysteresis"} <= documented(site)
+
+
+def test_every_command_is_in_the_command_reference(site: Path) -> None:
+    page = text(site / "docs/command_reference.html")
+
+    def check(group: typer.core.TyperGroup, before: str) -> None:
+        for name, command in group.commands.items():
+            words = f"{before} {name}"
+            assert f"\n{words}" in page or f"{words}#" in page, words
+            if isinstance(command, typer.core.TyperGroup):
+                check(command, words)
+                continue
+            for parameter in command.params:
+                assert (parameter.metavar or parameter.opts[0]) in page, (words, parameter.opts)
+
+    group = typer.main.get_command(app)
+    assert isinstance(group, typer.core.TyperGroup)
+    check(group, "gaitsweep")
+
+
+def test_every_field_and_quantity_is_in_the_references(site: Path) -> None:
+    page = text(site / "docs/job_reference.html")
+    described = schema()
+    parts = [described, described["properties"]["search"], described["properties"]["sensitivity"]]
+    for part in [*parts, *described["$defs"].values()]:
+        for field in part["properties"]:
+            assert re.search(rf"\b{field}\b", page), field
+    page = text(site / "docs/model_reference.html")
+    for name in gs.models.names():
+        model = gs.models.find(name)()
+        quantities = (*model.parameters, *model.initial_conditions, *model.observables, *model.signals)
+        for quantity in quantities:
+            assert quantity.name in page
+            assert quantity.meaning.replace("`", "") in page, (name, quantity.name)
+
+
+def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
+    """Scripts, styles, fonts and images are files of the site, so that it reads without a network."""
+    for page in site.rglob("*.html"):
+        source = page.read_text(encoding="utf-8")
+        for link in re.findall(r"<(?:script|img|link|iframe)\b[^>]*?(?:src|href)=\"([^\"]+)\"", source):
+            assert not re.match(r"(https?:)?//", link), (page.name, link)

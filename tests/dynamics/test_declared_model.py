@@ -1,0 +1,223 @@
+"""Models by declaration: what the contract gets of them, and when their events happen."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from sweeping import run_rows, scalars
+
+import gaitsweep as gs
+from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
+from gaitsweep.contract import Status
+from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.examples.hopper import Hopper
+from gaitsweep.models.conformity import fault
+
+
+@dataclasses.dataclass(frozen=True)
+class Balls(DeclaredModel):
+    """N balls that bounce without loss on floors of their own; the section is the first one's bounce."""
+
+    N: int = 2
+
+    g = parameter("m/s2", "gravity", 10.0, low=0.0, symbol="g")
+    floor = parameter("m", "height of the floor below ball", 0.0, count="N")
+    z = variable("m", "height of ball", (1.0, "2*g/10"), count="N", low=0.0, symbol="z")
+    v = variable("m/s", "speed of ball", count="N", observed=True)
+    angle = variable("rad", "angle", 7.0, circular=True)
+    bounces = mode(0, "bounces so far", count="N")
+    parity = mode(False, "whether ball 1 has bounced an odd number of times")
+
+    def flow(self, p, s):
+        return {"z": s.v, "v": jnp.full(self.N, -p.g), "angle": jnp.asarray(0.5)}
+
+    @event("ball 1 bounces", section=True)
+    def first(self, p, s):
+        return p.floor[0] - s.z[0]
+
+    @first.jump
+    def bounce_first(self, p, s):
+        return _bounced(s, 0).replace(parity=~s.parity)
+
+    @event("ball 2 bounces")
+    def second(self, p, s):
+        return p.floor[1] - s.z[1]
+
+    @second.jump
+    def bounce_second(self, p, s):
+        return _bounced(s, 1)
+
+    @observable("J", "energy of a mass of 1 kg, both balls", signal=True)
+    def energy(self, p, s):
+        return jnp.sum(0.5 * s.v**2 + p.g * s.z)
+
+    @signal("1", "whether it is odd")
+    def odd(self, p, s):
+        return s.parity
+
+    def period(self, p):
+        return jnp.sqrt(8.0 / p.g)
+
+
+def _bounced(s, i):
+    here = jnp.arange(s.v.size) == i
+    return s.replace(v=jnp.where(here, jnp.abs(s.v), s.v), bounces=s.bounces + here.astype(int))
+
+
+def test_the_contracts_quantities_follow_from_the_declarations() -> None:
+    model = Balls()
+    assert fault(model) is None
+    assert [q.name for q in model.parameters] == ["g", "floor_1", "floor_2"]
+    starts = {q.name: (q.default, q.meaning, q.low) for q in model.initial_conditions}
+    assert starts["z_1_0"] == (1.0, "height of ball 1 at the start", 0.0)
+    assert starts["z_2_0"][0] == "2*g/10"
+    assert list(starts) == ["z_1_0", "z_2_0", "angle_0"]
+    assert [q.name for q in model.observables] == ["z_1", "z_2", "v_1", "v_2", "angle", "energy"]
+    assert [q.name for q in model.signals] == ["z_1", "z_2", "v_1", "v_2", "angle", "energy", "odd"]
+    assert model.observables[0].low == -np.inf, "bounds are those of the start"
+    assert model.observables[0].symbol == "z_{1}"
+    assert (model.name, model.gaits) == ("balls", ("none",))
+    assert model.guard_names[::3] == ("ball 1 bounces", "ball 2 bounces")
+    assert [q.name for q in Balls(N=3).parameters] == ["g", "floor_1", "floor_2", "floor_3"]
+
+
+def test_states_are_pytrees_that_keep_types_and_shapes() -> None:
+    model = Balls()
+    p = scalars(model)
+    s = model.init(p, {"z_1_0": 1.0, "z_2_0": 2.0, "angle_0": 7.0})
+    assert s.bounces.dtype == jnp.int64
+    assert s.parity.dtype == bool
+    assert s.replace(v=1).v.tolist() == [1.0, 1.0], "a number fills an array"
+    assert s.replace(bounces=2).bounces.dtype == jnp.int64
+    assert float(model.observe(p, s)["angle"]) == pytest.approx(7.0 - 2.0 * np.pi)
+    with pytest.raises(TypeError, match=r"Balls\.State has no field bounced; did you mean bounces"):
+        s.replace(bounced=1.0)
+    again = pickle.loads(pickle.dumps(s))
+    assert type(again) is type(s) is Balls.State
+    assert jax.tree.all(jax.tree.map(jnp.array_equal, again, s))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["xla", "kernel"])
+def test_bounces_happen_at_their_times(engine: str) -> None:
+    """A ball from height h falls for (2 h/g)^(1/2) and comes back after twice that."""
+    rows = {"z_1_0": [1.0, 1.0, 3.0], "z_2_0": [1.0, 0.3, 0.0], "angle_0": 0.0}
+    found = run_rows(Balls(), CrossingRecorder(Balls(), 5), rows, engine=engine)
+    assert set(found.status.tolist()) == {Status.complete}
+    t = found.samples.reshape(3, 6, -1)[:, 1:, 1]
+    fall = np.sqrt(2.0 * np.array(rows["z_1_0"]) / 10.0)
+    np.testing.assert_allclose(t, fall[:, None] * (2.0 * np.arange(5) + 1.0), rtol=0, atol=1e-9)
+
+
+class Drum(DeclaredModel):
+    """A point that turns on a circle; events of each kind as it comes over the height h."""
+
+    h = parameter("1", "height", 0.5)
+    x = variable("1", "place across", 1.0)
+    y = variable("1", "place upwards", 0.0)
+    up = mode(False, "whether it was met during odd turns")
+    turns = mode(0, "turns")
+
+    def flow(self, p, s):
+        return {"x": -s.y, "y": s.x}
+
+    @event("over the height", section=True)
+    def over(self, p, s):
+        return s.y - p.h * (s.x**2 + s.y**2)  # no plane, and beyond it at once where y_0 > h
+
+    @over.jump
+    def count(self, p, s):
+        return s.replace(turns=s.turns + 1, up=(s.turns + 1) % 2 == 1)
+
+    @event("right of the middle in odd turns", during=lambda s: s.up, rising=False)
+    def right(self, p, s):
+        return s.x
+
+    @right.jump
+    def met(self, p, s):
+        return s.replace(up=False)
+
+    def period(self, p):
+        return 2.0 * jnp.pi + 0.0 * p.h
+
+
+@pytest.mark.parametrize("angle", [0.0, np.pi / 6, 1.0, 3.0])
+def test_guards_look_upwards_and_are_armed_below(angle: float) -> None:
+    """On the surface, within rounding, and beyond it nothing fires; the way down arms the event again."""
+    model = Drum()
+    p = scalars(model)
+    s = model.init(p, {"x_0": np.cos(angle), "y_0": np.sin(angle)})
+    fired = model.guards(p, s) >= 0.0
+    assert bool(s.armed[0]) == (np.sin(angle) < 0.5 - 1e-9)
+    assert not fired[0]
+    assert not fired[3], "its mode does not hold yet"
+    below = s.replace(x=1.0, y=-0.1)
+    armed = model.jump(p, below, model.guards(p, below) >= 0.0)
+    beyond = armed.replace(x=0.8, y=0.6)
+    fired = model.guards(p, beyond) >= 0.0
+    assert fired.tolist() == [True, False, False, False]
+    assert bool(model.section(p, beyond, fired))
+    after = model.jump(p, beyond, fired)
+    assert (int(after.turns), bool(after.up), bool(after.armed[0])) == (1, True, False)
+    # the second event is already beyond its surface where its mode begins to hold: it follows at once
+    chained = model.guards(p, after) >= 0.0
+    assert chained.tolist() == [False, False, False, True]
+    assert not bool(model.section(p, after, chained))
+    assert not bool(model.jump(p, after, chained).up)
+
+
+class Jumper(Hopper):
+    """The shipped hopper, whose nominal period does not vanish with its push."""
+
+    def period(self, p):
+        return 0.5
+
+
+@pytest.mark.parametrize("launch", [0.01, 1.0, 2.0])
+def test_bounces_that_become_ever_shorter_end_where_they_accumulate(launch: float) -> None:
+    """They do so after 2 v / (g (1 - e)); the body must not fall through the ground."""
+    end = gs.sweep(Jumper(), launch_0=launch, push=0.0, run=gs.FixedTime(duration=5)).table.iloc[0]
+    assert (end["status"], end["stalled_by"]) == ("event_stall", "foot lands")
+    defaults = {q.name: q.default for q in Jumper().parameters}
+    expected = 2.0 * launch / (defaults["g"] * (1.0 - defaults["restitution"]))
+    assert end["t_end"] == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_subclass_may_define_what_was_declared() -> None:
+    class Slower(Drum):
+        h = parameter("1", "height", 0.25)
+        tilt = parameter("rad", "another", 0.0)
+
+        def flow(self, p, s):
+            return {"x": -0.5 * s.y, "y": 0.5 * s.x}
+
+    assert [(q.name, q.default) for q in Slower().parameters] == [("h", 0.25), ("tilt", 0.0)]
+    assert fault(Slower()) is None
+    assert Slower.State is not Drum.State
+
+
+def test_contradictions_are_told_in_a_sentence() -> None:
+    def made(**members):
+        members = {"flow": lambda self, p, s: {}, "period": lambda self, p: 1.0, **members}
+        return type("Mine", (DeclaredModel,), members)
+
+    happens = event("it happens")(lambda self, p, s: s.x)
+    for members, words in (
+        ({"jump": variable("m", "height")}, "Mine declares jump, a name that every model has: rename it"),
+        ({"x": variable("m", "x"), "e": happens}, "has events but no section: write section=True"),
+        (
+            {"height": variable("m", "x"), "section_coordinates": ("heigth",)},
+            "heigth, no variable; did you mean height",
+        ),
+    ):
+        with pytest.raises(TypeError, match=words):
+            made(**members)
+    with pytest.raises(TypeError, match="rising=False, so it needs during="):
+        event("lands", rising=False)
+    with pytest.raises(ValueError, match="z has 2 start values, but 3 numbers"):
+        _ = Balls(N=3).initial_conditions

@@ -1,0 +1,38 @@
+"""What holds for each shipped example: the contract, a good job beside it, and equal rows by both engines."""
+
+from __future__ import annotations
+
+import pytest
+
+import gaitsweep as gs
+from gaitsweep import models
+from gaitsweep.models.conformity import faults
+from gaitsweep.shipped import EXAMPLES
+
+NAMES = sorted(file.stem for file in EXAMPLES.glob("*.yaml"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_an_example_keeps_the_contract(name: str) -> None:
+    job = gs.load_job(EXAMPLES / f"{name}.yaml")
+    assert job.name == name
+    assert job.figures
+    assert faults(models.find(job.model, [EXAMPLES])) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "mujoco_hopper"])
+def test_both_engines_end_where_the_other_does(name: str) -> None:
+    """Kernels and XLA round differently: after two crossings at tolerances of 1e-11 that is below 1e-8."""
+    model = type(gs.load_job(EXAMPLES / f"{name}.yaml").plan.model)()
+    numerics = {"rtol": 1e-11, "atol": 1e-12}
+    run = gs.ReturnMap(crossings=2)
+    ends = [
+        gs.sweep(model, run=run, numerics=numerics, engine=engine, verify=0).table
+        for engine in ("xla", "kernel")
+    ]
+    for quantity in model.observables:
+        one, other = (table[f"{quantity.name}_n"].to_numpy() for table in ends)
+        size = max(1.0, float(abs(one).max()))
+        assert one == pytest.approx(other, rel=0, abs=1e-8 * size), quantity.name

@@ -1,0 +1,172 @@
+"""Measures of sets of constants, from rows written by hand and from a model in closed form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import toy_model
+from pydantic import ValidationError
+
+import gaitsweep as gs
+from gaitsweep.fitting.measures import MEASURES, Measure
+from gaitsweep.fitting.search_job import read_search
+from gaitsweep.kinds.diagnostics import JobError
+
+TOY = toy_model.Toy()
+
+
+def measure(kind: str, **fields: Any) -> Measure:
+    return MEASURES[kind].model_validate({"kind": kind, "at": {"mass": [1, 2, 3, 4]}, **fields})
+
+
+def rows(**columns: list[list[Any]]) -> dict[str, np.ndarray]:
+    """Columns of sets of four rows, complete where nothing else is said."""
+    n = len(next(iter(columns.values())))
+    return {"status": np.full((n, 4), "complete"), **{k: np.array(v) for k, v in columns.items()}}
+
+
+def test_a_formula_takes_the_values_at_the_end() -> None:
+    seen = rows(apex=[[9.0] * 4], apex_end=[[1.0, 2.0, 3.0, 6.0]], period=[[2.0] * 4])
+    found = measure("value", of="sqrt(apex*apex)/period").of_sets(seen, TOY)
+    assert found.values == pytest.approx([1.5])
+
+
+def test_a_formula_that_is_not_finite_is_missing() -> None:
+    seen = rows(apex=[[0.0, 1.0, 1.0, 1.0], [1.0] * 4])
+    found = measure("value", of="log(apex)").of_sets(seen, TOY)
+    assert np.isnan(found.values[0])
+    assert found.why[0] == "log(apex) is missing"
+    assert found.values[1] == 0.0
+
+
+def test_only_rows_within_a_range_count() -> None:
+    seen = rows(apex=[[1.0, 2.0, 3.0, 4.0], [7.0] * 4], gait=[["hop", "hop", "rest", "hop"]] * 2)
+    found = measure("value", of="apex", among={"apex": [1.5, 3]}).of_sets(seen, TOY)
+    assert found.values[0] == 2.5
+    assert np.isnan(found.values[1])
+    assert found.why[1] == "no row has apex in 1.5 to 3"
+    share = measure("share", gait="hop", among={"apex": [1.5, 3]}).of_sets(seen, TOY)
+    assert share.values[0] == 0.5
+    assert share.why[1] == "no row has apex in 1.5 to 3"
+
+
+def test_rows_outside_the_range_may_fail() -> None:
+    seen = rows(apex=[[1.0, 2.0, 3.0, 4.0]])
+    seen["status"] = np.array([["fell", "complete", "complete", "fell"]])
+    assert measure("value", of="apex", among={"apex": [1.5, 3]}).of_sets(seen, TOY).values == [2.5]
+    assert measure("value", of="apex", among={"apex": [0, 3]}).of_sets(seen, TOY).why == ["fell"]
+
+
+def test_a_share_of_several_gaits() -> None:
+    seen = rows(gait=[["rest", "hop", "", "rest"]])
+    assert measure("share", gait=["rest", "hop"]).of_sets(seen, TOY).values == [0.75]
+
+
+def test_the_order_of_gaits_is_the_least_step_of_their_medians() -> None:
+    gaits = [["rest", "hop", "hop", "rest"], ["hop", "hop", "rest", "rest"], ["rest"] * 4]
+    seen = rows(gait=gaits, apex=[[1.0, 2.0, 4.0, 2.0]] * 3)
+    found = measure("order", of="apex", gaits=["rest", ["hop"]]).of_sets(seen, TOY)
+    assert found.values[:2] == pytest.approx([1.5, -1.5])
+    assert np.isnan(found.values[2])
+    assert found.why[2] == "no hop"
+
+
+def test_the_order_leaves_failed_rows_out() -> None:
+    seen = rows(gait=[["rest", "hop", "hop", "rest"]], apex=[[1.0, 2.0, 4.0, 9.0]])
+    seen["status"] = np.array([["complete", "complete", "complete", "fell"]])
+    assert measure("order", of="apex", gaits=["rest", "hop"]).of_sets(seen, TOY).values == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("curve", "depth"),
+    [([5.0, 1.0, 2.0, 4.0], 3.0), ([1.0, 3.0, 2.0, 1.0], -1.0), ([1.0, 2.0, 3.0, 4.0], -1.0)],
+)
+def test_prominence_is_the_depth_of_the_least_inner_value(curve: list[float], depth: float) -> None:
+    from scipy.signal import peak_prominences
+
+    found = measure("prominence", of="apex", along="mass").of_sets(rows(apex=[curve]), TOY)
+    assert found.values == [depth]
+    if depth > 0.0:
+        least = 1 + int(np.argmin(curve[1:-1]))
+        assert peak_prominences(-np.array(curve), [least])[0] == pytest.approx(found.values)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "sentence"),
+    [
+        ("value", {"of": "apex", "among": {"apex": [2, 1]}}, "has apex from 2 to 1: low is below high"),
+        ("value", {"of": "apex", "among": {"apex": 1}}, "has apex, which takes [low, high]"),
+        ("share", {"gait": []}, "is an empty list, but takes a gait or several"),
+        ("order", {"of": "apex", "gaits": ["hop"]}, "at least 2 items"),
+    ],
+)
+def test_wrong_fields_are_refused(kind: str, fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        measure(kind, **fields)
+    assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "sentence"),
+    [
+        ("value", {"of": "apxe + 1"}, "has apxe, which is none; did you mean apex?"),
+        ("value", {"of": "2 +"}, "is no column, and no formula: "),
+        ("value", {"of": "2 + 1"}, "has no column"),
+        ("value", {"of": "apex", "among": {"apxe": [1, 2]}}, "has apxe, which is none; did you mean apex?"),
+        ("share", {"gait": ["hop", "rset"]}, "is rset, which is none; did you mean rest?"),
+        ("order", {"of": "apex", "gaits": ["hop", "rset"]}, "is rset, which is none; did you mean rest?"),
+        ("order", {"of": "apex", "gaits": ["hop", ["rest", "hop"]]}, "has hop twice"),
+        ("prominence", {"of": "apex", "along": "mas"}, "is mas, which is none; did you mean mass?"),
+        ("prominence", {"of": "apex", "along": "mass", "at": {"mass": [1, 2]}}, "has fewer than three"),
+        (
+            "prominence",
+            {"of": "apex", "along": "mass", "at": {"mass": [1, 3, 2]}},
+            "has mass, which a prominence takes as a list that rises or falls",
+        ),
+    ],
+)
+def test_what_the_model_does_not_have_is_refused(kind: str, fields: dict[str, Any], sentence: str) -> None:
+    found = measure(kind, **fields).wrong(["status", "gait", "apex_end", "cycles"], TOY)
+    assert found is not None
+    assert sentence in " ".join(found)
+
+
+def search(**targets: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "name": "conditions",
+        "model": "toy_model:Toy",
+        "start": {"launch_1": 1.0},
+        "run": {"kind": "settle", "max_cycles": 60, "tolerance": 1e-9},
+        "search": {
+            "free": {"kick": [0.5, 1.5], "restitution": [0.2, 0.6]},
+            "targets": {
+                name: {"kind": "value", "of": "launch_1", "wanted": 1.0, "error": 0.1, **each}
+                for name, each in targets.items()
+            },
+            "method": "sobol",
+            "budget": 8,
+            "finalists": 0,
+        },
+    }
+
+
+def test_a_measure_may_set_a_free_constant(tmp_path: Path) -> None:
+    found = gs.search(search(all={"at": {"mass": 1}}, unkicked={"at": {"kick": 0.25}}), tmp_path / "out")
+    kick, restitution = (found.table[name].to_numpy(float) for name in ("kick", "restitution"))
+    assert found.table["all"].to_numpy(float) == pytest.approx(kick / (1.0 - restitution), rel=1e-6)
+    assert found.table["unkicked"].to_numpy(float) == pytest.approx(0.25 / (1.0 - restitution), rel=1e-6)
+
+
+def test_a_measure_may_set_all_free_constants(tmp_path: Path) -> None:
+    fixed = {"at": {"kick": 0.5, "restitution": 0.5}}
+    found = gs.search(search(all={"at": {"mass": 1}}, fixed=fixed), tmp_path / "out")
+    assert found.table["fixed"].to_numpy(float) == pytest.approx(np.ones(8), rel=1e-6)
+
+
+def test_a_constant_that_every_measure_sets_is_not_free() -> None:
+    job = search(one={"at": {"kick": 1.0}}, two={"at": {"kick": 0.5}})
+    with pytest.raises(JobError, match=r"one\.at\.kick is free, but every measure sets it"):
+        read_search(job, Path())

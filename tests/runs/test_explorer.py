@@ -1,0 +1,387 @@
+"""The explorer's page: its numbers are those of the table, its walks those of the same starts."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import importlib.util
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from browser import browser, program
+from job_tables import table_of
+from toy_model import flight_time
+from typer.testing import CliRunner
+
+import gaitsweep as gs
+from gaitsweep.cli import commands
+from gaitsweep.plot.movie.animation import Clip
+from gaitsweep.plot.movie.side_view import projected
+from gaitsweep.runs.dataset import MissingPackageError
+from gaitsweep.runs.explorer.choice import boundary, spread, subgrid
+from gaitsweep.runs.explorer.encoding import RESOLUTION, motion_fields, packed
+from gaitsweep.runs.explorer.start_map import CELLS, StartMap, html_symbol
+from gaitsweep.runs.explorer.walks import Motion, Pictures, Stretch
+from gaitsweep.runs.result import Result
+
+SIDE = 6
+PSI_3 = (0.4 * math.pi, math.pi)
+
+
+def fields_of(page: Path) -> dict[str, Any]:
+    """What a page holds, as its script unpacks it."""
+    found = re.search(r'id="data">([^<]*)</script>', page.read_text())
+    assert found is not None
+    return json.loads(gzip.decompress(base64.b64decode(found[1])))
+
+
+def numbers_of(text: str) -> np.ndarray:
+    """Whole numbers of two bytes, stored as low bytes and high bytes."""
+    planes = np.frombuffer(base64.b64decode(text), np.uint8).reshape(2, -1)
+    return np.ascontiguousarray(planes.T).view("<i2").ravel().astype(int)
+
+
+def points_of(motion: dict[str, Any]) -> np.ndarray:
+    """The points of a stretch, (pictures, columns) m, the last column the camera's path."""
+    steps = numbers_of(motion["points"]).reshape(-1, motion["pictures"])
+    return np.cumsum(steps, axis=1).T * motion["unit"]
+
+
+def shown_map(outcome: np.ndarray, closed: tuple[bool, bool] = (False, False)) -> StartMap:
+    """A map of cells with these outcomes (across, up)."""
+    across, up = outcome.shape
+    at = np.array([(i, j) for i in range(across) for j in range(up)])
+    edges = np.arange(across + 1.0), np.arange(up + 1.0)
+    return StartMap(
+        pd.DataFrame({"row": range(len(at))}), CELLS, "x", "y", [], [], outcome.ravel(), edges, at, closed
+    )
+
+
+def test_stretches_are_stored_to_a_thousandth_of_the_height() -> None:
+    random = np.random.default_rng(0)
+    points, camera = random.normal(size=(9, 4)), np.linspace(3.0, 5.0, 9)
+    contact = np.array([[1, 1, 0, 0, 1, 1, 1, 0, 0], [0, 0, 0, 1, 1, 1, 1, 1, 1]]).T
+    motion = Motion(
+        Stretch("x", 0.0, 1.0), np.linspace(0.0, 1.0, 9), 1, contact, Pictures(points, camera, 1.0, 2.0, 0.3)
+    )
+    fields = motion_fields(motion)
+    found = points_of(fields)
+    np.testing.assert_allclose(found[:, :-1], points, atol=0.51 * RESOLUTION * 2.0)
+    np.testing.assert_allclose(fields["ground"] + found[:, -1], camera, atol=0.51 * RESOLUTION * 2.0)
+    assert fields["contact"] == [[0, 2, 4, 7], [3, 9]]
+
+
+def test_whole_numbers_come_back() -> None:
+    numbers = np.array([0, 1, -1, 255, 256, -32768, 32767])
+    np.testing.assert_array_equal(numbers_of(packed(numbers)), numbers)
+
+
+def test_boundary_cells_are_those_beside_another_outcome() -> None:
+    outcome = np.zeros((6, 5), int)
+    outcome[3:] = 1
+    found = boundary(shown_map(outcome)).reshape(6, 5)
+    np.testing.assert_array_equal(np.flatnonzero(found.all(axis=1)), [2, 3])
+    assert not found[[0, 1, 4, 5]].any()
+    around = boundary(shown_map(outcome, (True, False))).reshape(6, 5)
+    np.testing.assert_array_equal(np.flatnonzero(around.any(axis=1)), [0, 2, 3, 5])
+
+
+def test_every_beginning_of_the_order_is_spread_evenly() -> None:
+    np.testing.assert_array_equal(np.sort(spread(13)), np.arange(13))
+    assert np.diff(np.sort(spread(1000)[:10])).max() < 200
+    order = subgrid(shown_map(np.zeros((9, 9), int)))
+    np.testing.assert_array_equal(np.sort(order), np.arange(81))
+    first = np.array([divmod(record, 9) for record in order[:4]])
+    assert len({tuple(each) for each in (first >= 4).tolist()}) >= 3  # in different quarters
+
+
+@pytest.mark.parametrize(
+    ("symbol", "shown"),
+    [
+        (r"\psi_{1}", "ψ<sub>1</sub>"),
+        (r"x_\mathrm{c, fore}", "x<sub>c, fore</sub>"),
+        (r"\Delta^*_{12}", "Δ<sup>*</sup><sub>12</sub>"),
+        (r"\frac{a}{b}", "q"),
+    ],
+)
+def test_symbols_are_shown_as_html(symbol: str, shown: str) -> None:
+    table = pd.DataFrame({"q": [1.0]})
+    table.attrs = {"quantities": {"q": {"symbol": symbol}}}
+    assert html_symbol(table, "q") == shown
+
+
+@pytest.fixture(scope="module")
+def wells(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result of a model of a user's own that says nothing of how it is drawn."""
+    folder = tmp_path_factory.mktemp("wells")
+    gs.sweep(
+        "double_well:DoubleWell",
+        x_0=np.linspace(-1.5, 1.5, 8),
+        run=gs.Settle(max_cycles=500, tolerance=1e-4),
+        numerics={"dt": 0.05},
+        verify=0,
+        out=folder / "wells",
+    )
+    return folder / "wells"
+
+
+def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> None:
+    result = gs.load(wells)
+    told = CliRunner().invoke(commands.app, ["explore", str(wells)])
+    assert told.exit_code == 0, told.output
+    fields = fields_of(wells / "explore.html")
+    assert fields["figure"] is None
+    assert fields["limbs"] == []
+    assert [each["name"] for each in fields["series"]] == ["x"]
+    columns = {column["name"]: column for column in fields["columns"]}
+    np.testing.assert_allclose(columns["x_end"]["values"], result["x_end"], rtol=1e-6)
+    leads = [fields["outcomes"][each]["name"] for each in fields["outcome"]]
+    assert leads == list(result["gait"])
+    for walk in fields["walks"]:
+        row, series = result.iloc[walk["record"]], fields["series"][0]
+        whole = numbers_of(walk["crossings"]["values"])
+        values = series["low"] + (whole + 32767) / 65534 * (series["high"] - series["low"])
+        assert len(values) == row["cycles"] + 1
+        # the start and the end; 2^-16 of the range is lost
+        np.testing.assert_allclose(values[[0, -1]], [row["x_0"], row["x_end"]], atol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("run", "x", "y"),
+    [
+        ({"kind": "return_map", "crossings": 60}, "x_n", "x_n_next"),
+        ({"kind": "ramp", "parameter": "lean", "path": [0.0, 1.0], "rate": 0.05}, "lean", "x_n"),
+        (
+            {"kind": "staircase", "parameter": "lean", "path": [0.0, 1.0], "step": 0.2, "dwell": 9.0},
+            "lean",
+            "x_n",
+        ),
+    ],
+)
+def test_records_of_rows_walk(tmp_path: Path, run: dict[str, Any], x: str, y: str) -> None:
+    """Each record that walks shows its own crossing among those of its row."""
+    job = gs.Job(
+        name="records", model="double_well:DoubleWell", verify=0, numerics={"dt": 0.05}, run=run,
+        vary={"x_0": [-1.0, 0.5]},
+    )  # fmt: skip
+    result = gs.run(job, tmp_path / "records")
+    fields, table = fields_of(result.explore(walks=20)), result.table
+    assert (fields["x"]["name"], fields["y"]["name"]) == (x, y)
+    columns = {column["name"]: column["values"] for column in fields["columns"]}
+    if y == "x_n_next":
+        follows = table.groupby("row")["x_n"].shift(-1).dropna()
+        np.testing.assert_allclose(columns[y], follows, rtol=1e-6)
+    else:
+        np.testing.assert_allclose(columns[y], table[y], rtol=1e-6)
+    assert fields["walks"]
+    for walk in fields["walks"]:
+        series = fields["series"][0]
+        whole = numbers_of(walk["crossings"]["values"])
+        values = series["low"] + (whole + 32767) / 65534 * (series["high"] - series["low"])
+        own = columns["x_n"][walk["record"]]
+        place = -1 if y == "x_n" else columns["crossing"][walk["record"]] - walk["crossings"]["first"]
+        assert values[place] == pytest.approx(own, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_points_of_a_branch_walk_one_cycle(tmp_path: Path) -> None:
+    """The bouncing mass on a branch: a flight takes the time of the closed form, and returns."""
+    job = gs.Job(
+        name="hops", model="toy_model:Toy", vary={"stiffness": [4.0, 9.0]}, verify=0,
+        run={"kind": "continuation", "parameter": "restitution", "path": [0.2, 0.8], "settle": 5},
+        numerics={"method": "rk4", "dt": 1e-2},
+    )  # fmt: skip
+    result = gs.run(job, tmp_path / "hops")
+    fields, table = fields_of(result.explore()), result.table
+    assert len(fields["walks"]) == len(table)
+    series = fields["series"][0]
+    for walk in fields["walks"]:
+        row, (motion,) = table.iloc[walk["record"]], walk["motions"]
+        assert motion["loops"]
+        length = (motion["samples"] - 1) * motion["sample"]
+        exact = float(flight_time(row["launch_1_n"], math.sqrt(row["stiffness"]), 0.5))
+        assert length == pytest.approx(exact, abs=motion["stride"] * motion["sample"])
+        whole = numbers_of(walk["crossings"]["values"])
+        values = series["low"] + (whole + 32767) / 65534 * (series["high"] - series["low"])
+        np.testing.assert_allclose(values[:2], row["launch_1_n"], atol=1e-4)
+
+
+def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypatch: Any) -> None:
+    def said(*options: str) -> str:
+        told = CliRunner().invoke(commands.app, ["explore", str(wells), *options])
+        assert told.exit_code != 0
+        return str(told.exception)
+
+    assert "is not a column of this table" in said("--x", "x_00")
+    assert "without any walk, but --max-size is 0.5 MB" in said("--max-size", "0.5")
+    job = gs.Job(
+        name="trace", model="double_well:DoubleWell", run={"kind": "trace", "duration": 1.0, "every": 0.1}
+    )
+    trace = Result(table=table_of(job))
+    with pytest.raises(gs.ArgumentError, match="holds trace rows"):
+        trace.explore("nowhere.html")
+    with pytest.raises(gs.ArgumentError, match="in memory"):
+        trace.explore()
+    known = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "plotly" else known(name))
+    with pytest.raises(MissingPackageError, match=r"pip install 'gaitsweep\[explore\]'") as refused:
+        Result(wells).explore()
+    assert refused.value.exit_code == 2
+
+
+@pytest.fixture(scope="module")
+def basins(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Basins of the four-legged chain on a coarse grid, with its page."""
+    folder = tmp_path_factory.mktemp("basins") / "chain"
+    axis = {"linspace": [0, "2*pi", SIDE], "at": "centre"}
+    job = gs.Job(
+        name="chain", model="multilegged", structure={"N": 3}, verify=0,
+        vary={"psi_3": list(PSI_3), "psi_2": axis, "psi_1": axis},
+        run={"kind": "settle", "max_cycles": 120},
+        figures=[{"kind": "basin", "x": "psi_1", "y": "psi_2", "panels": "psi_3"}],
+    )  # fmt: skip
+    gs.run(job, folder).explore()
+    return folder
+
+
+@pytest.mark.slow
+def test_walks_are_those_of_the_same_starts(basins: Path) -> None:
+    table, fields = gs.load(basins), fields_of(basins / "explore.html")
+    assert fields["kind"] == CELLS
+    assert len(fields["walks"]) == len(table) == 2 * SIDE**2
+    model = gs.models.Multilegged(N=3)
+    for walk in fields["walks"][::9]:
+        row = table.iloc[walk["record"]]
+        first, last = walk["motions"]
+        assert (first["name"], last["name"]) == ("the first cycles", "the gait")
+        length = (first["samples"] - 1) * first["sample"]
+        start = {name: float(row[name]) for name in ("psi_1", "psi_2", "psi_3")}
+        alone = gs.simulate(model, **start, duration=length * (1.0 + 1e-9), every=first["sample"])
+        signals = {name: alone[name].to_numpy(float) for name in map(str, alone.columns)}
+        # contacts are those of each sample
+        for leg, turns in enumerate(first["contact"]):
+            down = np.zeros(len(alone), bool)
+            for begin, end in zip(turns[::2], turns[1::2], strict=True):
+                down[begin:end] = True
+            np.testing.assert_array_equal(down, signals[f"contact_{leg + 1}"] > 0.5)
+        # the legs are where the skeleton of the same motion has them, to a thousandth of the height
+        drawn = {name: values[:: first["stride"]] for name, values in signals.items()}
+        skeleton = model.skeleton({q.name: q.default for q in model.parameters} | {"L": 1.0}, drawn)
+        assert skeleton is not None
+        t = drawn["t"]
+        clip = Clip(t, skeleton, t, np.zeros((len(t), 0)), 1.0, "")
+        middle = np.column_stack([clip.camera, np.zeros(len(t))])[:, None, :]
+        legs = np.concatenate([projected(limb.points - middle) for limb in skeleton.limbs], axis=1)
+        found = points_of(first)[:, : legs.shape[1] * 2]
+        np.testing.assert_allclose(found, legs.reshape(len(t), -1), atol=0.51 * first["unit"] + 1e-9)
+        # the last crossing is where the table says that the row settled
+        for series in fields["series"]:
+            whole = numbers_of(walk["crossings"]["values"]).reshape(len(fields["series"]), -1)
+            ends = whole[fields["series"].index(series), -1]
+            value = series["low"] + (ends + 32767) / 65534 * (series["high"] - series["low"])
+            apart = abs(value - row[f"{series['name']}_end"])
+            assert min(apart, 2 * math.pi - apart) < 2e-4  # 2^-16 of a turn, and the steps cut by samples
+
+
+def nearest_elsewhere(table: pd.DataFrame, row: int) -> float:
+    """The distance in cells to the nearest start of the same psi_3 with another gait, by trying all."""
+    mine = table.iloc[row]
+    best = math.inf
+    for _, other in table.iterrows():
+        if other["psi_3"] == mine["psi_3"] and other["gait"] != mine["gait"]:
+            apart = [abs(round((other[n] - mine[n]) / (2 * math.pi / SIDE))) for n in ("psi_1", "psi_2")]
+            best = min(best, math.hypot(*(min(each, SIDE - each) for each in apart)))
+    return best
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(program() is None, reason="no Chromium on this machine (apt-get install chromium)")
+def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
+    table = gs.load(basins)
+    with browser() as page:
+        page.size(1280, 900)
+        page.open(basins / "explore.html", "#row=3")
+        chosen = "Number(document.querySelector('td[data-column=row]').textContent)"
+
+        def shown(column: str) -> str:
+            return page.evaluate(f"document.querySelector('td[data-column={column}]').textContent")
+
+        def at(psi_1: float, psi_2: float) -> tuple[float, float]:
+            """Where a start is in the window."""
+            place = page.evaluate(
+                "(() => { const box = document.querySelector('#map .nsewdrag').getBoundingClientRect();"
+                " const { xaxis: x, yaxis: y } = document.getElementById('map')._fullLayout;"
+                f" return [box.left + x.d2p({psi_1}), box.top + y.d2p({psi_2})]; }})()"
+            )
+            return place[0], place[1]
+
+        assert page.evaluate(chosen) == 3
+        # a click on a cell chooses its row, whose numbers are those of the table
+        row = int(table.index[(table["psi_3"] == PSI_3[0])][2 * SIDE + 4])
+        start = table.iloc[row]
+        page.click(*at(start["psi_1"], start["psi_2"]))
+        page.wait(f"{chosen} === {row}")
+        for column in map(str, table.columns):
+            told = shown(column).replace("−", "-").split(" ")[0]
+            value = start[column]
+            if isinstance(value, float) and not math.isnan(value):
+                assert float(told) == pytest.approx(value, rel=1e-6), column
+            elif isinstance(value, str) and value:
+                assert told == value.split(" ")[0]
+        assert page.evaluate("location.hash") == f"#row={row}"
+        assert str(start["gait"]) in page.evaluate("document.getElementById('ended').textContent")
+        # the nearest start that leads elsewhere, by the link and by its key
+        text = page.evaluate("document.getElementById('elsewhere').textContent")
+        distance = re.search(r"([\d.]+) cells? away", text)
+        assert distance is not None
+        assert float(distance[1]) == pytest.approx(nearest_elsewhere(table, row), abs=0.01)
+        page.evaluate("document.querySelector('#elsewhere a').click()")
+        other = page.wait(f"{chosen} !== {row} && {chosen}")
+        assert table["gait"].iloc[other] != start["gait"]
+        # keys: arrows go from cell to cell and around, space stops and plays, e goes elsewhere
+        page.open(basins / "explore.html", f"#row={row}")
+        page.evaluate("document.getElementById('map').focus()")
+        page.press("ArrowRight")
+        page.wait(f"{chosen} === {row + 1}")
+        page.press("ArrowRight")
+        page.wait(f"{chosen} === {row - 4}")  # psi_1 goes round
+        page.press("ArrowUp")
+        page.wait(f"{chosen} === {row - 4 + SIDE}")
+        playing = "document.getElementById('play').getAttribute('aria-label')"
+        before = page.evaluate(playing)
+        page.press(" ")
+        assert page.wait(f"{playing} !== '{before}' && {playing}") in ("play", "pause")
+        page.press("e")
+        page.wait(f"{chosen} !== {row - 4 + SIDE}")
+        assert page.evaluate("document.getElementById('live').textContent").startswith("row ")
+        # another value of psi_3 keeps the cell
+        here = page.evaluate(chosen)
+        page.evaluate("document.querySelectorAll('#slices button')[1].click()")
+        page.wait(f"{chosen} === {here + SIDE**2}")
+        # the body moves
+        page.evaluate("document.getElementById('play').getAttribute('aria-label') === 'play' && play(true)")
+        clock = page.evaluate("document.getElementById('clock').textContent")
+        page.wait(f"document.getElementById('clock').textContent !== '{clock}'")
+        painted = (
+            "document.getElementById('body').getContext('2d').getImageData(0, 0, 600, 200).data.some(x => x)"
+        )
+        assert page.evaluate(painted)
+        # nothing is asked of any other place, and a script that tries is refused
+        assert all(each.startswith(("file:", "data:", "blob:")) for each in page.requests)
+        assert sum(each.startswith("file:") for each in page.requests) == 1
+        assert page.errors == []
+        assert page.evaluate("fetch('https://example.org/').then(() => 'sent', () => 'refused')") == "refused"
+        # a phone
+        page.size(390, 844, 2.0)
+        page.open(basins / "explore.html", "#row=8")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.evaluate("document.getElementById('map').getBoundingClientRect().width") > 300
+        page.screenshot(tmp_path / "phone.png")
+        assert page.errors == []
