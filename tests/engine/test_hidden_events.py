@@ -92,8 +92,9 @@ def test_derivatives_go_through_them(method: str) -> None:
     below = 1e-5
 
     def time(at: jax.Array) -> jax.Array:
-        state = model.init({"below": at}, {"x_0": jnp.asarray(1.0), "v_0": jnp.asarray(0.0)})
-        return crossing({"below": at}, state)[0]
+        params = model.params({"below": at})
+        state = model.init(params, {"x_0": jnp.asarray(1.0), "v_0": jnp.asarray(0.0)})
+        return crossing(params, state)[0]
 
     value, slope = jax.jvp(time, (jnp.asarray(below),), (jnp.asarray(1.0),))
     assert abs(value - (np.pi - np.arccos(1.0 - below) / 2.0)) < 1e-6
