@@ -25,12 +25,15 @@ from gaitsweep.analysis.transitions.transition_points import (
     transition_points,
     transition_points_by_gait,
 )
+from gaitsweep.fitting.conflicts import Conflicts, conflicts
 
 __all__ = [
+    "Conflicts",
     "Hysteresis",
     "agreement",
     "attractors",
     "basins",
+    "conflicts",
     "fixed_points",
     "gait_bouts",
     "gait_measures",

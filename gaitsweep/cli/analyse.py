@@ -157,6 +157,33 @@ def repertoire(
 
 
 @app.command()
+def targets(
+    directories: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Results of searches for the same targets."),
+    ],
+    within: Annotated[
+        float, typer.Option("--within", metavar="X", help="Misses that count as met, in reading errors.")
+    ] = 1.0,
+    target: Annotated[
+        list[str] | None, typer.Option("--target", metavar="NAME", help="Only these; may be repeated.")
+    ] = None,
+) -> None:
+    """Print how many sets of a search meet each pair of targets, and how near others come to the rest."""
+    from gaitsweep.fitting.conflicts import conflicts
+
+    found = conflicts([_table(directory) for directory in directories], within, target)
+    print(f"Of {found.sets} sets, those that meet the target of the row and that of the column:")
+    _print(found.together, index=True)
+    print("\nThe least miss of the column's target among them, in reading errors:")
+    _print(found.nearest, 2, index=True)
+    print(
+        f"\nAt most {len(found.most)} targets are met by one set: {', '.join(found.most) or 'none'} "
+        f"(in {found.most_sets} sets)."
+    )
+
+
+@app.command()
 def attractors(directory: Directory) -> None:
     """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
     from gaitsweep.analysis.attractors import attractors as analysis

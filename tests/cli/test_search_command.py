@@ -44,6 +44,17 @@ def job_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
+def test_targets_that_exclude_each_other_are_counted(capsys: Capture) -> None:
+    assert main(["search", "job.yaml"]) == 0
+    capsys.readouterr()
+    assert main(["analyse", "targets", "results/toy_search", "--within", "10"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("Of 48 sets, those that meet the target of the row and that of the column:")
+    assert "At most 1 targets are met by one set: speed (in " in text
+    assert main(["analyse", "targets", "results/toy_search", "--target", "sped"]) == 2
+    assert "sped is not a target of the search; did you mean speed?" in capsys.readouterr().err
+
+
 def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
     assert main(["search", "job.yaml"]) == 0
     text = capsys.readouterr().out

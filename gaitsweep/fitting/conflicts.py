@@ -1,0 +1,80 @@
+"""Which targets of a search are met together, and which exclude each other, over all sets measured."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.errors import ArgumentError
+from gaitsweep.fitting.targets import FAILED_MISS, MISS
+from gaitsweep.near_miss import suggestion
+
+
+@dataclasses.dataclass(frozen=True)
+class Conflicts:
+    """Which targets are met together.
+
+    `sets` is the number of sets; `together` (targets, targets) how many sets meet both of two targets, on the
+    diagonal one; `nearest` (targets, targets) the least miss of the column's target, in reading errors, among
+    the sets that meet the row's, NaN where no set has a value of both; `most` the targets that the sets meet
+    which meet most of them, and `most_sets` how many sets these are.
+    """
+
+    sets: int
+    together: pd.DataFrame
+    nearest: pd.DataFrame
+    most: tuple[str, ...]
+    most_sets: int
+
+
+def conflicts(
+    tables: Sequence[pd.DataFrame], within: float = 1.0, targets: Sequence[str] | None = None
+) -> Conflicts:
+    """Count the sets of searches for the same targets that meet one, two or more of them.
+
+    Args:
+        tables: the tables of one search or several.
+        within: the miss up to which a target counts as met, in reading errors.
+        targets: those that are looked at; all of the tables by default, also those that were held back.
+
+    Raises:
+        ArgumentError: the tables are not of searches, or have not the same targets.
+    """
+    names = _targets(tables, targets)
+    misses = np.concatenate([np.abs(table[[f"{MISS}{name}" for name in names]]) for table in tables])
+    met = misses <= within
+    counts = met.T.astype(np.int64) @ met
+    known = np.where(misses < FAILED_MISS, misses, np.inf)
+    nearest = np.array([known[mine].min(axis=0, initial=np.inf) for mine in met.T])
+    # the largest number of targets, and of the combinations of so many the most frequent one
+    many = met.sum(axis=1)
+    best, frequent = np.unique(met[many == many.max(initial=0)], axis=0, return_counts=True)
+    most = best[frequent.argmax()] if len(best) else np.zeros(len(names), bool)
+    return Conflicts(
+        sets=len(met),
+        together=pd.DataFrame(counts, index=names, columns=names),
+        nearest=pd.DataFrame(np.where(np.isfinite(nearest), nearest, np.nan), index=names, columns=names),
+        most=tuple(name for name, there in zip(names, most, strict=True) if there),
+        most_sets=int(frequent.max(initial=0)),
+    )
+
+
+def _targets(tables: Sequence[pd.DataFrame], wanted: Sequence[str] | None) -> list[str]:
+    found = [
+        [str(column).removeprefix(MISS) for column in table.columns if str(column).startswith(MISS)]
+        for table in tables
+    ]
+    if not found or not all(found):
+        raise ArgumentError("This is not the table of a search: it has no columns miss_NAME of targets.")
+    for names in found[1:]:
+        if names != found[0]:
+            raise ArgumentError(
+                f"The searches have different targets: {', '.join(found[0])} and {', '.join(names)}."
+            )
+    for name in wanted or ():
+        if name not in found[0]:
+            raise ArgumentError(f"{name} is not a target of the search{suggestion(name, found[0])}")
+    return list(wanted or found[0])
