@@ -53,6 +53,6 @@ def test_refusals() -> None:
     with pytest.raises(ArgumentError, match="not the table of a search"):
         conflicts([pd.DataFrame({"row": [0]})])
     with pytest.raises(ArgumentError, match="different targets: x, y, z and x"):
-        conflicts([circle(), circle()[["row", "miss_x"]]])
+        conflicts([circle(), circle().drop(columns=["miss_y", "miss_z"])])
     with pytest.raises(ArgumentError, match="yy is not a target of the search; did you mean y"):
         conflicts([circle()], targets=["yy"])
