@@ -156,14 +156,14 @@ class Plan:
         return found
 
     def in_cells(self, name: str) -> bool:
-        """Whether a name's points are sure to be drawn as cells: equal steps, or few points."""
+        """Whether a name's points are sure to be drawn as cells: equal steps or ratios, or few points."""
         group = self._places[name][0] if name in self._places else None
         if group is None:
             return False
         points = group.points[name]
         if points.formulas or points.length > MOST_DRAWN:
             return False
-        if isinstance(points, Spread) and isinstance(points.fraction, Steps) and not points.logarithmic:
+        if isinstance(points, Spread) and isinstance(points.fraction, Steps):
             return True
         return np.unique(points.at(np.arange(points.length), {})).size <= 4
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.circular import is_circular as is_angle
@@ -48,6 +49,22 @@ def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
 def moved_parameter(table: pd.DataFrame) -> str | None:
     """The parameter that the table's job moves."""
     return table.attrs.get("job", {}).get("run", {}).get("parameter")
+
+
+def is_logarithmic(table: pd.DataFrame, name: str) -> bool:
+    """Whether the table's job varies a column in equal ratios (`logspace`): its axes are logarithmic."""
+    vary = table.attrs.get("job", {}).get("vary") or {}
+    zipped = vary.get("zip") or []
+    groups = [vary, *(zipped if isinstance(zipped, list) else [zipped])]
+    axes = [group[name] for group in groups if name in group]
+    return any(isinstance(axis, Mapping) and "logspace" in axis for axis in axes)
+
+
+def log_axes(axes: Axes, table: pd.DataFrame, **along: str) -> None:
+    """Make an axis logarithmic whose column (`x=`, `y=`) the table's job varies in equal ratios."""
+    for which, name in along.items():
+        if is_logarithmic(table, name):
+            getattr(axes, f"set_{which}scale")("log")
 
 
 def base_name(name: str) -> str:

@@ -19,6 +19,8 @@ from gaitsweep.plot.columns import (
     axis_label,
     column,
     is_angle,
+    is_logarithmic,
+    log_axes,
     outcome,
     rows_where,
     symbol,
@@ -104,9 +106,9 @@ def _axes_of(table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns:
         axes.tick_params(labelbottom=below)
         axes.set_ylabel(axis_label(table, y) if number % columns == 0 else "")
         for which, name in (("x", x), ("y", y)):
-            if is_angle(table, name):
+            if is_angle(table, name) and not is_logarithmic(table, name):
                 style.angle_axis(axes, which)
-        if is_angle(table, x) and is_angle(table, y):
+        if all(is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y)):
             axes.set_aspect("equal")
 
 
@@ -126,8 +128,11 @@ def _cells(
     if not len(part):
         style.message(axes, "no rows yet")
         return None
+    log_axes(axes, part, x=x, y=y)
+    logs = is_logarithmic(part, x), is_logarithmic(part, y)
     across, up = np.unique(part[x]), np.unique(part[y])
-    regular = on_grid(across) and on_grid(up) and len(part) >= 0.02 * len(across) * len(up)
+    regular = on_grid(across, log=logs[0]) and on_grid(up, log=logs[1])
+    regular = regular and len(part) >= 0.02 * len(across) * len(up)
     shown = shown.loc[part.index]
     palette, marker = looks
     if not regular:
@@ -145,10 +150,11 @@ def _cells(
             "keep one of its values in the table."
         )
     across, up = (
-        filled(all_ if on_grid(all_) else mine) for all_, mine in zip(whole, (across, up), strict=True)
+        filled(all_ if on_grid(all_, log=log) else mine, log=log)
+        for all_, mine, log in zip(whole, (across, up), logs, strict=True)
     )
     at = np.searchsorted(up, part[y]), np.searchsorted(across, part[x])
-    edges = cell_edges(across), cell_edges(up)
+    edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
     hatch_cells(axes, edges, at, shown.isin([NOT_SETTLED, FAILED]).to_numpy())
     if limits is not None:
         cells = np.full((len(up), len(across)), np.nan)

@@ -47,32 +47,45 @@ def hatch_cells(axes: Axes, edges: tuple[np.ndarray, np.ndarray], at: tuple, mar
             )
 
 
-def on_grid(values: np.ndarray) -> bool:
-    """Whether sorted values form a grid: all steps are whole multiples of the smallest, up to rounding."""
-    gaps = np.diff(values)
+def on_grid(values: np.ndarray, *, log: bool = False) -> bool:
+    """Whether sorted values form a grid: all steps are whole multiples of the smallest, up to rounding.
+
+    Steps are ratios with `log`.
+    """
+    gaps = np.diff(np.log(values) if log else values)
     if not len(gaps):
         return True
     counts = gaps / gaps.min()
     return len(values) <= 4 or bool((np.abs(counts - np.round(counts)) < 0.01).all() and counts.max() < 50)
 
 
-def filled(values: np.ndarray) -> np.ndarray:
+def filled(values: np.ndarray, *, log: bool = False) -> np.ndarray:
     """Sorted values of a grid with the missing ones between them, so that no cell covers a missing neighbour.
 
-    Values that form no grid are returned as they are.
+    Values that form no grid are returned as they are. Steps are ratios with `log`.
     """
-    gaps = np.diff(values)
+    places = np.log(values) if log else values
+    gaps = np.diff(places)
     if not len(gaps):
         return values
     counts = np.round(gaps / gaps.min())
     if (np.abs(gaps / gaps.min() - counts) >= 0.01).any() or counts.max() >= 50:
         return values
-    steps = zip(values[:-1], values[1:], counts.astype(int), strict=True)
-    return np.r_[*(np.linspace(a, b, n, endpoint=False) for a, b, n in steps), values[-1:]]
+    steps = zip(places[:-1], places[1:], counts.astype(int), strict=True)
+    between = [np.linspace(a, b, n, endpoint=False)[1:] for a, b, n in steps]
+    between = [np.exp(each) for each in between] if log else between
+    # the values themselves exactly, by which rows find their cells
+    pairs = zip(values[:-1], between, strict=True)
+    return np.r_[*(part for a, inner in pairs for part in ([a], inner)), values[-1:]]
 
 
-def cell_edges(centres: np.ndarray) -> np.ndarray:
-    """The edges of cells, half way between neighbouring centres (for a grid: `filled`)."""
+def cell_edges(centres: np.ndarray, *, log: bool = False) -> np.ndarray:
+    """The edges of cells, half way between neighbouring centres (for a grid: `filled`).
+
+    Half way is the geometric mean with `log`.
+    """
+    if log:
+        return np.exp(cell_edges(np.log(centres)))
     if len(centres) == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = 0.5 * (centres[1:] + centres[:-1])

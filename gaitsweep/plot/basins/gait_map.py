@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, hatch_cells, on_grid
-from gaitsweep.plot.columns import column, described, is_angle, outcome, rows_where
+from gaitsweep.plot.columns import column, described, is_angle, is_logarithmic, log_axes, outcome, rows_where
 from gaitsweep.plot.figure_kind import GaitColumn, Horizontal, Title, Vertical, figure_kind
 
 OTHER = "another gait"  # settled, but in no gait of the model
@@ -51,9 +51,10 @@ def gait_map(
             return figure
         sets = _sets(table, x, y, hue)
         colour = _colours(_ordered(sets["set"].tolist()))
-        _draw(axes, sets, x, y, colour)
+        log_axes(axes, table, x=x, y=y)
+        _draw(axes, sets, x, y, colour, (is_logarithmic(table, x), is_logarithmic(table, y)))
         for which, name in (("x", x), ("y", y)):
-            if is_angle(table, name):
+            if is_angle(table, name) and not is_logarithmic(table, name):
                 style.angle_ticks(axes, which)
         look = {"title": "gaits that starts settle in, share of cells", "title_fontsize": 7.5}
         figure.legend(handles=_key(sets, colour), loc="outside lower center", ncols=2, **look)
@@ -138,17 +139,25 @@ def _words(names: tuple[str, ...]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _draw(axes: Axes, sets: pd.DataFrame, x: str, y: str, colour: dict[tuple[str, ...], str]) -> None:
+def _draw(
+    axes: Axes,
+    sets: pd.DataFrame,
+    x: str,
+    y: str,
+    colour: dict[tuple[str, ...], str],
+    logs: tuple[bool, bool],
+) -> None:
     """Cells if the parameter sets form a grid, else one point for each set."""
     across, up = np.unique(sets[x]), np.unique(sets[y])
     colours = np.array([to_rgba(colour[each]) for each in sets["set"]])
-    if not (on_grid(across) and on_grid(up) and len(sets) >= 0.02 * len(across) * len(up)):
+    regular = on_grid(across, log=logs[0]) and on_grid(up, log=logs[1])
+    if not (regular and len(sets) >= 0.02 * len(across) * len(up)):
         size = float(np.clip(4e3 / len(sets), 4.0, 36.0))
         axes.scatter(sets[x], sets[y], c=colours, s=size, edgecolors="#333333", linewidths=0.3)
         return
-    across, up = filled(across), filled(up)
+    across, up = filled(across, log=logs[0]), filled(up, log=logs[1])
     at = np.searchsorted(up, sets[y]), np.searchsorted(across, sets[x])
-    edges = cell_edges(across), cell_edges(up)
+    edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
     cells = np.zeros((len(up), len(across), 4))
     cells[at] = colours
     axes.pcolormesh(*edges, cells, rasterized=True)

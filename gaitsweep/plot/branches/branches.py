@@ -15,7 +15,7 @@ from gaitsweep import near_miss
 from gaitsweep.analysis.circular import cut, on_line
 from gaitsweep.analysis.transitions.return_map import branches as find_branches
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described, is_angle, rows_where
+from gaitsweep.plot.columns import column, described, is_angle, log_axes, rows_where
 from gaitsweep.plot.figure_kind import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -62,6 +62,7 @@ def branches(
     with style.canvas(style.COLUMN + 1.6, 3.4, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
+        log_axes(axes, table, x=x)
         axes.set_ylabel(described(table, name, 36))
         if not len(found):
             style.message(axes, "no fixed point was found")

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from gaitsweep.contract import Status, Verdict
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import axis_label, column, is_angle, symbol
+from gaitsweep.plot.columns import axis_label, column, is_angle, log_axes, symbol
 from gaitsweep.plot.figure_kind import Horizontal, Hue, Observable, Title, figure_kind
 
 _NAMED_LINES = 8
@@ -51,6 +51,7 @@ def cycles(
             for part in lines:
                 _line(axes, part, x, name, colour[part[hue].iloc[0]], is_angle(table, name))
             axes.set_xlabel(axis_label(table, x))
+            log_axes(axes, table, x=x)
             axes.set_ylabel(axis_label(table, name))
             if is_angle(table, name):
                 style.angle_axis(axes, "y")

@@ -15,7 +15,7 @@ from gaitsweep.analysis.circular import cut, is_circular, on_line
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
 from gaitsweep.analysis.transitions.transition_points import transition_points_by_gait
 from gaitsweep.plot import style
-from gaitsweep.plot.columns import column, described, outcome, rows_where, symbol, unit_of
+from gaitsweep.plot.columns import column, described, log_axes, outcome, rows_where, symbol, unit_of
 from gaitsweep.plot.figure_kind import AlongAxis, Column, GaitColumn, Observed, Title, figure_kind
 
 _OPEN = "#777777"
@@ -49,6 +49,7 @@ def gait_transitions(
     with style.canvas(style.COLUMN + 1.6, 3.6, title) as figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
+        log_axes(axes, table, x=x)
         axes.set_ylabel(described(table, name, 36))
         table = rows_where(table, table[x].notna())
         if not len(table):

@@ -15,7 +15,7 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import POLLS_PER_CHUNK, WORDS
-from gaitsweep.plot.columns import PlotError, column, described, moved_parameter
+from gaitsweep.plot.columns import PlotError, column, described, log_axes, moved_parameter
 from gaitsweep.plot.figure_kind import AlongAxis, GaitColumn, Title, figure_kind
 
 _TOGETHER = "#009E73"  # as in a gait map of two gaits
@@ -53,6 +53,7 @@ def stable_ranges(
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel(described(table, y, 36))
+        log_axes(axes, table, y=y)
         areas = _areas(table.assign(gait=table[hue]), x, y)
         if not areas:
             style.message(axes, "no stable gait was found")

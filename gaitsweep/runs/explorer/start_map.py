@@ -17,7 +17,7 @@ from gaitsweep.contract import Status
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, style
 from gaitsweep.plot.basins.cells import cell_edges
-from gaitsweep.plot.columns import column, is_angle, rows_where, symbol, unit_of
+from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where, symbol, unit_of
 
 CELLS, POINTS = "cells", "points"
 # Significant digits of the numbers that the page shows.
@@ -64,13 +64,15 @@ class StartMap:
     thinned: str = ""
 
     def axis(self, which: str) -> dict[str, Any]:
-        """The label of an axis, whether it is an angle, and where the circle is cut."""
+        """The label of an axis, whether it is logarithmic or an angle, and where the circle is cut."""
         name = self.x if which == "x" else self.y
-        circular = is_angle(self.table, name)
+        log = is_logarithmic(self.table, name)
+        circular = is_angle(self.table, name) and not log
         origin = 0.0
         if circular and self.kind == POINTS:
             origin = cut(self.table[name].to_numpy(float))
-        return {"name": name, "label": label_of(self.table, name), "circular": circular, "origin": origin}
+        label = label_of(self.table, name)
+        return {"name": name, "label": label, "circular": circular, "log": log, "origin": origin}
 
 
 def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: int) -> StartMap:
@@ -120,7 +122,10 @@ def _cells(shown: StartMap, values: list[np.ndarray], job: Job, taken: list[int]
         table=table,
         outcome=shown.outcome[kept],
         slices=_slices(table, job, row, taken),
-        edges=(cell_edges(values[0]), cell_edges(values[1])),
+        edges=(
+            cell_edges(values[0], log=is_logarithmic(table, shown.x)),
+            cell_edges(values[1], log=is_logarithmic(table, shown.y)),
+        ),
         at=at[kept] // step,
         closed=tuple(name in grids and grids[name].closed for name in (shown.x, shown.y)),
         thinned=f"every {_ordinal(step)} cell along both axes" if step > 1 else "",

@@ -126,18 +126,24 @@ function piTicks(low, high) {
   return { tickvals: values, ticktext: values.map(inPi) };
 }
 
+/** Where a value stands along an axis: its logarithm to base 10 where the axis is logarithmic. */
+const onScale = (axis, value) => axis.log ? Math.log10(value) : value;
+const offScale = (axis, at) => axis.log ? 10 ** at : at;
+
 function axisOf(axis, range) {
   const layout = { title: { text: axis.label, standoff: 8 }, range, zeroline: false, ticks: "outside", showline: true,
     linecolor: "#888", tickcolor: "#888", showgrid: data.kind === "points", gridcolor: "#eee", automargin: true };
-  return axis.circular ? { ...layout, ...piTicks(...range) } : layout;
+  if (axis.log) return { ...layout, type: "log", tickformat: "~g" };
+  return { ...layout, type: "linear", ...(axis.circular ? piTicks(...range) : {}) };
 }
 
+/** The ranges of the axes, in places along them. */
 function ranges() {
-  if (data.kind === "cells") return data.edges.map(edges => [edges[0], edges[edges.length - 1]]);
+  if (data.kind === "cells") return [data.x, data.y].map((axis, k) => [data.edges[k][0], data.edges[k].at(-1)].map(edge => onScale(axis, edge)));
   return [data.x, data.y].map(axis => {
     let low = Infinity, high = -Infinity;
     for (let i = 0; i < count; i++) {
-      const value = along(axis, numberAt(axis.name, i));
+      const value = onScale(axis, along(axis, numberAt(axis.name, i)));
       if (Number.isFinite(value)) { low = Math.min(low, value); high = Math.max(high, value); }
     }
     if (!(low <= high)) { low = 0; high = 1; }
@@ -154,7 +160,7 @@ function told(i) {
     + `<extra>${outcomeOf(i).name}<br>${nameOf(i)}</extra>`;
 }
 
-const middle = (edges, k) => 0.5 * (edges[k] + edges[k + 1]);
+const middle = (axis, edges, k) => offScale(axis, 0.5 * (onScale(axis, edges[k]) + onScale(axis, edges[k + 1])));
 
 function cellTraces() {
   const [xs, ys] = data.edges, across = xs.length - 1, up = ys.length - 1, last = data.outcomes.length - 1;
@@ -163,12 +169,12 @@ function cellTraces() {
   const hatched = { x: [], y: [] }, walking = { x: [], y: [] }, key = shownKey();
   for (let i = 0; i < count; i++) {
     if (sliceKey(i) !== key) continue;
-    const a = data.at[0][i], b = data.at[1][i], place = [middle(xs, a), middle(ys, b)];
+    const a = data.at[0][i], b = data.at[1][i], centre = [middle(data.x, xs, a), middle(data.y, ys, b)];
     z[b][a] = data.outcome[i];
     text[b][a] = told(i);
     const into = outcomeOf(i).hatched ? [hatched] : [];
     if (walkOf.has(i)) into.push(walking);
-    for (const each of into) { each.x.push(place[0]); each.y.push(place[1]); }
+    for (const each of into) { each.x.push(centre[0]); each.y.push(centre[1]); }
   }
   const scale = [];
   data.outcomes.forEach((outcome, k) => scale.push([k / (last + 1), outcome.colour], [(k + 1) / (last + 1), outcome.colour]));
@@ -199,7 +205,7 @@ function pointTraces() {
     traces.push({ type: "scatter", mode: "lines", ...line, line: { width: 0.8, color: "rgba(90,95,105,.35)" }, hoverinfo: "skip" });
   }
   if (data.diagonal) {
-    const [range] = ranges();
+    const range = ranges()[0].map(at => offScale(data.x, at));
     traces.push({ type: "scatter", mode: "lines", x: range, y: range, line: { width: 1, dash: "dot", color: "#888" }, hoverinfo: "skip" });
   }
   data.outcomes.forEach((outcome, number) => {
@@ -260,7 +266,7 @@ function distance(i, j) {
     return Math.sqrt(sum);
   }
   [data.x, data.y].forEach((axis, k) => {
-    let apart = Math.abs(numberAt(axis.name, i) - numberAt(axis.name, j));
+    let apart = Math.abs(onScale(axis, numberAt(axis.name, i)) - onScale(axis, numberAt(axis.name, j)));
     if (axis.circular) { apart = mod(apart, TURN); apart = Math.min(apart, TURN - apart); }
     sum += (apart / spans[k]) ** 2;
   });
@@ -636,7 +642,7 @@ function showMultipliers() {
     { mode: "markers", x: [at], y: [numberAt("multiplier", chosen)], marker: { size: 11, color: SERIES[1], line: { width: 2, color: "#000" } } }];
   Plotly.react(box, [lines, points].map(each => ({ type: "scatter", hovertemplate: "%{x:.5g}: %{y:.5g}<extra></extra>", ...each })), {
     width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 42 }, font: { ...FONT, size: 12 }, showlegend: false,
-    xaxis: { title: { text: data.x.label, standoff: 4 }, range, zeroline: false, gridcolor: "#eee" }, hovermode: "closest", dragmode: false,
+    xaxis: { title: { text: data.x.label, standoff: 4 }, type: data.x.log ? "log" : "linear", range, zeroline: false, gridcolor: "#eee" }, hovermode: "closest", dragmode: false,
     yaxis: { title: { text: "modulus" }, rangemode: "tozero", gridcolor: "#eee" },
     shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { dash: "dot", width: 1.2, color: "#555" } }] }, { displayModeBar: false });
 }
