@@ -58,6 +58,11 @@ def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
     return "; ".join(told)
 
 
+def unsettled(slowest: Mapping[str, int]) -> str:
+    """The observables that kept rows from settling: "psi_1 in 12 rows, psi_2 in 1 row"."""
+    return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
+
+
 def distance(far: Mapping[str, Any]) -> str:
     """The largest distance from the analytic solutions: "0.110 rad (row 123)"."""
     return f"{far.get('rad', float('nan')):.3f} rad (row {far.get('row', '?')})"
@@ -77,6 +82,8 @@ def outcome(snapshot: Snapshot) -> str:
         lines.append(f"Largest distance from the analytic solutions: {distance(far)}.")
     if stalls := snapshot.manifest.get("stalls"):
         lines.insert(1, f"Stalled: {stalled(stalls)}.")
+    if slowest := snapshot.manifest.get("slowest"):
+        lines.insert(1, f"Kept from settling by {unsettled(slowest)}.")
     if snapshot.counts and not set(snapshot.counts) & Status.of(Verdict.sound):
         worst = next(iter(snapshot.counts))
         meaning = Status[worst].sentence if worst in Status.__members__ else "a status of another version."
@@ -111,6 +118,8 @@ def directory(snapshot: Snapshot) -> str:
     for key, value in snapshot.manifest.items():
         if key == "stalls" and isinstance(value, dict):
             lines[key] = stalled(value)
+        elif key == "slowest" and isinstance(value, dict):
+            lines["unsettled"] = f"{unsettled(value)}: what changed most, relative to its tolerance"
         elif key == "largest_distance" and isinstance(value, dict):
             if value:
                 lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"

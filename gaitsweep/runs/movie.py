@@ -290,7 +290,8 @@ def _prepared(
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:
         raise PlotError(
-            f"{name} does not say how it is drawn: give it a `skeleton`, as gaitsweep/contract.py describes."
+            f"{name} does not say how it is drawn: give it a `skeleton`, as docs/own_model.md shows under "
+            "`See it move`."
         )
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))

@@ -21,28 +21,38 @@ from gaitsweep.runs.status_sentences import status_sentence
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #1d2125;
+:root { color-scheme: light dark; --ink: #1d2125; --faint: #5c636b; --line: #e3e6ea; --rule: #ccc;
+  --paper: #fff; --code: #f5f6f8; --edge: #333; --link: #0b5cad; --warning: #B00020; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e6e9ed; --faint: #a7afb8; --line: #2e343a; --rule: #4b545d; --paper: #14181c;
+    --code: #20262c; --edge: #d5dade; --link: #56B4E9; --warning: #ff8f8a; }
+}
+body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
+  color: var(--ink); background: var(--paper);
   max-width: 62rem; margin: 0 auto 3rem; padding: 0 1rem; }
 h1 { margin: 1.2rem 0 0; font-size: 1.6rem; overflow-wrap: anywhere; }
-h2 { margin: 2.2rem 0 .5rem; font-size: 1.15rem; border-bottom: 1px solid #ccc; }
-p { margin: .3rem 0; } .faint, figcaption { color: #5c636b; } .warning { color: #B00020; font-weight: 600; }
+h2 { margin: 2.2rem 0 .5rem; font-size: 1.15rem; border-bottom: 1px solid var(--rule); }
+p { margin: .3rem 0; } .faint, figcaption { color: var(--faint); }
+.warning { color: var(--warning); font-weight: 600; }
+a { color: var(--link); }
 table { border-collapse: collapse; font-size: .95rem; }
 td, th { padding: .2rem 1.1rem .2rem 0; text-align: left; vertical-align: top;
-  border-bottom: 1px solid #e3e6ea; }
+  border-bottom: 1px solid var(--line); }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr.sum td { font-weight: 600; }
 .wide { overflow-x: auto; }
 .facts { width: 100%; } .facts th { white-space: nowrap; } .facts td { overflow-wrap: anywhere; }
 .name { white-space: nowrap; } summary { cursor: pointer; }
-.chip { display: inline-block; width: .9em; height: .9em; margin-right: .45em; border: 1px solid #333;
+.chip { display: inline-block; width: .9em; height: .9em; margin-right: .45em; border: 1px solid var(--edge);
   vertical-align: -.1em; }
-pre { background: #f5f6f8; padding: .8rem; font-size: 13px; white-space: pre-wrap; overflow-wrap: anywhere; }
-figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; }
+pre { background: var(--code); padding: .8rem; font-size: 13px; white-space: pre-wrap;
+  overflow-wrap: anywhere; }
+figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #fff; }
 @media (max-width: 600px) {
   body { padding: 0 .7rem; }
   td, th { padding-right: .7rem; }
   .facts, .facts tbody, .facts tr, .facts th, .facts td { display: block; }
-  .facts th { border: 0; padding-bottom: 0; font-size: .85rem; color: #5c636b; }
+  .facts th { border: 0; padding-bottom: 0; font-size: .85rem; color: var(--faint); }
 }
 """
 _NOT_READ = "not read"  # of records without a gait
@@ -50,8 +60,8 @@ _NOT_READ = "not read"  # of records without a gait
 _REASONS = 5
 # What of the manifest is shown apart, or is of no use to a reader.
 _APART = (
-    "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "complete",
-    "versions", "largest_distance",
+    "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
+    "complete", "versions", "largest_distance",
 )  # fmt: skip
 _NAMES = {
     "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
@@ -157,6 +167,9 @@ def _counts(snapshot: Snapshot) -> str:
         f"<p>{int(found.get('rows', 0))} stalled: {html.escape(names)}.</p>"
         for names, found in (stalls or {}).items()
     )
+    if slowest := snapshot.manifest.get("slowest"):
+        each = ", ".join(f"{html.escape(name)} in {int(rows)} rows" for name, rows in slowest.items())
+        told += f"<p>Kept from settling by {each}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{told}{_reasons(snapshot)}'
 
 

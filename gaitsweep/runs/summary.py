@@ -59,17 +59,23 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     counts_gaits, has_distance = _counts_gaits(ready), _has_distance(ready)
     columns = {"stalled_by", "t_end", "t"} if stalled else set()
     columns |= {"gait"} if counts_gaits else set()
+    unsettled = _counts_slowest(ready, directory)
+    columns |= {"slowest"} if unsettled else set()
     columns |= {"distance", "gait"} if has_distance else set()
     if not columns:
         return {}
     stalls: dict[str, dict[str, Any]] = {}
     gaits: collections.Counter[str] = collections.Counter()
+    slowest: collections.Counter[str] = collections.Counter()
     farthest: list[tuple[float, int]] = []
     for part in load_parts(directory.path, ["row", "status", *sorted(columns & set(known))]):
         if stalled:
             _add_stalls(stalls, part)
         if counts_gaits:
             gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
+        if unsettled:
+            mine = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
+            slowest.update({str(name): int(n) for name, n in mine.value_counts().items() if n})
         far = largest_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
@@ -77,6 +83,8 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
         fields["stalls"] = dict(sorted(stalls.items()))
     if counts_gaits:
         fields["gaits"] = dict(gaits.most_common())
+    if unsettled:
+        fields["slowest"] = dict(slowest.most_common())
     if has_distance:
         fields["largest_distance"] = {"rad": farthest[0][0], "row": farthest[0][1]} if farthest else {}
     return fields
@@ -91,12 +99,19 @@ def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
         and ("gaits" in known or not _counts_gaits(ready))
         and ("largest_distance" in known or not _has_distance(ready))
         and ("stalls" in known or not directory.counts().get(Status.event_stall.name))
+        and ("slowest" in known or not _counts_slowest(ready, directory))
         and "quantities" in known
     )
 
 
 def _counts_gaits(ready: Prepared) -> bool:
     return ready.job.run.one_a_row and "gait" in table_columns(ready.plan, ready.job.run)
+
+
+def _counts_slowest(ready: Prepared, directory: ResultDirectory) -> bool:
+    """Whether rows did not settle, and say which observable kept them from it."""
+    known = table_columns(ready.plan, ready.job.run)
+    return "slowest" in known and bool(directory.counts().get(Status.cycle_limit.name))
 
 
 def _has_distance(ready: Prepared) -> bool:

@@ -145,6 +145,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "timings": (_by_name(_is_number), "seconds and attempts by name"),
     "counts": (_COUNTS, "numbers of rows by status"),
     "gaits": (_COUNTS, "numbers of rows by gait"),
+    "slowest": (_COUNTS, "numbers of rows by observable"),
     "axes": (_are_axes, "names, number of points and drawn of each axis"),
     "figures_drawn": (_by_name(lambda value: isinstance(value, str)), "digests by name"),
     "complete": (lambda value: isinstance(value, bool), "true or false"),

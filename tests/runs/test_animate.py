@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import types
 from pathlib import Path
@@ -152,7 +153,12 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     undrawn = written(
         tmp_path / "toy", toy, [pd.DataFrame({"row": 0, "t": t, **signals, "status": "complete"})]
     )
-    assert "does not say how it is drawn" in refused(capsys, [str(undrawn)])
+    told = refused(capsys, [str(undrawn)])
+    assert "does not say how it is drawn" in told
+    page, section = re.findall(r"as (\S+) shows under `([^`]+)`", " ".join(told.split()))[0]
+    text = (Path(__file__).parents[2] / page).read_text()
+    (headed,) = re.findall(rf"^## [\d. ]*{section}\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
+    assert "def skeleton(" in headed
 
 
 def test_nothing_is_written_where_it_cannot(chain: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import html
-import importlib.util
 import json
+import re
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -23,8 +23,8 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
-from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.runs.explorer.encoding import compressed, crossing_fields, motion_fields
+from gaitsweep.runs.explorer.plotly_source import plotly_source
 from gaitsweep.runs.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
 from gaitsweep.runs.explorer.walks import BodyParts, Crossings, Walker, Watched
 from gaitsweep.runs.explorer.watching import Watch, watches
@@ -44,8 +44,9 @@ _MB = 1_000_000
 _TABLE_SHARE = 0.6
 # Records by which the size of a table's records is measured.
 _MEASURED = 1000
+# Lines of one figure beside the map, and symbols that name it.
 _MOST_SERIES = 6
-_SIZE = "{{size}}"  # where the page says how large it is
+_NAMED = 3
 # An angle by which a row that was simulated again may differ from the table's unsaid, rad.
 _APART = 1e-2
 
@@ -88,7 +89,7 @@ def write_explorer(
         WriteError: the file cannot be written.
     """
     directory = Path(directory)
-    _plotly()  # refuses before a large table is read
+    plotly_source()  # refuses before a large table is read
     table = load(directory)
     target = directory / EXPLORE if out is None else Path(out)
     return explorer_of(table, target, x=x, y=y, walks=walks, max_size=max_size, progress=progress, tell=tell)
@@ -106,20 +107,11 @@ def explorer_of(
     tell: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write the page of a table, as `write_explorer` does."""
-    plotly = _plotly()
+    plotly = plotly_source()
     page = _page(table, _job_of(table), plotly, (x, y), walks, max_size, progress, tell)
     with writing(f"{target} could not be written"):
         replace_file(target, lambda file: file.write(page.encode()))
     return target
-
-
-def _plotly() -> str:
-    """The source of plotly.js."""
-    if importlib.util.find_spec("plotly") is None:
-        raise MissingPackageError(
-            "The explorer needs the package plotly: install it with pip install 'gaitsweep[explore]'."
-        )
-    return resources.files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
 
 
 def _job_of(table: pd.DataFrame) -> Job:
@@ -175,10 +167,10 @@ def _page(
     fields |= _about(shown, table, ready, chosen)
     data = compressed(_json(fields))
     told = chosen.sentence
-    page = _filled(fields["name"], script, data, told)
-    size = f"{len(page.encode()) / _MB:.1f}"
+    parts = {"title": fields["name"], "told": told}
+    size = f"{len(_filled(parts, script, data, '0.0').encode()) / _MB:.1f}"
     tell(f"{told} The page is {size} MB.")
-    return page.replace(_SIZE, size, 1)
+    return _filled(parts, script, data, size)
 
 
 def _labelled(table: pd.DataFrame, ready: Prepared) -> pd.DataFrame:
@@ -354,20 +346,33 @@ class _Walks:
         return {"apart": most} if most > _APART else {}
 
     def _drawn_over_cycles(self) -> list[dict[str, Any]]:
-        """The observables that are drawn over the cycles: angles, or those of the first one's unit."""
+        """The observables that are drawn over the cycles, in groups of one unit, angles first.
+
+        The page draws one group at a time; `group` is its name in HTML.
+        """
         observables = self._model.observables
-        angles = [q for q in observables if q.circular]
-        chosen = angles or [q for q in observables if q.unit == observables[0].unit][:_MOST_SERIES]
-        return [
-            {
-                "name": q.name,
-                "symbol": html_symbol(self._shown, q.name),
-                "unit": "" if q.unit == "1" else q.unit,
-                "circular": q.circular,
-                "number": observables.index(q),
-            }
-            for q in chosen
-        ]
+        units = dict.fromkeys((not q.circular, q.unit) for q in observables)
+        found = []
+        for other, unit in sorted(units, key=lambda each: each[0]):
+            alike = [q for q in observables if (not q.circular, q.unit) == (other, unit)]
+            most = _MOST_SERIES if other else len(alike)  # angles are compared with each other
+            for some in (alike[i : i + most] for i in range(0, len(alike), most)):
+                symbols = [html_symbol(self._shown, q.name) for q in some]
+                shown_unit = "" if unit == "1" else unit
+                told = ", ".join(symbols) if len(symbols) <= _NAMED else f"{symbols[0]} ... {symbols[-1]}"
+                group = f"{told} ({html.escape(shown_unit)})" if shown_unit else told
+                found += [
+                    {
+                        "name": q.name,
+                        "symbol": symbol,
+                        "unit": shown_unit,
+                        "circular": q.circular,
+                        "number": observables.index(q),
+                        "group": group,
+                    }
+                    for q, symbol in zip(some, symbols, strict=True)
+                ]
+        return found
 
     def _set_ranges(self, crossings: list[Crossings]) -> None:
         """Set the ranges of the observables that are drawn over the cycles."""
@@ -447,7 +452,10 @@ def _about(shown: StartMap, table: pd.DataFrame, ready: Prepared, walks: _Walks)
 
 
 def _json(fields: Any) -> bytes:
-    return json.dumps(fields, separators=(",", ":"), ensure_ascii=False, default=_plain).encode()
+    # a browser reads no NaN: a number that may be missing goes through `rounded`
+    return json.dumps(
+        fields, separators=(",", ":"), ensure_ascii=False, default=_plain, allow_nan=False
+    ).encode()
 
 
 def _plain(value: Any) -> Any:
@@ -462,17 +470,15 @@ def _part(ending: str) -> str:
     )
 
 
-def _filled(name: str, plotly: str, data: str, told: str) -> str:
-    """The template with its parts; the marks cannot occur in base64."""
-    parts = {
-        "{{title}}": html.escape(name),
-        "{{told}}": html.escape(told),
+def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
+    """The template with its parts, of which `texts` are escaped; `size` is that of the page, MB."""
+    parts = {f"{{{{{name}}}}}": html.escape(text) for name, text in texts.items()}
+    parts |= {
+        "{{size}}": size,
         "{{style}}": _part("css"),
         "{{script}}": _part("js"),
         "{{data}}": data,
         "{{plotly}}": plotly,
     }
-    page = _part("html")
-    for mark, text in parts.items():
-        page = page.replace(mark, text)
-    return page
+    # all at once, so that no text is searched for marks
+    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark[0]], _part("html"))

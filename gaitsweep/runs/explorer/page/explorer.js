@@ -4,14 +4,24 @@
 const TURN = 2 * Math.PI;
 const LARGEST = 32767, NO_NUMBER = -32768;      // of whole numbers of two bytes, as encoding.py packs them
 const CYCLE_SECONDS = 1.6;                      // that a cycle takes at the speed shown first
-const INK = "#1d2125", GREY = "#5c636b";
+// Colours of the page in a light and in a dark scheme; outcomes and limbs keep their own in both. Text has a
+// contrast of at least 4.5 : 1 against what is behind it.
+const SCHEMES = {
+  light: { paper: "#fff", ink: "#1d2125", faint: "#5c636b", grid: "#eee", axis: "#888", edge: "#333", mark: "#000", halo: "#fff",
+    bar: "#f1f2f4", trail: "rgba(90,95,105,.35)", dot: "rgba(0,0,0,.5)", hatch: "#888",
+    body: "#DDE0E4", near: "#BFC4CC", bone: "#4A4F57", strip: "#F1EEE8", tick: "#CFC9BE", length: "#6B665B" },
+  dark: { paper: "#14181c", ink: "#e6e9ed", faint: "#a7afb8", grid: "#2a3036", axis: "#8b939c", edge: "#d5dade", mark: "#fff", halo: "#000",
+    bar: "#262c32", trail: "rgba(170,178,188,.4)", dot: "rgba(0,0,0,.6)", hatch: "#3c4148",
+    body: "#39414a", near: "#525c67", bone: "#b4bcc5", strip: "#20252a", tick: "#454d55", length: "#a7afb8" },
+};
+const darkness = matchMedia("(prefers-color-scheme: dark)");
+let shade = SCHEMES[darkness.matches ? "dark" : "light"];
 // The side view's own drawing: gaitsweep/plot/movie/side_view.py.
 const ASIDE = [0.28, 0.22];
-const LOOK = { body: "#DDE0E4", near: "#BFC4CC", edge: "#4A4F57", strip: "#F1EEE8", mark: "#CFC9BE", ink: "#8A8478" };
 const SERIES = ["#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9"];
 const SYMBOLS = { "o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down",
   "x": "x", "P": "cross", "X": "x", "*": "star" };
-const FONT = { family: "system-ui, -apple-system, Segoe UI, Roboto, DejaVu Sans, sans-serif", size: 13, color: INK };
+const FONT = "system-ui, -apple-system, Segoe UI, Roboto, DejaVu Sans, sans-serif";
 
 // A finger scrolls the page; it does not zoom the map.
 const TOUCH = matchMedia("(pointer: coarse)").matches;
@@ -22,11 +32,12 @@ const ELSEWHERE = { staircase: "Nearest stair with another gait", ramp: "Nearest
 
 const $ = id => document.getElementById(id);
 const mod = (a, n) => ((a % n) + n) % n;
-const wait = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
+const painted = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
 
 // ------------------------------------------------------------------------------- unpacking
 
 function bytesOf(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);  // browsers of 2025
   const raw = atob(text), bytes = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
   return bytes;
@@ -82,7 +93,7 @@ const numberAt = (name, i) => { const v = raw(columns[name], i); return v === nu
 function textOf(column, i) {
   const value = raw(column, i);
   if (column.categories) return value < 0 ? "" : column.categories[value];
-  return value === null ? "no number" : String(value).replace("-", "−");
+  return value === null ? "no number" : String(value).replaceAll("-", "−");
 }
 
 function inPi(angle) {
@@ -97,7 +108,30 @@ function inPi(angle) {
   return `${sign}${Number(size.toPrecision(5))}π`;
 }
 
-const plain = text => text.replace(/<[^>]*>/g, "");
+/** HTML without its tags, and with letters instead of entities. */
+function plain(text) {
+  const box = document.createElement("template");
+  box.innerHTML = text;
+  return box.content.textContent;
+}
+
+const escaped = text => text.replace(/[&<>"']/g, letter => `&#${letter.charCodeAt(0)};`);
+/** The luminance of a colour #rrggbb, from 0 to 1 (WCAG 2.2, relative luminance). */
+function luminance(colour) {
+  const parts = [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255).map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+  return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
+}
+
+/** A colour of a figure; in a dark scheme one that is nearly black is lighter, 3 : 1 against the paper. */
+function seen(colour) {
+  if (shade !== SCHEMES.dark) return colour;
+  const behind = luminance(shade.paper) + 0.05, parts = [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16));
+  let found = colour;
+  for (let white = 0; (luminance(found) + 0.05) / behind < 3; white += 0.05)
+    found = "#" + parts.map(c => Math.round(c + white * (255 - c)).toString(16).padStart(2, "0")).join("");
+  return found;
+}
+
 const outcomeOf = i => data.outcomes[data.outcome[i]];
 const sliceKey = i => data.slices.map(each => each.of[i]).join(",");
 const shownKey = () => slice.join(",");
@@ -108,8 +142,9 @@ const nameOf = i => {
 
 function valueText(name, i) {
   const column = columns[name], value = numberAt(name, i);
-  if (!Number.isFinite(value)) return "no number";
-  return column.circular ? inPi(value) : `${Number(value.toPrecision(5))}${column.unit ? " " + column.unit : ""}`.replace("-", "−");
+  if (!Number.isFinite(value)) return textOf(column, i);
+  const unit = column.unit ? ` ${column.unit}` : "";
+  return column.circular ? inPi(value) : `${Number(value.toPrecision(5))}`.replaceAll("-", "−") + unit;
 }
 
 /** A coordinate on an axis: angles lie in the turn that begins at the axis's origin. */
@@ -132,7 +167,7 @@ const offScale = (axis, at) => axis.log ? 10 ** at : at;
 
 function axisOf(axis, range) {
   const layout = { title: { text: axis.label, standoff: 8 }, range, zeroline: false, ticks: "outside", showline: true,
-    linecolor: "#888", tickcolor: "#888", showgrid: data.kind === "points", gridcolor: "#eee", automargin: true };
+    linecolor: shade.axis, tickcolor: shade.axis, showgrid: data.kind === "points", gridcolor: shade.grid, automargin: true };
   if (axis.log) return { ...layout, type: "log", tickformat: "~g" };
   return { ...layout, type: "linear", ...(axis.circular ? piTicks(...range) : {}) };
 }
@@ -153,11 +188,11 @@ function ranges() {
 }
 
 const marker = (outcome, size) => ({ size, symbol: (SYMBOLS[outcome.marker] || "circle") + (outcome.hollow ? "-open" : ""),
-  color: outcome.colour, line: { width: outcome.hollow ? 1.6 : 0.5, color: outcome.hollow ? outcome.colour : "#333" } });
+  color: seen(outcome.colour), line: { width: outcome.hollow ? 1.6 : 0.5, color: outcome.hollow ? seen(outcome.colour) : shade.edge } });
 
 function told(i) {
-  return `${data.x.label} ${valueText(data.x.name, i)}<br>${data.y.label} ${valueText(data.y.name, i)}`
-    + `<extra>${outcomeOf(i).name}<br>${nameOf(i)}</extra>`;
+  const [x, y] = [data.x, data.y].map(axis => `${axis.label} ${escaped(valueText(axis.name, i))}`);
+  return `${x}<br>${y}<br>${escaped(outcomeOf(i).name)}, ${nameOf(i)}`;
 }
 
 const middle = (axis, edges, k) => offScale(axis, 0.5 * (onScale(axis, edges[k]) + onScale(axis, edges[k + 1])));
@@ -177,13 +212,13 @@ function cellTraces() {
     for (const each of into) { each.x.push(centre[0]); each.y.push(centre[1]); }
   }
   const scale = [];
-  data.outcomes.forEach((outcome, k) => scale.push([k / (last + 1), outcome.colour], [(k + 1) / (last + 1), outcome.colour]));
+  data.outcomes.forEach((outcome, k) => scale.push(...[k, k + 1].map(end => [end / (last + 1), seen(outcome.colour)])));
   const size = Math.max(3, Math.min(12, 300 / Math.max(across, up)));
   const over = { type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false };
   return [
-    { type: "heatmap", x: xs, y: ys, z, text, hovertemplate: "%{text}", zmin: -0.5, zmax: last + 0.5, colorscale: scale, showscale: false },
-    { ...over, ...hatched, marker: { symbol: "line-ne-open", size, color: "#888", line: { width: 1, color: "#888" } } },
-    { ...over, ...walking, marker: { symbol: "circle", size: Math.min(4, size / 2), color: "rgba(0,0,0,.5)" } },
+    { type: "heatmap", x: xs, y: ys, z, text, hovertemplate: "%{text}<extra></extra>", zmin: -0.5, zmax: last + 0.5, colorscale: scale, showscale: false },
+    { ...over, ...hatched, marker: { symbol: "line-ne-open", size, color: shade.hatch, line: { width: 1, color: shade.hatch } } },
+    { ...over, ...walking, marker: { symbol: "circle", size: Math.min(4, size / 2), color: shade.dot } },
   ];
 }
 
@@ -202,20 +237,20 @@ function pointTraces() {
         before = at;
       }
     }
-    traces.push({ type: "scatter", mode: "lines", ...line, line: { width: 0.8, color: "rgba(90,95,105,.35)" }, hoverinfo: "skip" });
+    traces.push({ type: "scatter", mode: "lines", ...line, line: { width: 0.8, color: shade.trail }, hoverinfo: "skip" });
   }
   if (data.diagonal) {
     const range = ranges()[0].map(at => offScale(data.x, at));
-    traces.push({ type: "scatter", mode: "lines", x: range, y: range, line: { width: 1, dash: "dot", color: "#888" }, hoverinfo: "skip" });
+    traces.push({ type: "scatter", mode: "lines", x: range, y: range, line: { width: 1, dash: "dot", color: shade.axis }, hoverinfo: "skip" });
   }
   data.outcomes.forEach((outcome, number) => {
-    const trace = { type: "scatter", mode: "markers", x: [], y: [], customdata: [], hovertemplate: [], marker: marker(outcome, size) };
+    const trace = { type: "scatter", mode: "markers", x: [], y: [], customdata: [], text: [], hovertemplate: "%{text}<extra></extra>", marker: marker(outcome, size) };
     for (let i = 0; i < count; i++) {
       if (data.outcome[i] !== number || sliceKey(i) !== key) continue;
       trace.x.push(along(data.x, numberAt(data.x.name, i)));
       trace.y.push(along(data.y, numberAt(data.y.name, i)));
       trace.customdata.push(i);
-      trace.hovertemplate.push(told(i));
+      trace.text.push(told(i));
     }
     traces.push(trace);
   });
@@ -236,17 +271,50 @@ function mark(i, look) {
 }
 
 const marks = () => [
-  ...mark(other, { colour: "#fff", width: 4, radius: 9 }), ...mark(other, { colour: "#000", width: 1.6, dash: "dot", radius: 9 }),
-  ...mark(chosen, { colour: "#fff", width: 5.5, radius: 10 }), ...mark(chosen, { colour: "#000", width: 2.5, radius: 10 }),
+  ...mark(other, { colour: shade.halo, width: 4, radius: 9 }), ...mark(other, { colour: shade.mark, width: 1.6, dash: "dot", radius: 9 }),
+  ...mark(chosen, { colour: shade.halo, width: 5.5, radius: 10 }), ...mark(chosen, { colour: shade.mark, width: 2.5, radius: 10 }),
 ];
 
+const MARGIN = { l: 62, r: 12, t: TOUCH ? 8 : 30, b: 52 };
+const isSquare = () => data.x.circular && data.y.circular && data.kind === "cells";
+
+function sizeOfMap() {
+  const width = $("map").clientWidth;
+  return [width, Math.min(isSquare() ? width * 0.98 : width * 0.8, Math.max(360, innerHeight * 0.78))];
+}
+
+/** What figures of plotly.js have in common. */
+const figureLayout = size => ({ font: { family: FONT, size, color: shade.ink }, hovermode: "closest", paper_bgcolor: shade.paper, plot_bgcolor: shade.paper,
+  hoverlabel: { bgcolor: shade.paper, bordercolor: shade.ink, font: { family: FONT, color: shade.ink } },
+  modebar: { bgcolor: "rgba(0,0,0,0)", color: shade.faint, activecolor: shade.ink } });
+
+/** The map without axes, for as long as plotly.js is being read. */
+function sketchMap() {
+  const box = $("map"), canvas = document.createElement("canvas"), [width, height] = sizeOfMap(), [across, up] = ranges(), key = shownKey();
+  box.style.height = `${height}px`;
+  canvas.className = "sketch";
+  box.replaceChildren(canvas);
+  const { pen } = surface(canvas);
+  let [left, top, wide, high] = [MARGIN.l, MARGIN.t, width - MARGIN.l - MARGIN.r, height - MARGIN.t - MARGIN.b];
+  if (isSquare()) { const side = Math.min(wide, high); left += (wide - side) / 2; top += (high - side) / 2; wide = high = side; }
+  const x = value => left + wide * (onScale(data.x, value) - across[0]) / (across[1] - across[0]);
+  const y = value => top + high * (1 - (onScale(data.y, value) - up[0]) / (up[1] - up[0]));
+  for (let i = 0; i < count; i++) {
+    if (sliceKey(i) !== key) continue;
+    pen.fillStyle = seen(outcomeOf(i).colour);
+    if (data.kind === "cells") {
+      const [xs, ys] = data.edges, a = data.at[0][i], b = data.at[1][i];
+      pen.fillRect(x(xs[a]), y(ys[b + 1]), x(xs[a + 1]) - x(xs[a]) + 0.5, y(ys[b]) - y(ys[b + 1]) + 0.5);
+    } else pen.fillRect(x(along(data.x, numberAt(data.x.name, i))) - 2, y(along(data.y, numberAt(data.y.name, i))) - 2, 4, 4);
+  }
+}
+
 async function drawMap() {
-  const width = $("map").clientWidth, square = data.x.circular && data.y.circular && data.kind === "cells";
-  const height = Math.min(square ? width * 0.98 : width * 0.8, Math.max(360, innerHeight * 0.78));
-  const [across, up] = ranges();
-  const layout = { width, height, margin: { l: 62, r: 12, t: TOUCH ? 8 : 30, b: 52 }, font: FONT, showlegend: false, hovermode: "closest",
-    xaxis: axisOf(data.x, across), yaxis: axisOf(data.y, up), shapes: marks(), paper_bgcolor: "#fff", plot_bgcolor: "#fff",
-    dragmode: TOUCH ? false : "zoom" };
+  if (!window.Plotly) { sketchMap(); return; }
+  const [width, height] = sizeOfMap(), square = isSquare(), [across, up] = ranges();
+  if ($("map").querySelector(".sketch")) $("map").replaceChildren();
+  const layout = { ...figureLayout(13), width, height, margin: MARGIN, showlegend: false,
+    xaxis: axisOf(data.x, across), yaxis: axisOf(data.y, up), shapes: marks(), dragmode: TOUCH ? false : "zoom" };
   if (square) { layout.yaxis.scaleanchor = "x"; layout.yaxis.constrain = "domain"; layout.xaxis.constrain = "domain"; }
   const traces = data.kind === "cells" ? cellTraces() : pointTraces();
   await Plotly.react("map", traces, layout, { displaylogo: false, displayModeBar: TOUCH ? false : "hover", doubleClick: "reset", modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] });
@@ -306,7 +374,7 @@ function choose(i, { announce = true } = {}) {
   const mine = data.slices.map(each => each.of[i]), moved = mine.join() !== slice.join();
   slice = mine;
   other = nearest(i, j => outcomeOf(j).leads !== outcomeOf(i).leads);
-  if (moved) { showSlices(); drawMap(); showLegend(); } else Plotly.relayout("map", { shapes: marks() });
+  if (moved) { showSlices(); drawMap(); showLegend(); } else if ($("map").layout) Plotly.relayout("map", { shapes: marks() });
   const row = raw(columns.row, i), place = recordsOf.get(row).indexOf(i);
   const hash = recordsOf.get(row).length > 1 ? `#row=${row},${place}` : `#row=${row}`;
   if (location.hash !== hash) history.replaceState(null, "", hash);
@@ -319,8 +387,8 @@ function choose(i, { announce = true } = {}) {
 function chip(outcome) {
   const span = document.createElement("span");
   span.className = `chip${outcome.hollow ? " hollow" : ""}${outcome.hatched ? " hatched" : ""}`;
-  span.style.backgroundColor = outcome.colour;
-  if (outcome.hollow) span.style.borderColor = outcome.colour;
+  span.style.backgroundColor = seen(outcome.colour);
+  if (outcome.hollow) span.style.borderColor = seen(outcome.colour);
   return span;
 }
 
@@ -331,7 +399,7 @@ function hashOf(i) {
 
 function showRecord() {
   const i = chosen, outcome = outcomeOf(i), status = textOf(columns.status, i);
-  const where = [data.x, data.y].map(axis => `${columns[axis.name].symbol} = ${valueText(axis.name, i)}`);
+  const where = [data.x, data.y].map(axis => `${columns[axis.name].symbol} = ${escaped(valueText(axis.name, i))}`);
   $("chosen").innerHTML = [`${nameOf(i)}: ${where.join(", ")}`, ...data.slices.map(each => each.texts[each.of[i]])].join("; ");
   $("ended").replaceChildren(chip(outcome), outcome.name);
   const sentence = data.statuses[status];
@@ -506,13 +574,13 @@ function paintBody(at) {
 
   // the ground, its marks, and how far the body has come
   const [, top] = place(0, -nearEdge), [, bottom] = place(0, nearEdge), reach = width / 2 / scale + ASIDE[0] * look.depth;
-  pen.fillStyle = LOOK.strip;
+  pen.fillStyle = shade.strip;
   pen.fillRect(0, top, width, bottom - top);
   const walks = Math.abs(wayOf(motion)) > 1e-3 * look.half;
   const step = roundStep(width / scale / 7), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
   pen.font = "11px system-ui, DejaVu Sans, sans-serif";
-  pen.strokeStyle = LOOK.mark;
-  pen.fillStyle = LOOK.ink;
+  pen.strokeStyle = shade.tick;
+  pen.fillStyle = shade.length;
   pen.lineWidth = 1;
   for (let m = Math.ceil((camera - reach) / step); walks && m * step <= camera + reach; m++) {
     const ahead = m * step - camera, near = place(ahead - ASIDE[0] * look.depth, nearEdge);
@@ -531,13 +599,13 @@ function paintBody(at) {
   limbs.forEach((limb, k) => {
     if (!stands[k]) return;
     const [x, y] = limb[limb.length - 1];
-    pen.strokeStyle = LOOK.edge;
+    pen.strokeStyle = shade.bone;
     pen.lineWidth = 2.4 * thick;
     path([[x - sole, y], [x + sole, y]]);
     pen.stroke();
   });
   const drawLimb = k => {
-    const limb = limbs[k], colour = data.limbs[k].colour;
+    const limb = limbs[k], colour = seen(data.limbs[k].colour);
     pen.strokeStyle = colour;
     pen.lineWidth = 4 * thick;
     path(limb);
@@ -546,16 +614,16 @@ function paintBody(at) {
       const foot = j === limb.length - 1;
       pen.beginPath();
       pen.arc(x, y, (foot ? 3.8 : 2.9) * thick, 0, TURN);
-      pen.fillStyle = foot && stands[k] ? colour : "#fff";
+      pen.fillStyle = foot && stands[k] ? colour : shade.paper;
       pen.lineWidth = 1.6 * thick;
       pen.fill();
       pen.stroke();
     });
   };
   limbs.forEach((_, k) => { if (data.limbs[k].far) drawLimb(k); });
-  pen.strokeStyle = LOOK.edge;
+  pen.strokeStyle = shade.bone;
   for (const body of bodies) {
-    for (const [part, face] of [[body, LOOK.body], [body.slice(0, (body.length + 1) >> 1), LOOK.near]]) {
+    for (const [part, face] of [[body, shade.body], [body.slice(0, (body.length + 1) >> 1), shade.near]]) {
       path(part.length > 2 ? hull(part) : part);
       pen.closePath();
       pen.fillStyle = face;
@@ -575,7 +643,7 @@ function paintBody(at) {
     pen.stroke();
   }
   limbs.forEach((_, k) => { if (!data.limbs[k].far) drawLimb(k); });
-  pen.fillStyle = GREY;
+  pen.fillStyle = shade.faint;
   pen.textAlign = "right";
   pen.fillText("forward ⟶", width - 6, 14);
   pen.textAlign = "left";
@@ -593,14 +661,14 @@ function paintFootfalls(at) {
   data.limbs.forEach((limb, k) => {
     const y = k * row + 2;
     if (k % every === 0) {
-      pen.fillStyle = INK;
+      pen.fillStyle = shade.ink;
       pen.textAlign = "right";
       pen.textBaseline = "middle";
       pen.fillText(limb.name, left - 8, y + row / 2 - 1);
     }
-    pen.fillStyle = "#f1f2f4";
+    pen.fillStyle = shade.bar;
     pen.fillRect(left, y, right - left, row - 4);
-    pen.fillStyle = limb.colour;
+    pen.fillStyle = seen(limb.colour);
     const turns = motion.contact[k];
     for (let j = 0; j + 1 < turns.length; j += 2) {
       const begin = x(Math.max(0, (turns[j] - 0.5) * motion.sample)), end = x(Math.min(length, (turns[j + 1] - 0.5) * motion.sample));
@@ -608,7 +676,7 @@ function paintFootfalls(at) {
     }
   });
   const below = n * row + 2;
-  pen.strokeStyle = pen.fillStyle = GREY;
+  pen.strokeStyle = pen.fillStyle = shade.faint;
   pen.textAlign = "center";
   pen.textBaseline = "top";
   const step = roundStep(length / 5), digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
@@ -622,7 +690,7 @@ function paintFootfalls(at) {
   }
   pen.textAlign = "right";
   pen.fillText("s", right, below + 5);
-  pen.strokeStyle = "#000";
+  pen.strokeStyle = shade.mark;
   pen.lineWidth = 1.4;
   pen.beginPath();
   pen.moveTo(x(at), 0);
@@ -639,25 +707,42 @@ function showMultipliers() {
   const at = numberAt(data.x.name, chosen), range = ranges()[0], box = $("phases");
   $("phases-title").textContent = "Largest multiplier along the branch: the gait is stable below 1";
   const [lines, points] = [{ mode: "lines", ...line, line: { color: SERIES[1], width: 1.8 } },
-    { mode: "markers", x: [at], y: [numberAt("multiplier", chosen)], marker: { size: 11, color: SERIES[1], line: { width: 2, color: "#000" } } }];
+    { mode: "markers", x: [at], y: [numberAt("multiplier", chosen)], marker: { size: 11, color: SERIES[1], line: { width: 2, color: shade.mark } } }];
   Plotly.react(box, [lines, points].map(each => ({ type: "scatter", hovertemplate: "%{x:.5g}: %{y:.5g}<extra></extra>", ...each })), {
-    width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 42 }, font: { ...FONT, size: 12 }, showlegend: false,
-    xaxis: { title: { text: data.x.label, standoff: 4 }, type: data.x.log ? "log" : "linear", range, zeroline: false, gridcolor: "#eee" }, hovermode: "closest", dragmode: false,
-    yaxis: { title: { text: "modulus" }, rangemode: "tozero", gridcolor: "#eee" },
-    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { dash: "dot", width: 1.2, color: "#555" } }] }, { displayModeBar: false });
+    ...figureLayout(12), width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 42 }, showlegend: false,
+    xaxis: { title: { text: data.x.label, standoff: 4 }, type: data.x.log ? "log" : "linear", range, zeroline: false, gridcolor: shade.grid }, dragmode: false,
+    yaxis: { title: { text: "modulus" }, rangemode: "tozero", gridcolor: shade.grid },
+    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { dash: "dot", width: 1.2, color: shade.faint } }] }, { displayModeBar: false });
+}
+
+let group = 0;                                    // of observables, that is drawn over the cycles
+
+/** The choice between groups of observables, where there are several. */
+function showGroups(there) {
+  const names = [...new Set(data.series.map(each => each.group))];
+  $("groups").hidden = !there || names.length < 2;
+  $("groups").replaceChildren(...names.map((name, k) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.innerHTML = name;
+    button.setAttribute("aria-pressed", k === group);
+    button.onclick = () => { group = k; showPhases(); $("groups").children[k].focus(); };
+    return button;
+  }));
+  return names[group];
 }
 
 function showPhases() {
-  if (columns.multiplier) { showMultipliers(); return; }
-  const box = $("phases"), angles = data.series.some(each => each.circular);
-  const there = walk && data.series.length && walk.crossings.values.length;
+  const box = $("phases"), there = walk && data.series.length && walk.crossings.values.length;
+  if (columns.multiplier) { if (window.Plotly) showMultipliers(); return; }
   box.style.display = $("phases-title").style.display = there ? "" : "none";
-  if (!there) return;
+  const name = showGroups(there);
+  if (!there || !window.Plotly) return;
+  const drawn = data.series.map((_, s) => s).filter(s => data.series[s].group === name), angles = data.series[drawn[0]].circular;
   $("phases-title").textContent = angles ? "Relative phases at each crossing of the section" : "Observables at each crossing of the section";
   const found = seriesOf(walk), first = walk.crossings.first, traces = [];
-  let low = Infinity, high = -Infinity;
-  found.forEach((values, s) => {
-    const series = data.series[s], x = [], y = [], cut = data.y.origin || 0;
+  drawn.forEach((s, place) => {
+    const series = data.series[s], values = found[s], x = [], y = [];
     let before = null;
     values.forEach((value, k) => {
       const shown = value === null ? null : series.circular ? mod(value, TURN) : value;
@@ -665,17 +750,17 @@ function showPhases() {
       if (series.circular && shown !== null && before !== null && Math.abs(shown - before) > Math.PI) { x.push(null); y.push(null); }
       x.push(first + k);
       y.push(shown);
-      if (shown !== null) { low = Math.min(low, shown); high = Math.max(high, shown); }
       before = shown;
     });
     traces.push({ type: "scatter", mode: values.length > 80 ? "lines" : "lines+markers", x, y, name: series.symbol, marker: { size: 4 },
-      line: { color: SERIES[s % SERIES.length], width: 1.8 }, hovertemplate: `cycle %{x}: ${series.circular ? "%{y:.4f} rad" : "%{y:.5g} " + series.unit}` });
+      line: { color: SERIES[place % SERIES.length], width: 1.8 },
+      hovertemplate: `${series.symbol}, cycle %{x}: ${series.circular ? "%{y:.4f} rad" : "%{y:.5g} " + escaped(series.unit)}<extra></extra>` });
   });
-  const yaxis = angles ? { range: [-0.1, TURN + 0.1], ...piTicks(0, TURN) } : { title: { text: data.series[0].unit } };
-  const shapes = data.run === "return_map" ? [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: numberAt("crossing", chosen), x1: numberAt("crossing", chosen), line: { width: 1.4 } }] : [];
-  Plotly.react(box, traces, { width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 38 }, font: { ...FONT, size: 12 }, shapes,
-    xaxis: { title: { text: "cycle", standoff: 4 }, zeroline: false, gridcolor: "#eee" }, yaxis: { zeroline: false, gridcolor: "#eee", automargin: true, ...yaxis },
-    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true, hovermode: "closest", dragmode: false }, { displayModeBar: false });
+  const yaxis = angles ? { range: [-0.1, TURN + 0.1], ...piTicks(0, TURN) } : { title: { text: escaped(data.series[drawn[0]].unit) } };
+  const shapes = data.run === "return_map" ? [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: numberAt("crossing", chosen), x1: numberAt("crossing", chosen), line: { width: 1.4, color: shade.ink } }] : [];
+  Plotly.react(box, traces, { ...figureLayout(12), width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 38 }, shapes,
+    xaxis: { title: { text: "cycle", standoff: 4 }, zeroline: false, gridcolor: shade.grid }, yaxis: { zeroline: false, gridcolor: shade.grid, automargin: true, ...yaxis },
+    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true, dragmode: false }, { displayModeBar: false });
 }
 
 // ------------------------------------------------------------------------------- slices, legend, keys
@@ -796,13 +881,17 @@ function fillSpeeds() {
   $("speed").onchange = () => clock.speed = Number($("speed").value);
 }
 
+/** Read plotly.js, which takes longer than all else: the page shows what it can before. */
+async function readPlotly(source) {
+  const script = document.createElement("script");
+  script.textContent = await source;
+  document.head.append(script);
+  if (!window.Plotly) throw new Error("plotly.js could not be read.");
+}
+
 async function begin() {
   if (typeof DecompressionStream === "undefined") throw new Error("This browser is older than 2023 and cannot unpack the page.");
-  const [source, fields] = await Promise.all([unpacked("plotly"), unpacked("data")]);
-  data = JSON.parse(fields);
-  const script = document.createElement("script");
-  script.textContent = source;
-  document.head.append(script);
+  data = JSON.parse(await unpacked("data"));
   data.columns.forEach(each => columns[each.name] = each);
   count = data.outcome.length;
   data.walks.forEach(each => walkOf.set(each.record, each));
@@ -821,9 +910,23 @@ async function begin() {
   slice = data.slices.map(each => each.of[first]);
   showSlices();
   showLegend();
-  chosen = first;
-  await drawMap();
+  sketchMap();
   choose(first, { announce: false });
+  $("play").onclick = () => play(!clock.playing);
+  $("time").oninput = () => { play(false); clock.at = Number($("time").value) / 1000 * lengthOf(motion); paint(); };
+  addEventListener("keydown", pressed);
+  addEventListener("hashchange", () => { const i = fromHash(); if (i >= 0 && i !== chosen) choose(i); });
+  let width = innerWidth;
+  addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawMap(); showPhases(); } paint(); });
+  darkness.addEventListener("change", () => {
+    shade = SCHEMES[darkness.matches ? "dark" : "light"];
+    showLegend(); drawMap(); showRecord(); showPhases(); paint();
+  });
+  const source = unpacked("plotly");
+  await painted();
+  const shown = performance.now();
+  await readPlotly(source);
+  await drawMap();
   $("map").on("plotly_click", event => {
     const point = event.points[0];
     if (point.data.type !== "heatmap") { if (point.customdata !== undefined) choose(point.customdata); return; }
@@ -831,16 +934,13 @@ async function begin() {
     if (found !== undefined) choose(found);
     $("map").focus({ preventScroll: true });
   });
-  $("play").onclick = () => play(!clock.playing);
-  $("time").oninput = () => { play(false); clock.at = Number($("time").value) / 1000 * lengthOf(motion); paint(); };
-  addEventListener("keydown", pressed);
-  addEventListener("hashchange", () => { const i = fromHash(); if (i >= 0 && i !== chosen) choose(i); });
-  let width = innerWidth;
-  addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawMap(); showPhases(); } paint(); });
+  const opened = performance.now();
+  await painted();
+  showPhases();
   play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
   requestAnimationFrame(tick);
-  const opened = performance.now();
-  $("provenance").append(` Shown ${(opened / 1000).toFixed(2)} s after it was opened.`);
+  $("provenance").append(` Shown ${(shown / 1000).toFixed(2)} s after it was opened, its map ready after ${(opened / 1000).toFixed(2)} s.`);
+  document.documentElement.dataset.shown = Math.round(shown);
   document.documentElement.dataset.ready = Math.round(opened);
 }
 
