@@ -80,6 +80,17 @@ class Page:
         )  # fmt: skip
         self.call("Emulation.setTouchEmulationEnabled", enabled=width < 600)
 
+    def scheme(self, name: str) -> None:
+        """Set the colour scheme that the reader prefers, light or dark."""
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": name}])
+
+    def cpu_time(self) -> float:
+        """CPU time of all processes of the browser so far, s."""
+        session, self._session = self._session, None
+        found = self.call("SystemInfo.getProcessInfo")["processInfo"]
+        self._session = session
+        return sum(each["cpuTime"] for each in found)
+
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a file and wait until the page says that it is ready."""
         self.call("Page.navigate", url="about:blank")

@@ -8,9 +8,18 @@ from importlib import resources
 
 from gaitsweep.runs.dataset import MissingPackageError
 
+# The only kind of trace that the page has besides scatter, which is always there.
+TRACE = "heatmap"
 # How plotly.js begins and ends: a function, handed to one that calls it at once.
 _BEGIN = '} (typeof self !== "undefined" ? self : this, () => {'
 _END = "}));"
+_NAME = r"[\w$]+"
+# Where it makes ready all kinds of traces; each is a function that returns a module.
+_ALL_TRACES = re.compile(rf"(?<=\.register\(\[)(?:{_NAME}\(\),?)+(?=\]\))")
+_HANDING_ON = re.compile(
+    rf'(?P<make>{_NAME})\(\({_NAME},{_NAME}\)=>{{"use strict";{_NAME}\.exports=(?P<inner>{_NAME})\(\)}}\)'
+)
+_OPENING = 1500  # letters of a module in which it says its name
 
 
 def plotly_source() -> str:
@@ -28,18 +37,36 @@ def plotly_source() -> str:
 
 
 def quicker(source: str) -> str:
-    """The same program, for which V8 needs less time.
+    """The same program for a page of scatters and heatmaps, for which a browser needs less time.
 
-    Letters beyond ASCII become escapes: a text of Latin letters alone takes one byte a letter. A function in
-    parentheses is compiled when it is first read; another is read, left, and read again when it is called.
+    Other kinds of traces (maps of the world, surfaces, ...) are not made ready, which takes longest. A
+    function in parentheses is compiled when it is first read; another is read, left, and read again when it
+    is called.
+    Letters beyond ASCII become escapes: a text of Latin letters alone takes one byte a letter. Of a version
+    of plotly.js that is built in another way, what is not recognised stays as it is.
     """
     source = re.sub(r"[^\x00-\x7f]+", _escapes, source)
-    begin, end = source.count(_BEGIN), source.rstrip().endswith(_END)
-    if begin == 1 and end:  # else another version, which stays as it is
+    ready = _ALL_TRACES.findall(source)
+    if len(ready) == 1:
+        wanted = [name for name in re.findall(_NAME, ready[0]) if _trace_of(source, name) == TRACE]
+        if len(wanted) == 1:
+            source = _ALL_TRACES.sub(lambda _: f"{wanted[0]}()", source)
+    if source.count(_BEGIN) == 1 and source.rstrip().endswith(_END):
         place = source.rindex(_END)
         source = source[:place] + "})" + source[place + 1 :]
         source = source.replace(_BEGIN, _BEGIN.replace("() => {", "(() => {"))
     return source
+
+
+def _trace_of(source: str, function: str) -> str | None:
+    """The kind of trace whose module a function returns: a module that hands on another, which has a name."""
+    handed = _HANDING_ON.match(source, source.find(f"var {function}=") + len(f"var {function}="))
+    if handed is None:
+        return None
+    place = source.find(f"var {handed['inner']}={handed['make']}((")
+    module = source[place : place + _OPENING].split(f"={handed['make']}((")
+    name = re.search(r'name:"([\w-]+)"', module[1]) if place >= 0 else None
+    return name[1] if name else None
 
 
 def _escapes(letters: re.Match[str]) -> str:

@@ -868,7 +868,7 @@ function showAbout() {
   $("keys").innerHTML = `${arrows},${playing} <kbd>e</kbd> goes to the nearest that leads elsewhere.`;
   const from = data.provenance;
   $("provenance").textContent = `gaitsweep ${from.gaitsweep}; job ${from.job}${from.commit ? ", commit " + from.commit : ""}; ${from.engine}, ${from.device}.`;
-  if (!data.figure && data.walks.length) $("told").append(` ${data.model} does not say how its body is drawn, so that only its feet and phases are shown.`);
+  if (!data.figure && data.walks.length) $("told").append(` ${data.model} does not say how its body is drawn, so that only what is observed of it is shown.`);
   else if (data.figure && data.figure.note) $("told").append(` ${data.figure.note}`);
 }
 
@@ -927,6 +927,7 @@ async function begin() {
   const shown = performance.now();
   await readPlotly(source);
   await drawMap();
+  if (data.kind === "cells" && $("map")._fullData[0].type !== "heatmap") throw new Error("plotly.js draws no cells.");
   $("map").on("plotly_click", event => {
     const point = event.points[0];
     if (point.data.type !== "heatmap") { if (point.customdata !== undefined) choose(point.customdata); return; }

@@ -1,0 +1,52 @@
+"""How long a page of `gaitsweep explore` takes to open, in a new browser and in one that runs already.
+
+    python -m benchmarks.explorer DIR/explore.html [--repeat 5]
+
+Each time is the median over `--repeat` new browsers (headless Chromium), of which each opens the page twice:
+until the records, the body and a sketch of the map are shown, and until the map answers; then the CPU time
+of all processes of the browser until that, which depends less on what else a machine does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from browser import Page, browser, program
+
+
+def opened(page: Page, file: Path) -> tuple[float, float, float]:
+    """Seconds until a page is shown, until its map answers, and of CPU time until that."""
+    before = page.cpu_time()
+    page.open(file)
+    shown, ready = page.evaluate("['shown', 'ready'].map(k => document.documentElement.dataset[k])")
+    return float(shown) / 1e3, float(ready) / 1e3, page.cpu_time() - before
+
+
+def main() -> None:
+    """Measure, and print a line each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("page", type=Path, help="what `gaitsweep explore` wrote")
+    parser.add_argument("--repeat", type=int, default=5, help="browsers")
+    asked = parser.parse_args()
+    if program() is None:
+        raise SystemExit("There is no Chromium on this machine (apt-get install chromium).")
+    found: dict[str, list[tuple[float, float, float]]] = {"a new browser": [], "the same again": []}
+    for _ in range(asked.repeat):
+        with browser() as page:
+            page.size(1280, 900)
+            for times in found.values():
+                times.append(opened(page, asked.page))
+    print(f"{asked.page}: {asked.page.stat().st_size / 1e6:.1f} MB, {asked.repeat} browsers")
+    for name, times in found.items():
+        shown, ready, spent = (statistics.median(each) for each in zip(*times, strict=True))
+        span = f"{min(t[1] for t in times):.2f} to {max(t[1] for t in times):.2f}"
+        print(f"{name:15} shown {shown:.2f} s, map {ready:.2f} s ({span}), CPU {spent:.2f} s")
+
+
+if __name__ == "__main__":
+    main()
