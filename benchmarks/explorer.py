@@ -16,7 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from browser import Page, browser, program
+from browser import Page, browser, program  # pyright: ignore[reportMissingImports]
 
 
 def opened(page: Page, file: Path) -> tuple[float, float, float]:

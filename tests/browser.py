@@ -15,6 +15,30 @@ from pathlib import Path
 from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# Of all texts that are shown, in HTML and in SVG; what is behind is the nearest background that is opaque.
+_LEAST_CONTRAST = """(() => {
+  const linear = c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+  const parts = colour => (colour.match(/[\\d.]+/g) || []).map(Number);
+  const luminance = c => 0.2126 * linear(c[0] / 255) + 0.7152 * linear(c[1] / 255) + 0.0722 * linear(c[2] / 255);
+  const behind = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = parts(getComputedStyle(at).backgroundColor);
+      if (colour.length && (colour.length < 4 || colour[3] === 1)) return colour;
+    }
+    return [255, 255, 255];
+  };
+  let least = [99, ''];
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = texts.nextNode());) {
+    const element = node.parentElement, style = getComputedStyle(element), box = element.getBoundingClientRect();
+    if (!node.data.trim() || !box.width || style.visibility === 'hidden' || element.closest('script, style, option')) continue;
+    const colour = parts(element.closest('svg') ? style.fill : style.color);
+    const [a, b] = [luminance(colour), luminance(behind(element))].sort((p, q) => q - p);
+    const ratio = (a + 0.05) / (b + 0.05);
+    if (ratio < least[0]) least = [ratio, node.data.trim().slice(0, 60)];
+  }
+  return least;
+})()"""  # noqa: E501
 PATIENCE = 60.0  # s for an answer, on a machine that does other things besides
 
 
@@ -114,6 +138,11 @@ class Page:
                 return found
             time.sleep(0.02)
         raise TimeoutError(f"{condition}; errors: {self.errors}")
+
+    def least_contrast(self) -> tuple[float, str]:
+        """The least contrast of a text with what is behind it (WCAG 2.2), and that text."""
+        ratio, text = self.evaluate(_LEAST_CONTRAST)
+        return ratio, text
 
     def click(self, x: float, y: float) -> None:
         """Click at a place of the window, CSS pixels."""

@@ -168,7 +168,9 @@ def _counts(snapshot: Snapshot) -> str:
         for names, found in (stalls or {}).items()
     )
     if slowest := snapshot.manifest.get("slowest"):
-        each = ", ".join(f"{html.escape(name)} in {int(rows)} rows" for name, rows in slowest.items())
+        each = ", ".join(
+            f"{html.escape(name)} in {int(rows)} row{'s' * (rows != 1)}" for name, rows in slowest.items()
+        )
         told += f"<p>Kept from settling by {each}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{told}{_reasons(snapshot)}'
 

@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from basin_tables import grid_table
+from job_tables import table_of
+from matplotlib.collections import QuadMesh
 from plot_tables import rendered
 
 import gaitsweep as gs
@@ -84,6 +86,40 @@ def test_poor_tables(kind: str) -> None:
         rendered(draw(kind, poor, **named))
     with pytest.raises(PlotError, match="did you mean gait"):
         draw(kind, one, **named, hue="gate")
+
+
+@pytest.mark.parametrize("kind", ["basin", "gait_map"])
+def test_cells_of_equal_ratios(kind: str) -> None:
+    """A logspace axis is logarithmic, its cells are of equal ratios, and a missing one stays white."""
+    axis = {"logspace": [1.0, 256.0, 9]}
+    job = gs.Job(
+        name="springs", model="toy_model:Toy", run={"kind": "settle"},
+        vary={"stiffness": axis, "launch_1": {"linspace": [1.0, 4.0, 7]}},
+    )  # fmt: skip
+    made = table_of(job)
+    made = made[made["stiffness"].round(6) != 16.0]
+    figure = draw(kind, made, x="stiffness", y="launch_1")
+    rendered(figure)
+    axes = figure.axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
+    (cells,) = (each for each in axes.collections if isinstance(each, QuadMesh))
+    across = cells.get_coordinates()[0, :, 0]
+    np.testing.assert_allclose(across, 2.0 ** np.arange(-0.5, 9.0))
+    drawn = np.asarray(cells.get_array())
+    np.testing.assert_array_equal(drawn[:, :, 3].any(axis=0), np.arange(9) != 4)
+
+
+def test_a_job_is_told_of_several_rows_in_a_logarithmic_cell() -> None:
+    vary = {
+        "stiffness": {"logspace": [1.0, 256.0, 9]},
+        "launch_1": {"linspace": [1.0, 4.0, 7]},
+        "restitution": [0.2, 0.8],
+    }
+    figure = {"kind": "basin", "x": "stiffness", "y": "launch_1"}
+    with pytest.raises(JobError, match="leaves restitution out"):
+        gs.Job(
+            name="springs", model="toy_model:Toy", run={"kind": "settle"}, vary=vary, figures=[figure]
+        )  # fmt: skip
 
 
 def test_jobs_ask_for_them(tmp_path: Path) -> None:

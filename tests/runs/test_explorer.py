@@ -14,18 +14,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from browser import browser, program
+from browser import Page, browser, program
+from hostile_texts import ATTACK, HostileTexts
 from job_tables import table_of
 from toy_model import flight_time
 from typer.testing import CliRunner
 
 import gaitsweep as gs
 from gaitsweep.cli import commands
+from gaitsweep.plot import style
 from gaitsweep.plot.movie.animation import Clip
 from gaitsweep.plot.movie.side_view import projected
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.runs.explorer.choice import boundary, spread, subgrid
 from gaitsweep.runs.explorer.encoding import RESOLUTION, motion_fields, packed
+from gaitsweep.runs.explorer.plotly_source import quicker
 from gaitsweep.runs.explorer.start_map import CELLS, StartMap, html_symbol
 from gaitsweep.runs.explorer.walks import Motion, Pictures, Stretch
 from gaitsweep.runs.result import Result
@@ -213,6 +216,225 @@ def test_points_of_a_branch_walk_one_cycle(tmp_path: Path) -> None:
         np.testing.assert_allclose(values[:2], row["launch_1_n"], atol=1e-4)
 
 
+NO_BROWSER = pytest.mark.skipif(
+    program() is None, reason="no Chromium on this machine (apt-get install chromium)"
+)
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result, with its page, of a model whose texts a page could take for HTML; some rows fall."""
+    folder = tmp_path_factory.mktemp("hostile") / "hostile"
+    job = gs.Job(
+        name="hostile", model="hostile_texts:HostileTexts", verify=0, numerics={"dt": 0.05},
+        vary={"x_0": {"linspace": [-1.6, 1.6, 9]}, "lean": [0.0, 0.5]},
+        run={"kind": "settle", "max_cycles": 200},
+    )  # fmt: skip
+    gs.run(job, folder).explore()
+    return folder
+
+
+def test_texts_of_a_model_are_no_html(hostile: Path) -> None:
+    fields = fields_of(hostile / "explore.html")
+    shown = [fields["x"]["label"], fields["y"]["label"], *(each["group"] for each in fields["series"])]
+    shown += [each["symbol"] for each in (*fields["columns"], *fields["series"])]
+    for text in shown:
+        assert not re.search(r"<(?!/?su[bp]>)", text), text
+    assert len({each["group"] for each in fields["series"]}) == 2  # m and m/s
+    assert ATTACK not in (hostile / "explore.html").read_text()
+
+
+@pytest.mark.slow
+@NO_BROWSER
+def test_a_page_shows_texts_as_they_are(hostile: Path) -> None:
+    """Quotes, tags and ends of scripts in what a model says; rows that fell; groups of observables."""
+    with browser() as page:
+        for width in (1280, 390):
+            page.size(width, 900)
+            page.open(hostile / "explore.html", "#row=4")
+            assert page.evaluate("window.taken") is None
+            assert page.errors == []
+            assert (
+                page.evaluate("document.querySelectorAll('main img, main u, main i, main script').length")
+                == 0
+            )
+            said = page.evaluate("document.body.innerText")
+            for text in (ATTACK, HostileTexts.gaits[1], "m/s<sup>2", HostileTexts.source):
+                assert text in said, text
+            # the axis names the start by its symbol
+            assert "x<0" in page.evaluate("document.getElementById('map').textContent")
+            # observables of another unit are a click away
+            names = page.evaluate("[...document.querySelectorAll('#groups button')].map(b => b.textContent)")
+            assert len(names) == 2
+            drawn = "document.getElementById('phases').data.map(each => each.y.length)"
+            unit = "document.getElementById('phases').layout.yaxis.title.text"
+            assert page.evaluate(drawn)[0] > 1
+            before = page.evaluate(unit)
+            page.evaluate("document.querySelectorAll('#groups button')[1].click()")
+            assert page.evaluate(unit) == "m/s" != before
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+        # a row that fell says so, and walks to where it did
+        fell = next(row for row in gs.load(hostile).to_dict("records") if row["status"] == "fell")
+        page.open(hostile / "explore.html", f"#row={fell['row']}")
+        assert "fell" in page.evaluate("document.getElementById('ended').textContent")
+        assert page.errors == []
+
+
+@pytest.mark.slow
+@NO_BROWSER
+def test_a_page_of_one_record(tmp_path: Path) -> None:
+    """One row; one row that failed; a whole table that failed."""
+    for number, starts in enumerate(([0.5], [1.6], [-1.6, 1.6])):
+        job = gs.Job(
+            name="few", model="hostile_texts:HostileTexts", verify=0, numerics={"dt": 0.05},
+            vary={"x_0": starts}, run={"kind": "settle", "max_cycles": 200},
+        )  # fmt: skip
+        file = gs.run(job, tmp_path / f"few{number}").explore()
+        with browser() as page:
+            page.size(1280, 900)
+            page.open(file, "#row=0")
+            assert page.evaluate("document.querySelector('td[data-column=row]').textContent") == "0"
+            for key in ("ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "e", " "):
+                page.press(key)
+            assert page.errors == []
+            assert page.evaluate("document.querySelector('td[data-column=row]').textContent") == "0"
+
+
+@pytest.fixture(scope="module")
+def logarithmic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bouncing masses over a spring that varies in equal ratios, with their page."""
+    folder = tmp_path_factory.mktemp("logarithmic") / "springs"
+    job = gs.Job(
+        name="springs", model="toy_model:Toy", verify=0, params={"ceiling": 5.0, "restitution": 0.9},
+        vary={"launch_1": {"linspace": [0.5, 6.0, 6]}, "stiffness": {"logspace": [0.5, 200.0, 9]}},
+        run={"kind": "settle", "max_cycles": 40},
+        figures=[{"kind": "basin", "x": "stiffness", "y": "launch_1"}],
+    )  # fmt: skip
+    gs.run(job, folder).explore()
+    return folder
+
+
+def test_axes_are_logarithmic_as_in_the_figure(logarithmic: Path) -> None:
+    fields, table = fields_of(logarithmic / "explore.html"), gs.load(logarithmic)
+    assert (fields["kind"], fields["x"]["log"], fields["y"]["log"]) == (CELLS, True, False)
+    edges = np.array(fields["edges"][0])
+    ratio = (200.0 / 0.5) ** (1 / 8)
+    np.testing.assert_allclose(edges[1:] / edges[:-1], ratio, rtol=1e-6)
+    figure = gs.plot.basin(table, x="stiffness", y="launch_1")
+    axes = figure.axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
+    np.testing.assert_allclose(axes.get_xlim(), edges[[0, -1]], rtol=1e-6)
+
+
+@pytest.mark.slow
+@NO_BROWSER
+def test_a_click_on_a_logarithmic_map(logarithmic: Path) -> None:
+    """Cells are equally wide, a click chooses the start under it, its mark is around it."""
+    table = gs.load(logarithmic)
+    with browser() as page:
+        page.size(1280, 900)
+        page.open(logarithmic / "explore.html", "#row=0")
+        axis = "document.getElementById('map')._fullLayout.xaxis"
+        places = page.evaluate(f"{sorted(set(table['stiffness']))}.map(v => {axis}.d2p(v))")
+        np.testing.assert_allclose(np.diff(places), np.diff(places).mean(), rtol=1e-6)
+        row = 3 * 9 + 6
+        start = table.iloc[row]
+        box = page.evaluate(
+            "(() => { const b = document.querySelector('#map .nsewdrag').getBoundingClientRect();"
+            " return [b.left, b.top]; })()"
+        )
+        y = page.evaluate(f"document.getElementById('map')._fullLayout.yaxis.d2p({start['launch_1']})")
+        page.click(box[0] + places[6], box[1] + y)
+        page.wait(f"document.querySelector('td[data-column=row]').textContent === '{row}'")
+        # the mark's edges in pixels: half a cell to both sides of its middle
+        edges = page.evaluate(
+            f"(() => {{ const s = document.getElementById('map')._fullLayout.shapes.at(-1);"
+            f" return [s.x0, s.x1].map(v => {axis}.d2p(v)); }})()"
+        )
+        np.testing.assert_allclose(np.mean(edges), places[6], atol=0.01)
+        drawn = page.evaluate(
+            "(() => { const all = document.querySelectorAll('#map .shapelayer path');"
+            " const b = all[all.length - 1].getBoundingClientRect(); return [b.left, b.right]; })()"
+        )
+        np.testing.assert_allclose(np.array(drawn) - box[0], edges, atol=3.0)  # half the line's width
+        assert page.errors == []
+
+
+@pytest.mark.slow
+@NO_BROWSER
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_of_the_page_have_contrast(hostile: Path, logarithmic: Path, scheme: str) -> None:
+    """At least 4.5 : 1 (WCAG 2.2, AA), on HTML, on figures of plotly.js and on canvases."""
+    with browser() as page:
+        page.scheme(scheme)
+        for file in (hostile, logarithmic):
+            for width in (1280, 390):
+                page.size(width, 900)
+                page.open(file / "explore.html", "#row=4")
+                assert page.least_contrast() >= (4.5, "")
+        _check_canvases(page, scheme)
+        # another scheme is followed at once
+        page.scheme({"light": "dark", "dark": "light"}[scheme])
+        page.wait(f"shade !== SCHEMES.{scheme}")
+        for figure in ("map", "phases"):
+            page.wait(f"document.getElementById('{figure}').layout.paper_bgcolor === shade.paper")
+        assert page.least_contrast() >= (4.5, "")
+
+
+def _check_canvases(page: Page, scheme: str) -> None:
+    """The colours of texts on canvases, and of lines and markers of figures."""
+    assert page.evaluate(f"shade === SCHEMES.{scheme}")
+    contrast = (
+        "(a, b) => { const long = c => c.length === 4 ? c.replace(/[^#]/g, '$&$&') : c;"
+        " const [p, q] = [a, b].map(c => luminance(long(c))).sort((p, q) => q - p);"
+        " return (p + 0.05) / (q + 0.05); }"
+    )
+    for text, behind in (("ink", "paper"), ("faint", "paper"), ("length", "strip")):
+        assert page.evaluate(f"({contrast})(shade.{text}, shade.{behind})") >= 4.5, (text, behind)
+    if scheme == "dark":
+        for colour in ("#3B3B3B", "#000000", *style.SPARE_COLOURS):
+            assert page.evaluate(f"({contrast})(seen('{colour}'), shade.paper)") >= 3.0, colour
+
+
+@pytest.mark.slow
+@NO_BROWSER
+def test_a_page_of_ten_thousand_cells_opens_in_two_seconds(tmp_path: Path) -> None:
+    """In CPU time of a new browser, which other work of the machine changes less than the clock."""
+    job = gs.Job(
+        name="many", model="toy_model:Toy", verify=0, params={"ceiling": 5.0, "restitution": 0.3},
+        vary={"launch_1": {"linspace": [0.5, 6.0, 100]}, "stiffness": {"linspace": [0.5, 20.0, 100]}},
+        run={"kind": "settle", "max_cycles": 40},
+    )  # fmt: skip
+    file = gs.run(job, tmp_path / "many").explore()
+    with browser() as page:
+        page.size(1280, 900)
+        before = page.cpu_time()
+        page.open(file)
+        spent = page.cpu_time() - before
+        shown, ready = (
+            int(page.evaluate(f"document.documentElement.dataset.{each}")) for each in ("shown", "ready")
+        )
+        print(f"shown after {shown} ms, map after {ready} ms, {spent:.2f} s of CPU time")
+        assert shown < ready
+        assert spent < 2.5  # of all its processes, the browser's own beginning among them
+        assert page.errors == []
+
+
+def test_what_is_not_recognised_of_plotly_stays() -> None:
+    """All kinds of traces but one are left out of a program built as plotly.js is, and of no other."""
+    modules = (
+        'var A=W((q,r)=>{"use strict";r.exports=B()});'
+        'var B=W((q,r)=>{"use strict";r.exports={name:"heatmap"}});'
+        'var C=W((q,r)=>{"use strict";r.exports=D()});'
+        'var D=W((q,r)=>{"use strict";r.exports={name:"cone"}});'
+    )
+    built = f'{modules}K.register([A(),C()]);x="年"'
+    assert quicker(built) == built.replace("A(),C()", "A()").replace("年", "\\u5e74")
+    other = built.replace("heatmap", "cone")
+    assert quicker(other) == other.replace("年", "\\u5e74")
+    assert quicker('f("𝒙")') == 'f("\\ud835\\udc99")'
+
+
 def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypatch: Any) -> None:
     def said(*options: str) -> str:
         told = CliRunner().invoke(commands.app, ["explore", str(wells), *options])
@@ -302,7 +524,7 @@ def nearest_elsewhere(table: pd.DataFrame, row: int) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(program() is None, reason="no Chromium on this machine (apt-get install chromium)")
+@NO_BROWSER
 def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
     table = gs.load(basins)
     with browser() as page:

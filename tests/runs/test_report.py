@@ -131,3 +131,32 @@ def test_a_report_fits_a_phone(toy: Path) -> None:
         page.call("Page.navigate", url=write_report(toy).resolve().as_uri())
         page.wait("document.readyState === 'complete' && document.querySelector('h1')?.textContent")
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(program() is None, reason="no Chromium on this machine (apt-get install chromium)")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_of_a_report_have_contrast(toy: Path, scheme: str) -> None:
+    """At least 4.5 : 1 (WCAG 2.2, AA)."""
+    file = write_report(toy).resolve().as_uri()
+    with browser() as page:
+        page.scheme(scheme)
+        for width in (390, 1280):
+            page.size(width, 844)
+            page.call("Page.navigate", url=file)
+            page.wait("document.readyState === 'complete' && document.querySelector('h1')?.textContent")
+            page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+            assert page.least_contrast() >= (4.5, "")
+        paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert paper == {"light": "rgb(255, 255, 255)", "dark": "rgb(20, 24, 28)"}[scheme]
+
+
+def test_what_kept_rows_from_settling_is_told(toy: Path, capsys: Capture) -> None:
+    table = gs.load(toy)
+    unsettled = table[table["status"].astype(str) == "cycle_limit"]
+    found = unsettled["slowest"].value_counts()
+    assert found.sum() == len(unsettled) > 0
+    assert main(["info", str(toy)]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("unsettled"))
+    assert f"launch_1 in {found['launch_1']} row" in line
+    assert f"Kept from settling by launch_1 in {found['launch_1']} row" in write_report(toy).read_text()

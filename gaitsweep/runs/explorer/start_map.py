@@ -287,7 +287,10 @@ def html_symbol(table: pd.DataFrame, name: str) -> str:
     if not (text.startswith("$") and text.endswith("$")):
         return text
     text = re.sub(r"\\(?:mathrm|text|rm)\b\s*", "", text[1:-1])
-    text = re.sub(r"\\bar\s*(\\?[A-Za-z]+)", "\\1\u0304", text)
+    for mark, above in (("bar", "\u0304"), ("dot", "\u0307"), ("hat", "\u0302"), ("tilde", "\u0303")):
+        text = re.sub(
+            rf"\\{mark}(?![A-Za-z])\s*(?:\{{(\\?[A-Za-z]+)\}}|(\\?[A-Za-z]+))", rf"\1\2{above}", text
+        )
     text = re.sub(r"\\([A-Za-z]+)", lambda found: _GREEK.get(found[1], found[0]), text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
         text = re.sub(rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)

@@ -1,6 +1,7 @@
 "use strict";
 // The explorer: the map of a table's records by plotly.js, and the body of the chosen one on a canvas.
 
+const AROUND = 40;                              // cycles on both sides of the chosen one, of a long map
 const TURN = 2 * Math.PI;
 const LARGEST = 32767, NO_NUMBER = -32768;      // of whole numbers of two bytes, as encoding.py packs them
 const CYCLE_SECONDS = 1.6;                      // that a cycle takes at the speed shown first
@@ -752,14 +753,17 @@ function showPhases() {
       y.push(shown);
       before = shown;
     });
-    traces.push({ type: "scatter", mode: values.length > 80 ? "lines" : "lines+markers", x, y, name: series.symbol, marker: { size: 4 },
+    traces.push({ type: "scatter", mode: values.length > 80 && data.run !== "return_map" ? "lines" : "lines+markers", x, y, name: series.symbol, marker: { size: 4 },
       line: { color: SERIES[place % SERIES.length], width: 1.8 },
       hovertemplate: `${series.symbol}, cycle %{x}: ${series.circular ? "%{y:.4f} rad" : "%{y:.5g} " + escaped(series.unit)}<extra></extra>` });
   });
   const yaxis = angles ? { range: [-0.1, TURN + 0.1], ...piTicks(0, TURN) } : { title: { text: escaped(data.series[drawn[0]].unit) } };
   const shapes = data.run === "return_map" ? [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: numberAt("crossing", chosen), x1: numberAt("crossing", chosen), line: { width: 1.4, color: shade.ink } }] : [];
+  // of a long map the cycles around the chosen one
+  const at = data.run === "return_map" ? numberAt("crossing", chosen) : NaN, whole = [first, first + found[drawn[0]].length - 1];
+  const range = whole[1] - whole[0] > 4 * AROUND && Number.isFinite(at) ? [Math.max(at - AROUND, whole[0]), Math.min(at + AROUND, whole[1])] : undefined;
   Plotly.react(box, traces, { ...figureLayout(12), width: box.clientWidth, height: box.clientHeight, margin: { l: 52, r: 8, t: 8, b: 38 }, shapes,
-    xaxis: { title: { text: "cycle", standoff: 4 }, zeroline: false, gridcolor: shade.grid }, yaxis: { zeroline: false, gridcolor: shade.grid, automargin: true, ...yaxis },
+    xaxis: { title: { text: "cycle", standoff: 4 }, range, autorange: range === undefined, zeroline: false, gridcolor: shade.grid }, yaxis: { zeroline: false, gridcolor: shade.grid, automargin: true, ...yaxis },
     legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true, dragmode: false }, { displayModeBar: false });
 }
 
