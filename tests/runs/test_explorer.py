@@ -28,8 +28,9 @@ from gaitsweep.plot.movie.side_view import projected
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.runs.explorer.choice import boundary, spread, subgrid
 from gaitsweep.runs.explorer.encoding import RESOLUTION, motion_fields, packed
+from gaitsweep.runs.explorer.explorer import explorer_of
 from gaitsweep.runs.explorer.plotly_source import quicker
-from gaitsweep.runs.explorer.start_map import CELLS, StartMap, html_symbol
+from gaitsweep.runs.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
 from gaitsweep.runs.explorer.walks import Motion, Pictures, Stretch
 from gaitsweep.runs.result import Result
 
@@ -110,6 +111,8 @@ def test_every_beginning_of_the_order_is_spread_evenly() -> None:
         (r"\psi_{1}", "ψ<sub>1</sub>"),
         (r"x_\mathrm{c, fore}", "x<sub>c, fore</sub>"),
         (r"\Delta^*_{12}", "Δ<sup>*</sup><sub>12</sub>"),
+        (r"\dot\theta_{ns}", "θ̇<sub>ns</sub>"),
+        (r"a<b", "a&lt;b"),
         (r"\frac{a}{b}", "q"),
     ],
 )
@@ -261,8 +264,9 @@ def test_a_page_shows_texts_as_they_are(hostile: Path) -> None:
             said = page.evaluate("document.body.innerText")
             for text in (ATTACK, HostileTexts.gaits[1], "m/s<sup>2", HostileTexts.source):
                 assert text in said, text
-            # the axis names the start by its symbol
-            assert "x<0" in page.evaluate("document.getElementById('map').textContent")
+            # plotly.js reads the same texts: the start's symbol and its unit, the observable's symbol
+            assert 'x<0 (m"<u>)' in page.evaluate("document.getElementById('map').textContent")
+            assert f"x{ATTACK}" in page.evaluate("document.querySelector('#phases .legend').textContent")
             # observables of another unit are a click away
             names = page.evaluate("[...document.querySelectorAll('#groups button')].map(b => b.textContent)")
             assert len(names) == 2
@@ -298,6 +302,48 @@ def test_a_page_of_one_record(tmp_path: Path) -> None:
                 page.press(key)
             assert page.errors == []
             assert page.evaluate("document.querySelector('td[data-column=row]').textContent") == "0"
+
+
+def test_numbers_that_json_lacks_are_texts() -> None:
+    table = pd.DataFrame({"a": [math.nan, math.inf, -math.inf, 1e-12]})
+    (column,) = columns_of(table)
+    assert column["values"] == [None, "inf", "-inf", 1e-12]
+    json.dumps(column, allow_nan=False)
+
+
+@pytest.mark.slow
+@NO_BROWSER
+def test_a_value_without_rows_and_keys_beside_the_map(tmp_path: Path) -> None:
+    """A table that lacks all rows of a value: the page says so, and stays where it is; keys go on."""
+    job = gs.Job(
+        name="part", model="toy_model:Toy", verify=0, params={"ceiling": 5.0},
+        vary={
+            "restitution": [0.3, 0.5, 0.9],
+            "launch_1": {"linspace": [0.5, 6.0, 6]},
+            "stiffness": {"linspace": [0.5, 9.0, 6]},
+        },
+        run={"kind": "settle", "max_cycles": 40},
+    )  # fmt: skip
+    table = gs.run(job, tmp_path / "part").table
+    part = table[table["restitution"] < 0.8]
+    part.attrs = table.attrs
+    file = explorer_of(part, tmp_path / "part.html")
+    with browser() as page:
+        page.size(1280, 900)
+        page.open(file, "#row=0")
+        row = "Number(document.querySelector('td[data-column=row]').textContent)"
+        page.evaluate("document.querySelectorAll('#slices button')[2].click()")
+        assert "= 0.9 has ended yet" in page.evaluate("document.getElementById('elsewhere').textContent")
+        assert page.evaluate(row) == 0
+        pressed = "[...document.querySelectorAll('#slices button')].map(b => b.getAttribute('aria-pressed'))"
+        assert page.evaluate(pressed) == ["true", "false", "false"]
+        # the choice of a value keeps the keyboard's place, and arrows move on from there
+        page.evaluate("document.querySelectorAll('#slices button')[1].click()")
+        page.wait(f"{row} === 36")
+        assert page.evaluate("document.activeElement.textContent").endswith("0.5")
+        page.press("ArrowRight")
+        page.wait(f"{row} === 37")
+        assert page.errors == []
 
 
 @pytest.fixture(scope="module")

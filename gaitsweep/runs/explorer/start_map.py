@@ -268,7 +268,7 @@ def _ordinal(number: int) -> str:
 
 def label_of(table: pd.DataFrame, name: str) -> str:
     """A column's symbol and unit as HTML."""
-    unit = html.escape(unit_of(table, name))
+    unit = html.escape(unit_of(table, name), quote=False)
     return f"{html_symbol(table, name)} ({unit})" if unit else html_symbol(table, name)
 
 
@@ -276,14 +276,16 @@ def written(table: pd.DataFrame, name: str, value: float) -> str:
     """`ψ₁ = 0.4π` in HTML, with the unit where there is one."""
     if is_angle(table, name):
         return f"{html_symbol(table, name)} = {style.in_pi(value)}"
-    return f"{html_symbol(table, name)} = {value:.4g} {html.escape(unit_of(table, name))}".rstrip()
+    return (
+        f"{html_symbol(table, name)} = {value:.4g} {html.escape(unit_of(table, name), quote=False)}".rstrip()
+    )
 
 
 def html_symbol(table: pd.DataFrame, name: str) -> str:
     """A column's symbol as HTML; its name where its TeX has more than letters, marks above and indices."""
     if name.endswith("_next"):
         return f"next {html_symbol(table, _this(name))}"
-    text = html.escape(symbol(table, name))
+    text = html.escape(symbol(table, name), quote=False)
     if not (text.startswith("$") and text.endswith("$")):
         return text
     text = re.sub(r"\\(?:mathrm|text|rm)\b\s*", "", text[1:-1])
@@ -295,7 +297,7 @@ def html_symbol(table: pd.DataFrame, name: str) -> str:
     for mark, tag in (("_", "sub"), ("^", "sup")):
         text = re.sub(rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
     text = text.replace("{", "").replace("}", "").replace("\\,", " ")
-    return html.escape(name) if "\\" in text else text
+    return html.escape(name, quote=False) if "\\" in text else text
 
 
 def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -116,7 +116,8 @@ function plain(text) {
   return box.content.textContent;
 }
 
-const escaped = text => text.replace(/[&<>"']/g, letter => `&#${letter.charCodeAt(0)};`);
+/** Text as HTML; plotly.js reads no other entities. */
+const escaped = text => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 /** The luminance of a colour #rrggbb, from 0 to 1 (WCAG 2.2, relative luminance). */
 function luminance(colour) {
   const parts = [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255).map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
@@ -132,6 +133,9 @@ function seen(colour) {
     found = "#" + parts.map(c => Math.round(c + white * (255 - c)).toString(16).padStart(2, "0")).join("");
   return found;
 }
+
+/** A limb's colour; black, where limbs are all alike, is that of the ink. */
+const limbColour = limb => limb.colour === "#000000" ? shade.mark : seen(limb.colour);
 
 const outcomeOf = i => data.outcomes[data.outcome[i]];
 const sliceKey = i => data.slices.map(each => each.of[i]).join(",");
@@ -606,7 +610,7 @@ function paintBody(at) {
     pen.stroke();
   });
   const drawLimb = k => {
-    const limb = limbs[k], colour = seen(data.limbs[k].colour);
+    const limb = limbs[k], colour = limbColour(data.limbs[k]);
     pen.strokeStyle = colour;
     pen.lineWidth = 4 * thick;
     path(limb);
@@ -669,7 +673,7 @@ function paintFootfalls(at) {
     }
     pen.fillStyle = shade.bar;
     pen.fillRect(left, y, right - left, row - 4);
-    pen.fillStyle = seen(limb.colour);
+    pen.fillStyle = limbColour(limb);
     const turns = motion.contact[k];
     for (let j = 0; j + 1 < turns.length; j += 2) {
       const begin = x(Math.max(0, (turns[j] - 0.5) * motion.sample)), end = x(Math.min(length, (turns[j + 1] - 0.5) * motion.sample));
@@ -773,12 +777,21 @@ function showSlices() {
   $("slices").replaceChildren(...data.slices.map((each, k) => {
     const several = each.texts.length > 5, label = document.createElement(several ? "label" : "fieldset");
     const pick = value => {
-      slice[k] = value;
+      const before = slice;
+      slice = slice.map((old, j) => j === k ? value : old);
       const key = shownKey(), at = data.kind === "cells" ? cellKey(chosen) : null;
       let next = at !== null && recordAt.has(`${key}|${at}`) ? recordAt.get(`${key}|${at}`) : -1;
       for (let i = 0; i < count && next < 0; i++) if (sliceKey(i) === key) next = i;
-      slice = [];
-      choose(next);
+      if (next < 0) {  // of a table that is not complete
+        slice = before;
+        showSlices();
+        $("live").textContent = $("elsewhere").textContent = `No row with ${plain(each.texts[value])} has ended yet.`;
+      } else {
+        slice = [];
+        choose(next);
+      }
+      const again = $("slices").children[k];
+      (again.querySelector("select") || again.children[value]).focus();
     };
     if (several) {
       const select = document.createElement("select");
@@ -840,7 +853,7 @@ function pressed(event) {
   const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName);
   if (event.ctrlKey || event.metaKey || event.altKey || typing) return;
   if (event.key === " " && event.target.tagName !== "BUTTON") play(!clock.playing);
-  else if (ARROWS[event.key] && (event.target === $("map") || event.target === document.body)) choose(neighbour(...ARROWS[event.key]));
+  else if (ARROWS[event.key] && (event.target === $("map") || event.target === document.body || event.target.tagName === "BUTTON")) choose(neighbour(...ARROWS[event.key]));
   else if (event.key === "e" && other >= 0) choose(other);
   else return;
   event.preventDefault();
