@@ -276,9 +276,8 @@ def written(table: pd.DataFrame, name: str, value: float) -> str:
     """`ψ₁ = 0.4π` in HTML, with the unit where there is one."""
     if is_angle(table, name):
         return f"{html_symbol(table, name)} = {style.in_pi(value)}"
-    return (
-        f"{html_symbol(table, name)} = {value:.4g} {html.escape(unit_of(table, name), quote=False)}".rstrip()
-    )
+    unit = html.escape(unit_of(table, name), quote=False)
+    return f"{html_symbol(table, name)} = {value:.4g} {unit}".rstrip()
 
 
 def html_symbol(table: pd.DataFrame, name: str) -> str:
