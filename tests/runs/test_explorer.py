@@ -374,7 +374,7 @@ def test_axes_are_logarithmic_as_in_the_figure(logarithmic: Path) -> None:
 
 @pytest.mark.slow
 @NO_BROWSER
-def test_a_click_on_a_logarithmic_map(logarithmic: Path) -> None:
+def test_a_click_on_a_logarithmic_map(logarithmic: Path, tmp_path: Path) -> None:
     """Cells are equally wide, a click chooses the start under it, its mark is around it."""
     table = gs.load(logarithmic)
     with browser() as page:
@@ -403,6 +403,24 @@ def test_a_click_on_a_logarithmic_map(logarithmic: Path) -> None:
             " const b = all[all.length - 1].getBoundingClientRect(); return [b.left, b.right]; })()"
         )
         np.testing.assert_allclose(np.array(drawn) - box[0], edges, atol=3.0)  # half the line's width
+        assert page.errors == []
+        # of points the mark is a circle around the chosen one
+        points = explorer_of(table, tmp_path / "points.html", x="stiffness", y="launch_1_end", walks=0)
+        page.open(points, f"#row={row}")
+        assert page.evaluate("[data.kind, data.x.log, data.y.log]") == ["points", True, False]
+        middle = page.evaluate(
+            "(() => { const { xaxis: x, yaxis: y } = document.getElementById('map')._fullLayout;"
+            f" return [x.d2p({start['stiffness']}), y.d2p({start['launch_1_end']})]; }})()"
+        )
+        ring = page.evaluate(
+            "(() => { const all = document.querySelectorAll('#map .shapelayer path');"
+            " const a = document.querySelector('#map .nsewdrag').getBoundingClientRect();"
+            " const b = all[all.length - 1].getBoundingClientRect();"
+            " return [(b.left + b.right) / 2 - a.left, (b.top + b.bottom) / 2 - a.top,"
+            " b.width, b.height]; })()"
+        )
+        np.testing.assert_allclose(ring[:2], middle, atol=0.1)
+        np.testing.assert_allclose(ring[2:], 20.0, atol=3.0)  # twice its radius, and the line's width
         assert page.errors == []
 
 

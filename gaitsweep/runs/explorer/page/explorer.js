@@ -270,8 +270,10 @@ function mark(i, look) {
     const [xs, ys] = data.edges, a = data.at[0][i], b = data.at[1][i];
     return [{ type: "rect", x0: xs[a], x1: xs[a + 1], y0: ys[b], y1: ys[b + 1], line }];
   }
-  const r = look.radius;
-  return [{ type: "circle", xsizemode: "pixel", ysizemode: "pixel", x0: -r, x1: r, y0: -r, y1: r, line,
+  // a circle in pixels, as a path: on a logarithmic axis plotly.js takes the logarithm of a circle's own pixels
+  const r = look.radius, c = 0.5523 * r;
+  const path = `M${r},0C${r},${c} ${c},${r} 0,${r}C${-c},${r} ${-r},${c} ${-r},0C${-r},${-c} ${-c},${-r} 0,${-r}C${c},${-r} ${r},${-c} ${r},0Z`;
+  return [{ type: "path", xsizemode: "pixel", ysizemode: "pixel", path, line,
     xanchor: along(data.x, numberAt(data.x.name, i)), yanchor: along(data.y, numberAt(data.y.name, i)) }];
 }
 
