@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from browser import browser, program
 
 import gaitsweep as gs
 from gaitsweep.cli.commands import app
@@ -96,3 +97,26 @@ def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
         source = page.read_text(encoding="utf-8")
         for link in re.findall(r"<(?:script|img|link|iframe)\b[^>]*?(?:src|href)=\"([^\"]+)\"", source):
             assert not re.match(r"(https?:)?//", link), (page.name, link)
+
+
+@pytest.mark.skipif(program() is None, reason="no Chromium on this machine (apt-get install chromium)")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_are_legible_in_both_schemes(site: Path, scheme: str) -> None:
+    """Texts have a contrast of 4.5 : 1 (WCAG 2.2, AA); figures are drawn on a light ground."""
+    with browser() as page:
+        page.scheme(scheme)
+        for name in ("docs/explorer", "docs/own_model", "docs/job_reference", "notebooks/your_own_model"):
+            for width in (390, 1280):
+                page.size(width, 900)
+                page.call("Page.navigate", url=(site / f"{name}.html").as_uri())
+                page.wait(f"document.readyState === 'complete' && {_THEME} === '{scheme}'")
+                assert page.least_contrast() >= (4.5, ""), name
+                grounds = page.evaluate(_GROUNDS)
+                if scheme == "dark":
+                    assert all(min(ground) > 200 and len(ground) == 3 for ground in grounds), name
+
+
+_THEME = "document.documentElement.dataset.theme"
+# behind each figure, the parts of its colour
+_GROUNDS = """[...document.querySelectorAll('.bd-article img')].map(
+    image => getComputedStyle(image).backgroundColor.match(/[\\d.]+/g).map(Number))"""
