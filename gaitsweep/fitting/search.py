@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import shutil
 import time
 import warnings
 from collections import deque
@@ -23,18 +22,19 @@ import pandas as pd
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.batches import Batches
+from gaitsweep.fitting.cluster_rows import ClusterRows
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.measures import Measured
 from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
-from gaitsweep.fitting.population import Population, Tell
+from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search_figures import draw_search
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, scores
-from gaitsweep.job import Job, JobError
+from gaitsweep.job import JobError
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
-from gaitsweep.runs.execute import RESULTS, run_job
+from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load, replace_file, writing
@@ -45,10 +45,6 @@ if TYPE_CHECKING:
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.
 _DECIDING = ("numpy", "scipy", "cma", "pymoo")
-# The folder of the rows of a batch, where a cluster computes them.
-BATCH = "batch"
-# Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
-_FEWEST_ROWS, _WORKERS = 16, 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +117,7 @@ def run_search(
             git_commit=provenance.git_commit(),
         )
         if cluster is not None:
-            population.run_elsewhere = _Rows(path / BATCH, cluster)
+            population.run_elsewhere = ClusterRows(path, cluster)
         _Search(job, population, directory, show, side_by_side).go_on()
         table = load(path)
         near = near_best(table, job)
@@ -146,29 +142,6 @@ def draw_again(path: Path) -> list[Path]:
         raise JobError(wrong)
     table = load(path)
     return draw_search(path, search, table, near_best(table, search))
-
-
-class _Rows:
-    """Rows that a cluster computes, in a directory that is removed when they are there."""
-
-    def __init__(self, path: Path, cluster: Cluster) -> None:
-        self._path, self._cluster = path, cluster
-
-    def __call__(self, job: Job, progress: Tell) -> pd.DataFrame:
-        began = time.perf_counter()
-        block = max(_FEWEST_ROWS, job.plan.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
-        engine = job.engine.model_copy(update={"block": block})
-
-        def tell(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            if progress is not None:
-                progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
-
-        # what a client that was killed has left may be of another batch
-        shutil.rmtree(self._path, ignore_errors=True)
-        one = job.model_copy(update={"engine": engine})
-        table = load(run_job(one, self._path, progress=tell, figures=False, cluster=self._cluster))
-        shutil.rmtree(self._path)
-        return table
 
 
 class _Search:

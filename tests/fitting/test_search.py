@@ -20,7 +20,7 @@ from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search import BATCH, FINALISTS, run_search
+from gaitsweep.fitting.search import FINALISTS, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
@@ -509,7 +509,7 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
     assert [each.read_bytes() for each in parts] == [
         (tmp_path / "shared" / "table" / each.name).read_bytes() for each in parts
     ]
-    assert not (tmp_path / "shared" / BATCH).exists()
+    assert not (tmp_path / "shared" / "batch").exists()
 
 
 def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
