@@ -18,9 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
+from gaitsweep import near_miss
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.batches import Batches
 from gaitsweep.fitting.cluster_rows import ClusterRows
 from gaitsweep.fitting.free import sets_at
@@ -28,7 +31,7 @@ from gaitsweep.fitting.measures import Measured
 from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search_figures import draw_search
+from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, scores
 from gaitsweep.job import JobError
@@ -52,15 +55,26 @@ class Found:
     """What a search found.
 
     `path` is its directory; `table` has a row for each set; `near` says which constants the targets pin;
-    `finalists` has the best sets at half the step; `figures` are the files drawn.
+    `finalists` has the best sets at half the step; `figures` are the files drawn. In memory there is no path
+    and no file.
     """
 
     job: SearchJob
-    path: Path
+    path: Path | None
     table: pd.DataFrame
     near: NearBest
     finalists: pd.DataFrame | None
     figures: tuple[Path, ...]
+
+    def figure(self, name: str) -> Figure:
+        """A figure of the search: convergence, constants or misses.
+
+        Raises:
+            ArgumentError: there is no figure of this name.
+        """
+        if name not in FIGURES:
+            raise ArgumentError(f"{name} is no figure of a search{near_miss.suggestion(name, FIGURES)}")
+        return search_figure(name, self.job, self.table, self.near)
 
 
 def run_search(

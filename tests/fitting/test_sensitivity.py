@@ -18,7 +18,7 @@ import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.sensitivity import run_sensitivity
-from gaitsweep.fitting.sensitivity_job import load_sensitivity
+from gaitsweep.fitting.sensitivity_job import load_sensitivity, read_sensitivity
 from gaitsweep.job import JobError
 from gaitsweep.runs.cluster import task
 from gaitsweep.runs.cluster.connection import GivenClient
@@ -309,10 +309,58 @@ def test_keywords_are_checked(tmp_path: Path) -> None:
     file = written(tmp_path, JOB)
     with pytest.raises(ArgumentError, match="n stands in the job file"):
         gs.sensitivity(file, n=8)
+    with pytest.raises(ArgumentError, match="method stands in the job file"):
+        gs.sensitivity(file, method="sobol")
     with pytest.raises(ArgumentError, match="x_1 is an axis, but takes a number"):
         gs.sensitivity(response_model.Response, x_1=[1.0, 2.0], y_0=0.0)
     with pytest.raises(ArgumentError, match="overrides are for a job file"):
         gs.sensitivity(response_model.Response, overrides=["a=1"])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"parameters": {"x_9": [0.0, 1.0]}},
+        {"parameters": None},
+        {"outputs": {"straight": {"kind": "value", "of": "lin", "at": {"y_0": 0.0}}}},
+        {"outputs": None},
+        {"method": "moris"},
+        {"n": None},
+        {"n": 3},
+    ],
+)
+def test_keywords_are_refused_as_fields_are(change: dict[str, Any]) -> None:
+    fields = yaml.safe_load(JOB)
+    asked = {**fields.pop("sensitivity"), **change}
+    asked = {key: each for key, each in asked.items() if each is not None}
+    with pytest.raises(JobError) as written_so:
+        read_sensitivity({**fields, "sensitivity": asked}, Path.cwd())
+    values = {**fields["params"], **fields["start"], "run": fields["run"]}
+    with pytest.raises(JobError) as given:
+        gs.sensitivity(response_model.Response, **values, **asked)
+    assert str(given.value) == str(written_so.value)
+
+
+def test_a_ramp_is_refused_by_keywords_too() -> None:
+    ramp = gs.Ramp(parameter="x_3", path=[0.0, 1.0], rate=1.0)
+    outputs = {"straight": {"kind": "value", "of": "linear", "at": {"y_0": 0.0}}}
+    with pytest.raises(JobError, match=r"run\.kind is ramp, but sensitivity takes settle or fixed_time"):
+        gs.sensitivity(response_model.Response, parameters={"x_1": [0, 1]}, outputs=outputs, n=8, run=ramp)
+
+
+def test_workers_of_a_client_send_the_rows_here() -> None:
+    distributed = pytest.importorskip("distributed")
+    job = yaml.safe_load(JOB)
+    asked = {**job.pop("sensitivity"), "n": 4, "x_1": 0.5, "x_2": 1.0, "x_3": 2.0, "y_0": 0.0}
+    with (
+        distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as workers,
+        distributed.Client(workers, set_as_default=False) as client,
+    ):
+        found = gs.sensitivity(response_model.Response, run=job["run"], client=client, **asked)
+    alone = gs.sensitivity(response_model.Response, run=job["run"], **asked)
+    pd.testing.assert_frame_equal(found.table, alone.table, check_exact=True)
+    pd.testing.assert_frame_equal(found.indices, alone.indices, check_exact=True)
+    assert found.path is None
 
 
 @pytest.mark.parametrize(("far", "differ"), [(0.0, 0), (1.0e8, 8)])
