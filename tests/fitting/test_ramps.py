@@ -153,6 +153,19 @@ def test_workers_of_a_client_measure_ramps_too(tmp_path: Path) -> None:
     assert alone["down"].nunique() == 4
 
 
+def test_ramps_wait_for_the_targets_that_are_measured_first() -> None:
+    targets = {
+        "rest": {"kind": "value", "of": "x", "at": {"x_0": 1.0, "r": 0.0}, "wanted": 1.1, "error": 0.02},
+        "down": {**transition(), "wanted": -0.4, "error": 0.1},
+    }
+    whole = searched(targets=targets).table
+    turned = searched(targets=targets, first=["rest"], first_within=4.0).table
+    near = np.abs(np.sqrt(whole["a"]) - 1.1) <= 4.0 * 0.02
+    assert 0 < near.sum() < len(near)
+    np.testing.assert_array_equal(turned["down"][near], whole["down"][near])
+    assert set(turned["why"][~near]) == {"down: not measured"}
+
+
 def test_a_ramp_reads_gaits_where_it_is_asked_to() -> None:
     """The gait is read with the value that the parameter has there; without it the table is as before."""
     ramp = {name: value for name, value in RAMP.items() if name != "kind"}
