@@ -2,29 +2,124 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+import tempfile
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pydantic import BaseModel
+
+from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job_file, refuse_beside_a_job
+from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.search import Found, run_search
-from gaitsweep.fitting.search_job import load_search, read_search
-from gaitsweep.runs.progress import progress_lines
+from gaitsweep.fitting.search_job import SearchJob, load_search, read_search
+from gaitsweep.kinds import Settle
+from gaitsweep.kinds.part import plain
+from gaitsweep.runs.progress import Progress, progress_lines
+from gaitsweep.runs.result import cluster_of, refuse_of_session
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
-def search(job: str | Path | Mapping[str, Any], out: str | Path | None = None) -> Found:
+def search(
+    model: AnyModel | Path | Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    free: Mapping[str, Any] | None = None,
+    targets: Mapping[str, Mapping[str, Any]] | None = None,
+    method: str | None = None,
+    budget: int | None = None,
+    population: int | None = None,
+    side_by_side: int | None = None,
+    first: Sequence[str] | None = None,
+    first_within: float | None = None,
+    seed: int | None = None,
+    finalists: int | None = None,
+    run: BaseModel | Mapping[str, Any] | None = None,
+    params: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | int | None = None,
+    numerics: Mapping[str, Any] | None = None,
+    engine: str | Mapping[str, Any] | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+    client: Client | None = None,
+    **values: Any,
+) -> Found:
     """Search constants that meet targets, or go on with a search that was stopped.
 
     Args:
-        job: a YAML file, or its fields: those of a job without `vary`, and `search` with `free`, `targets`,
-            `method`, `budget`, `seed`.
-        out: the result directory; `results/NAME` by default.
+        model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
+            `search`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of its
+            fields: then all else but `out`, `overrides`, `progress` and `client` stands in the job.
+        out: the result directory; a stopped search goes on there. Without it the result is in memory, but
+            that of a job goes to `results/NAME`.
+        free: by name, a range [low, high], {low, high, log, whole}, or {choices}.
+        targets: by name, a measure with what is wanted of it, such as {"lag": {"kind": "value", "of":
+            "psi_1", "at": {"psi_1": 1.0}, "wanted": 0.9, "error": 0.01}}.
+        method: cma, the default, sobol or nsga3.
+        budget: sets that are measured in all.
+        population: sets that are measured together.
+        side_by_side: batches that run at a time.
+        first, first_within: targets that are measured first, and how many reading errors a set may miss
+            them by to be measured further.
+        seed: of all that is drawn, 0 by default.
+        finalists: the best sets, which are measured again at half the step; 8 by default.
+        run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
+        params, numerics, engine: as for `gaitsweep.sweep`.
+        start: start values by name, as for `gaitsweep.sweep`; a whole number is the `search.start` of a job,
+            the Sobol points with which cma begins.
+        overrides: settings for a job file, such as "search.budget=64".
+        progress: called now and then with sets done, sets in all, sets a second, the share done, a remark; by
+            default a line on standard error every half minute.
+        client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
+        values: parameters and start values by name, numbers or formulas. Those named as an argument above
+            go into `params` or `start`.
 
     Returns:
         The table of all sets, the near-best ones, and which constants the targets pin.
 
     Raises:
-        JobError: all that is wrong with the job.
+        ArgumentError: a name that the model does not have, an array, a package that is not installed, or
+            `out` for a model whose class belongs to this session.
+        JobError: all else that is wrong with the search, a sentence each.
         RunError, TableError: it cannot run here, or the directory cannot be used.
     """
-    read = load_search(job) if isinstance(job, str | Path) else read_search(job, Path.cwd())
-    return run_search(read, out, progress=progress_lines("sets"))
+    progress = progress_lines("sets") if progress is None else progress
+    begin = None if isinstance(start, Mapping) else start
+    asked = {"free": free, "targets": targets, "method": method, "budget": budget, "population": population}
+    asked |= {"side_by_side": side_by_side, "start": begin, "first": first, "first_within": first_within}
+    asked |= {"seed": seed, "finalists": finalists}
+    fields = {"run": run, "params": params, "numerics": numerics}
+    if isinstance(model, Mapping) or is_job_file(model):
+        refuse_beside_a_job(model, {**asked, **fields, "start": start, "engine": engine, **values})
+        if not isinstance(model, Mapping):
+            job = load_search(model, overrides)
+        elif overrides:
+            raise ArgumentError("overrides are for a job file: change the mapping instead.")
+        else:
+            job = read_search(model, Path.cwd())
+        return _in_directory(job, out, progress, client)
+    if overrides:
+        raise ArgumentError("overrides are for a job file: give the values as keywords.")
+    assert not isinstance(model, Path)  # it was read
+    fields |= {"run": Settle() if run is None else run, "start": start if begin is None else None}
+    fields["engine"] = {"name": engine} if isinstance(engine, str) else engine
+    written = fields_without_axes(model, values, "free", **fields)
+    search_field = {name: value for name, value in asked.items() if value is not None}
+    job = read_search({**written, "search": plain(search_field)}, Path.cwd())
+    if out is not None:
+        refuse_of_session(written["model"])
+        return _in_directory(job, out, progress, client)
+    cluster = None if client is None else cluster_of(client, collect=True)
+    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+        found = run_search(job, folder, progress=progress, tell=warnings.warn, cluster=cluster)
+    del found.table.attrs["path"]
+    return dataclasses.replace(found, path=None, figures=())
+
+
+def _in_directory(job: SearchJob, out: str | Path | None, progress: Progress, client: Client | None) -> Found:
+    cluster = None if client is None else cluster_of(client)
+    return run_search(job, out, progress=progress, tell=warnings.warn, cluster=cluster)

@@ -6,7 +6,8 @@ import dataclasses
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeGuard
 
 import numpy as np
 from pydantic import BaseModel
@@ -17,6 +18,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.kinds.part import plain
+from gaitsweep.shipped import BUILTIN
 
 AnyModel = Model | type[Model] | str
 # Keywords of the API's functions. A quantity with such a name is set by `params={}` or `start={}`.
@@ -114,6 +116,48 @@ def fields_of(
         "run": run,
         **{key: value for key, value in fields.items() if value is not None},
     }
+
+
+def is_job_file(model: object) -> TypeGuard[str | Path]:
+    """Whether this is the path of a job file, or the name of a shipped one, and no model."""
+    if isinstance(model, Path):
+        return True
+    return isinstance(model, str) and (model.endswith((".yaml", ".yml")) or model.startswith(BUILTIN))
+
+
+def refuse_beside_a_job(job: str | Path | Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Refuse keywords that were given, and are not None, beside a job in which they stand.
+
+    Args:
+        job: the job's file, or its fields.
+        given: the keywords.
+
+    Raises:
+        ArgumentError: the first of them, and where it stands.
+    """
+    stray = next((name for name, value in given.items() if value is not None), None)
+    if stray is None:
+        return
+    if isinstance(job, Mapping):
+        raise ArgumentError(f"{stray} stands in the job's fields: change it there.")
+    raise ArgumentError(f"{stray} stands in the job file {job}: change it there, or by overrides.")
+
+
+def fields_without_axes(
+    model: AnyModel, values: Mapping[str, Any], ranges: str, **fields: Any
+) -> dict[str, Any]:
+    """As `fields_of`, where nothing varies but what the keyword `ranges` has.
+
+    Raises:
+        ArgumentError: as there, or an axis.
+    """
+    found = fields_of(model, values, **fields)
+    if isinstance(found["run"], BaseModel):  # read with the rest, as from a file
+        found["run"] = found["run"].model_dump(by_alias=True, exclude_none=True)
+    axes = found.pop("vary")
+    if axes:
+        raise ArgumentError(f"{next(iter(axes))} is an axis, but takes a number: give ranges as {ranges}=.")
+    return found
 
 
 def _named(model: AnyModel) -> tuple[str, dict[str, Any] | None]:

@@ -413,6 +413,12 @@ def sensitivity(
     ],
     out: Out = None,
     settings: Settings = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster", metavar="WHERE", help="Workers of Dask that compute the rows, as of `run`."
+        ),
+    ] = None,
 ) -> None:
     """Measure how much results depend on each constant, or go on: a table, the indices and their figure."""
     from gaitsweep.cli import show_sensitivity
@@ -422,8 +428,8 @@ def sensitivity(
     from gaitsweep.fitting.sensitivity import run_sensitivity
 
     try:
-        with _shown_progress("sets") as progress:
-            found = run_sensitivity(job, out, progress=progress, tell=_tell)
+        with _shown_progress("sets") as progress, _workers(cluster, tell=_tell) as workers:
+            found = run_sensitivity(job, out, progress=progress, tell=_tell, cluster=workers)
     except KeyboardInterrupt as error:
         print(_stopped(job.name, out), file=sys.stderr)
         raise typer.Exit(getattr(error, "exit_code", STOPPED)) from None

@@ -40,7 +40,9 @@ def outcome(found: Found) -> str:
     """What a search found: sets by status, the best one, its targets, and what is known of each constant."""
     status = [str(each) for each in found.table["status"]]
     counts = ", ".join(f"{status.count(name)} {name}" for name in ("complete", "failed"))
-    lines = [f"{len(found.table)} sets: {counts}.", f"Table: {found.path / 'table'}"]
+    lines = [f"{len(found.table)} sets: {counts}."]
+    if found.path is not None:
+        lines.append(f"Table: {found.path / 'table'}")
     near = found.near
     if not len(near.best):
         most = found.table["why"].value_counts().head(_REASONS)

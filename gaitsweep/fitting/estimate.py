@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search_job import SearchJob
 from gaitsweep.runs.estimate import Estimate, estimate
 
@@ -20,7 +23,8 @@ class SearchEstimate:
 
     `rows_of_a_set` are those of each set, fixed points not among them; `steps` those of all sets; `seconds`
     the likely time and `seconds_most` that of rows at their limits. `batch` is the estimate of sets in the
-    middle of all ranges, from which these follow, None where no target has rows.
+    middle of all ranges, from which these follow, with the run of the job where there are targets of it; None
+    where no target has rows.
     """
 
     sets: int
@@ -45,19 +49,42 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     middle = {
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
     }
-    sample = population.middle_job(structure, middle, together)
-    if sample is None:
+    batches = [_Batch.of(part, structure, middle, together) for part in population.parts]
+    known = [each for each in batches if each is not None]
+    if not known:
         return SearchEstimate(job.choice.budget, together, 0, 0.0, 0.0, 0.0, None)
-    batch = estimate(sample)
-    # the search in batches of as many rows as the sample has
-    batches = math.ceil(job.choice.budget / together) * together * rows / batch.rows
-    finalists = _FINALIST * min(job.choice.finalists, job.choice.budget) * rows / batch.rows
+    # the search in batches of as many rows as the samples have
+    sets = math.ceil(job.choice.budget / together) * together
+    sets += _FINALIST * min(job.choice.finalists, job.choice.budget)
     return SearchEstimate(
         sets=job.choice.budget,
         together=together,
         rows_of_a_set=rows,
-        steps=batch.steps / batch.rows * rows * job.choice.budget,
-        seconds=batch.compile_s + (batches + finalists) * (batch.seconds - batch.compile_s),
-        seconds_most=batch.compile_s + (batches + finalists) * (batch.seconds_most - batch.compile_s),
-        batch=batch,
+        steps=sum(each.steps for each in known) * job.choice.budget,
+        seconds=sum(each.estimate.compile_s + sets * each.seconds for each in known),
+        seconds_most=sum(each.estimate.compile_s + sets * each.seconds_most for each in known),
+        batch=known[0].estimate,
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Batch:
+    """The estimate of a batch of rows of one run, and what a set takes of it: steps, and seconds."""
+
+    estimate: Estimate
+    steps: float
+    seconds: float
+    seconds_most: float
+
+    @classmethod
+    def of(
+        cls, part: Population, structure: Mapping[str, Any], middle: Mapping[str, Any], sets: int
+    ) -> _Batch | None:
+        """The batch of so many sets in the middle of all ranges; None where they take no rows."""
+        sample = part.middle_job(structure, middle, sets)
+        if sample is None:
+            return None
+        found = estimate(sample)
+        each = part.own_rows_of_a_set / found.rows
+        seconds, most = found.seconds - found.compile_s, found.seconds_most - found.compile_s
+        return cls(found, found.steps * each, seconds * each, most * each)

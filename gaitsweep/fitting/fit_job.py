@@ -14,18 +14,19 @@ from pydantic import ValidationError
 from gaitsweep import effort, near_miss
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.measures import MEASURES, Measure
-from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.measure_kinds import MEASURES
+from gaitsweep.fitting.measures import Measure
+from gaitsweep.fitting.population import Population, job_with_run
 from gaitsweep.job import Job
 from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.job.plan import inside, must
-from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.kinds import RUN_KINDS, Ramp
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic, unknown_field
 from gaitsweep.kinds.diagnostics import Path as FieldPath
 from gaitsweep.kinds.part import Part
-from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.shipped import job_file
 
 # Fields of a job that have no place beside sets of constants.
@@ -142,7 +143,27 @@ def read_measure(
     own, more = Owner(str(path[-1]), part).fields, () if beside is None else Owner("", beside).fields
     unknown = [key for key in value if key not in own]
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
-    return read_part(part, {key: each for key, each in value.items() if key in own}, path, wrong)
+    fields = {key: each for key, each in value.items() if key in own}
+    if "run" in fields and "run" in own:
+        if (ramp := _read_ramp(fields["run"], (*path, "run"), wrong)) is None:
+            return None
+        fields["run"] = ramp
+    return read_part(part, fields, path, wrong)
+
+
+def _read_ramp(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Ramp | None:
+    """The run of a measure of ramps; what is wrong with it is added to `wrong`."""
+    if isinstance(value, Ramp):
+        return value
+    if not isinstance(value, Mapping):
+        text = f"is {found(value)}, but takes fields. {near_miss.allowing(Owner('', Ramp).fields)}"
+        wrong.append(Diagnostic(path, text))
+        return None
+    if "kind" in value and value["kind"] != "ramp":
+        text = f"is {found(value['kind'])}, but a measure that has a run of its own takes ramp."
+        wrong.append(Diagnostic((*path, "kind"), text))
+        return None
+    return read_part(Ramp, value, path, wrong)
 
 
 def read_part(part: type[Part], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
@@ -203,8 +224,11 @@ def read_fit_job(
             job = fit.job_of(structure)
         except JobError as error:
             raise _at_the_choices(error, fit) from None
-        columns = table_columns(job.plan, job.run)
+        of_the_job = table_columns(job.plan, job.run)
         for name, measure in measures.items():
+            columns = of_the_job
+            if (run := measure.own_run) is not None:
+                columns = _columns_of_run(fit, structure, run, (field, listed, name, "run"), wrong)
             if measure.on_map and own_steps(job.integration.method, job.plan.model) is not None:
                 text = "is fixed_point, but steps of fixed length give a return map no derivative: use rk4."
                 wrong.append(Diagnostic((field, listed, name, "kind"), text))
@@ -213,6 +237,27 @@ def read_fit_job(
                 wrong.append(Diagnostic((field, listed, name, key), text))
         _refuse(wrong)
     return fit
+
+
+def _columns_of_run(
+    fit: FitJob, structure: Mapping[str, Any], run: RunKind, path: FieldPath, wrong: list[Diagnostic]
+) -> list[str]:
+    """The columns of a run that a measure has at `path`; what is wrong with it is added to `wrong`."""
+    if run.moved in fit.free:
+        text = f"is {run.moved}, which is free: a ramp moves what is no constant of a set."
+        wrong.append(Diagnostic((*path, "parameter"), text))
+        return []
+    try:
+        job = job_with_run(fit.job_of, run, structure)
+    except JobError as error:
+        wrong.extend(
+            dataclasses.replace(each, path=(*path, *each.path[1:]))
+            for each in error.diagnostics
+            if each.path[:1] == ("run",)
+        )
+        _refuse(wrong)
+        raise
+    return table_columns(job.plan, job.run)
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:

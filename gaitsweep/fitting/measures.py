@@ -18,7 +18,8 @@ from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
 from gaitsweep.kinds.numbers import CountOrZero, InvalidValue, Text, checked, read_real, read_text
-from gaitsweep.kinds.part import Part, Registry
+from gaitsweep.kinds.part import Part
+from gaitsweep.kinds.run_kind import RunKind
 
 MOST_CONDITIONS = 10_000  # rows of one measure
 
@@ -101,6 +102,11 @@ class Measure(Part):
         """Whether its value is an angle."""
         return False
 
+    @property
+    def own_run(self) -> RunKind | None:
+        """What is done with its rows; None where it is the job's own run."""
+        return None
+
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         """A field and what is wrong with it, in view of the table's columns and the model.
 
@@ -176,13 +182,13 @@ class Value(Measure):
         return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
-        return _unit(self.of_, model)
+        return unit_of(self.of_, model)
 
     def circular(self, model: Model) -> bool:
         return any(self.of_ in (q.name, f"{q.name}_end") and q.circular for q in model.observables)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
-        return _wrong_column(self.of_, columns) or _wrong_ranges(self.among, columns)
+        return wrong_column(self.of_, columns) or _wrong_ranges(self.among, columns)
 
 
 class Edge(Measure):
@@ -212,7 +218,7 @@ class Edge(Measure):
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         if (bad := _wrong_list(self.along, self.at, "an edge", " from the gait's side")) is not None:
             return bad
-        return _wrong_gait(self.gait, model.gaits)
+        return wrong_gait(self.gait, model.gaits)
 
 
 class Share(Measure):
@@ -235,7 +241,7 @@ class Share(Measure):
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         for gait in self.gait:
-            if (bad := _wrong_gait(gait, model.gaits)) is not None:
+            if (bad := wrong_gait(gait, model.gaits)) is not None:
                 return bad
         return _wrong_ranges(self.among, columns)
 
@@ -265,16 +271,16 @@ class Order(Measure):
         return Measured(np.diff(medians, axis=1).min(axis=1), why)
 
     def unit(self, model: Model) -> str:
-        return _unit(self.of_, model)
+        return unit_of(self.of_, model)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         every = [gait for group in self.gaits for gait in group]
         for gait in every:
-            if (bad := _wrong_gait(gait, model.gaits)) is not None:
+            if (bad := wrong_gait(gait, model.gaits)) is not None:
                 return "gaits", bad[1]
         if twice := [gait for gait in every if every.count(gait) > 1]:
             return "gaits", f"has {twice[0]} twice."
-        return _wrong_column(self.of_, columns)
+        return wrong_column(self.of_, columns)
 
 
 class Prominence(Measure):
@@ -306,14 +312,14 @@ class Prominence(Measure):
         return Measured(np.where(why == "", values, np.nan), why)
 
     def unit(self, model: Model) -> str:
-        return _unit(self.of_, model)
+        return unit_of(self.of_, model)
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
         if (bad := _wrong_list(self.along, self.at, "a prominence")) is not None:
             return bad
         if len(self.at[self.along]) < 3:
             return "at", f"has fewer than three values of {self.along}, which a prominence takes."
-        return _wrong_column(self.of_, columns)
+        return wrong_column(self.of_, columns)
 
 
 class Failures(Measure):
@@ -382,11 +388,6 @@ class FixedPoint(Measure):
         return ("fix", _unknown(unknown[0], names)) if unknown else None
 
 
-MEASURES: Registry[Measure] = Registry(
-    "measure", [Value, Edge, Share, Order, Prominence, Failures, FixedPoint]
-)
-
-
 def column(formula: str, rows: SetRows) -> np.ndarray:
     """A column of the rows of n sets, or a formula of columns: (n, conditions), not finite where it has none.
 
@@ -430,7 +431,7 @@ def _mean(seen: np.ndarray, counts: np.ndarray, circular: bool = False) -> np.nd
     return per_row * np.where(counts, seen, 0.0).sum(axis=1)
 
 
-def _unit(formula: str, model: Model) -> str:
+def unit_of(formula: str, model: Model) -> str:
     """The unit of a column, "" for a formula."""
     units = {q.name: q.unit for q in model.label_fields} | {"t_end": "s"}
     for quantity in model.observables:
@@ -443,7 +444,7 @@ def _no_row(among: Mapping[str, tuple[float, float]] | None) -> str:
     return f"no row has {' and '.join(ranges)}"
 
 
-def _wrong_column(formula: str, columns: Sequence[str]) -> tuple[str, str] | None:
+def wrong_column(formula: str, columns: Sequence[str]) -> tuple[str, str] | None:
     """As `Measure.wrong`, of a column of numbers or a formula of such columns."""
     numbers = _numbers(columns)
     if formula in numbers:
@@ -488,7 +489,8 @@ def _unknown(name: str, allowed: Iterable[str]) -> str:
     return f"is {name}, which is none{near_miss.suggestion(name, list(allowed))}"
 
 
-def _wrong_gait(gait: str, gaits: Sequence[str]) -> tuple[str, str] | None:
+def wrong_gait(gait: str, gaits: Sequence[str]) -> tuple[str, str] | None:
+    """As `Measure.wrong`, of the name of a gait."""
     return None if gait in gaits else ("gait", _unknown(gait, gaits))
 
 

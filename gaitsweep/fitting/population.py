@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from gaitsweep.contract import Model
 from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.block import BlockResult
@@ -17,10 +19,12 @@ from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
+from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
 from gaitsweep.job.vary import Group
+from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.runs.prepare import Prepared, prepare
 
 # Rows of a block of a batch.
@@ -54,6 +58,7 @@ class Population:
         job_of: the job of a choice of structure; constants and conditions replace its own values.
         structure: the names of which `job_of` takes the choices.
         measures: what is measured, by name.
+        run: the run that all of the measures have; by default that of the job, and measures may have others.
 
     `run_elsewhere` may be set to what computes the rows of an ordinary job, a cluster say; it is told how far
     they are by what `measure` is given.
@@ -64,8 +69,10 @@ class Population:
         job_of: Callable[[Mapping[str, Any]], Job],
         structure: Sequence[str],
         measures: Mapping[str, Measure],
+        run: RunKind | None = None,
     ) -> None:
         self._job_of, self._structure, self.measures = job_of, tuple(structure), measures
+        self._run = run
         self.run_elsewhere: Callable[[Job, Tell], pd.DataFrame] | None = None
         self._ready: dict[tuple[Any, ...], Prepared] = {}
         self._preparing = threading.Lock()
@@ -74,13 +81,40 @@ class Population:
         self._rows_of = {
             name: [places.setdefault(tuple(sorted(c.items())), len(places)) for c in measure.conditions]
             for name, measure in measures.items()
-            if not measure.on_map
+            if not measure.on_map and measure.own_run in (None, run)
         }
         self._conditions = list(places)
+        self._of_runs = [] if run is not None else self._populations_of_runs()
+
+    def _populations_of_runs(self) -> list[Population]:
+        """A population for each run that measures have of their own, with these measures."""
+        runs: list[RunKind] = []
+        for measure in self.measures.values():
+            if measure.own_run is not None and measure.own_run not in runs:
+                runs.append(measure.own_run)
+        return [
+            Population(
+                partial(job_with_run, self._job_of, run),
+                self._structure,
+                {name: each for name, each in self.measures.items() if each.own_run == run},
+                run,
+            )
+            for run in runs
+        ]
+
+    @property
+    def parts(self) -> list[Population]:
+        """What runs its rows by itself: this population, and one for each run that measures have."""
+        return [self, *self._of_runs]
 
     @property
     def rows_of_a_set(self) -> int:
         """The rows that each set takes."""
+        return sum(part.own_rows_of_a_set for part in self.parts)
+
+    @property
+    def own_rows_of_a_set(self) -> int:
+        """The rows of each set that have the job's own run."""
         return len(self._conditions)
 
     def prepared(self, structure: Mapping[str, Any]) -> Prepared:
@@ -108,7 +142,24 @@ class Population:
             share: the length of steps as a share of the job's own.
         """
         n = next(iter(sets.values())).size
-        found = {name: Measured(np.full(n, np.nan), np.full(n, "", object)) for name in self.measures}
+        found: dict[str, Measured] = {}
+        before, total = 0, n * self.rows_of_a_set
+        for part in self.parts:
+            part.run_elsewhere = self.run_elsewhere
+            tell = progress if len(self.parts) == 1 else _after(before, total, progress)
+            found |= part._measure_own(sets, n, tell, share)
+            before += n * part.own_rows_of_a_set
+        return {name: found[name] for name in self.measures}
+
+    def _measure_own(
+        self, sets: Mapping[str, np.ndarray], n: int, progress: Tell, share: float
+    ) -> dict[str, Measured]:
+        """As `measure`, what is measured on the map and of rows with this population's own run."""
+        found = {
+            name: Measured(np.full(n, np.nan), np.full(n, "", object))
+            for name, measure in self.measures.items()
+            if measure.on_map or name in self._rows_of
+        }
         for structure, mine in self._by_structure(sets, n):
             try:
                 ready = self.prepared(structure)
@@ -119,14 +170,14 @@ class Population:
             constants = {name: sets[name][mine] for name in sets if name not in self._structure}
             rows, refused = self._rows(ready, constants, mine.size, progress, share)
             good = mine[refused == ""]
-            for name, measure in self.measures.items():
+            for name in found:
+                measure = self.measures[name]
                 found[name].why[mine] = refused
                 if measure.on_map:
                     at_points = self._on_map(ready, constants, measure, mine.size, share)
                     found[name].values[mine], found[name].why[mine] = at_points
                 elif good.size:
-                    places = self._rows_of[name]
-                    seen = measure.of_sets({k: v[:, places] for k, v in rows.items()}, ready.plan.model)
+                    seen = self._seen(measure, self._rows_of[name], rows, ready.plan.model)
                     found[name].values[good], found[name].why[good] = seen
         return found
 
@@ -134,8 +185,10 @@ class Population:
         """The same sets, of which only these measures are taken."""
         some = {name: measure for name, measure in self.measures.items() if name in names}
         other = Population(self._job_of, self._structure, some)
-        other._ready, other._preparing = self._ready, self._preparing
         other.run_elsewhere = self.run_elsewhere
+        for part in other.parts:
+            same = next(each for each in self.parts if each._run == part._run)
+            part._ready, part._preparing = same._ready, same._preparing
         return other
 
     def measure_in_turn(
@@ -190,8 +243,12 @@ class Population:
         progress: Tell,
         share: float,
     ) -> tuple[Values, np.ndarray]:
-        """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or ""."""
-        each = self.rows_of_a_set
+        """The columns (m, conditions) of the sets that are not refused, and why others are (n,), or "".
+
+        Of a run with many records a row they are the columns of all records, whose `row` counts the rows of
+        these sets.
+        """
+        each = self.own_rows_of_a_set
         params, starts, refused = _values(ready, constants, self._conditions, n)
         if not each:
             return {}, refused
@@ -224,19 +281,32 @@ class Population:
         sweep(work, range(-(-rows.size // _BLOCK)), keep, progress)
         tables = [blocks[number] for number in sorted(blocks)]
         columns = {str(name): np.concatenate([_array(t[name]) for t in tables]) for name in tables[0].columns}
+        if not ready.job.run.one_a_row:
+            return columns, refused
         return {name: column.reshape(good.size, each) for name, column in columns.items()}, refused
 
     def _rows_elsewhere(self, ready: Prepared, constants: Values, progress: Tell) -> Values:
-        """The columns (n, conditions) of sets whose rows another process computes, as jobs of their own."""
+        """As the columns of `_rows`, of sets whose rows another process computes, as jobs of their own."""
         assert self.run_elsewhere is not None
-        n = next(iter(constants.values())).size
+        n, each = next(iter(constants.values())).size, self.own_rows_of_a_set
         found: Values = {}
+        records: list[Values] = []
         for places in _alike(self._conditions).values():
             table = self.run_elsewhere(self._job_of_rows(ready, constants, places), progress)
+            if not ready.job.run.one_a_row:
+                columns = ready.job.run.columns(ready.plan.model)
+                part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
+                part["row"] = part["row"] // len(places) * each + np.array(places)[part["row"] % len(places)]
+                records.append(part)
+                continue
             for name in table.columns:
                 seen = _array(table[name])
-                whole = found.setdefault(str(name), np.empty((n, self.rows_of_a_set), seen.dtype))
+                whole = found.setdefault(str(name), np.empty((n, each), seen.dtype))
                 whole[:, places] = seen.reshape(n, len(places))
+        if records:
+            found = {name: np.concatenate([part[name] for part in records]) for name in records[0]}
+            order = np.argsort(found["row"], kind="stable")
+            found = {name: column[order] for name, column in found.items()}
         return found
 
     def _job_of_rows(self, ready: Prepared, constants: Values, places: Sequence[int]) -> Job:
@@ -252,6 +322,15 @@ class Population:
         for field in ("params", "start"):
             written[field] = {k: v for k, v in written[field].items() if k not in varied}
         return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
+
+    def _seen(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
+        """What is measured of the rows of sets, of which it has those at `places`."""
+        if not isinstance(measure, RampMeasure):
+            return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
+        each = self.own_rows_of_a_set
+        seen = crossings_of(rows, each * (1 + int(rows["row"][-1]) // each))
+        sets = [[seen[first + place] for place in places] for first in range(0, len(seen), each)]
+        return measure.of_rows(sets, model)
 
     def middle_job(self, structure: Mapping[str, Any], constants: Mapping[str, Any], n: int) -> Job | None:
         """The rows of n sets with the same constants, for an estimate; None where no measure has rows.
@@ -277,6 +356,33 @@ class Population:
             values, begun = ({k: column[good] for k, column in each.items()} for each in (params, starts))
             found.values[good], found.why[good] = measure.of_starts(mapping, values, begun, good.size)
         return found
+
+
+def job_with_run(
+    job_of: Callable[[Mapping[str, Any]], Job], run: RunKind, structure: Mapping[str, Any]
+) -> Job:
+    """The job of a choice of structure with another run, which moves a parameter whatever value the job has.
+
+    Raises:
+        JobError: what is wrong with it.
+    """
+    written = job_of(structure).resolved()
+    written["run"] = run.model_dump(by_alias=True, exclude_none=True)
+    for field in ("params", "start"):
+        written[field] = {name: value for name, value in written[field].items() if name != run.moved}
+    return Job.model_validate(written)
+
+
+def _after(before: int, total: int, progress: Tell) -> Tell:
+    """Tells of rows of which `before` others stand before them in a batch of `total`; they may be fewer."""
+    if progress is None:
+        return None
+
+    def tell(now: SweepProgress) -> None:
+        share = (before + now.share * now.rows) / max(total, 1)
+        progress(dataclasses.replace(now, done=before + now.done, rows=total, share=share))
+
+    return tell
 
 
 def _alike(conditions: Sequence[Condition]) -> dict[tuple[str, ...], list[int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gaitsweep.fitting.free import Free
-from gaitsweep.fitting.measures import MEASURES
+from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.search_job import Choice
 from gaitsweep.fitting.sensitivity_job import Analysis
 from gaitsweep.fitting.targets import Aim

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import shutil
 import time
 import warnings
 from collections import deque
@@ -19,22 +18,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
+from gaitsweep import near_miss
 from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.batches import Batches
+from gaitsweep.fitting.cluster_rows import ClusterRows
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.measures import Measured
 from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
-from gaitsweep.fitting.population import Population, Tell
-from gaitsweep.fitting.search_figures import draw_search
+from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, scores
-from gaitsweep.job import Job, JobError
+from gaitsweep.job import JobError
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
-from gaitsweep.runs.execute import RESULTS, run_job
+from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load, replace_file, writing
@@ -45,10 +48,6 @@ if TYPE_CHECKING:
 FINALISTS = "finalists.parquet"
 # Packages whose versions decide which sets are chosen.
 _DECIDING = ("numpy", "scipy", "cma", "pymoo")
-# The folder of the rows of a batch, where a cluster computes them.
-BATCH = "batch"
-# Rows of a block of a batch, at least, and the workers that are counted on while their number is not known.
-_FEWEST_ROWS, _WORKERS = 16, 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,15 +55,26 @@ class Found:
     """What a search found.
 
     `path` is its directory; `table` has a row for each set; `near` says which constants the targets pin;
-    `finalists` has the best sets at half the step; `figures` are the files drawn.
+    `finalists` has the best sets at half the step; `figures` are the files drawn. In memory there is no path
+    and no file.
     """
 
     job: SearchJob
-    path: Path
+    path: Path | None
     table: pd.DataFrame
     near: NearBest
     finalists: pd.DataFrame | None
     figures: tuple[Path, ...]
+
+    def figure(self, name: str) -> Figure:
+        """A figure of the search: convergence, constants or misses.
+
+        Raises:
+            ArgumentError: there is no figure of this name.
+        """
+        if name not in FIGURES:
+            raise ArgumentError(f"{name} is no figure of a search{near_miss.suggestion(name, FIGURES)}")
+        return search_figure(name, self.job, self.table, self.near)
 
 
 def run_search(
@@ -121,7 +131,7 @@ def run_search(
             git_commit=provenance.git_commit(),
         )
         if cluster is not None:
-            population.run_elsewhere = _Rows(path / BATCH, cluster)
+            population.run_elsewhere = ClusterRows(path, cluster)
         _Search(job, population, directory, show, side_by_side).go_on()
         table = load(path)
         near = near_best(table, job)
@@ -146,29 +156,6 @@ def draw_again(path: Path) -> list[Path]:
         raise JobError(wrong)
     table = load(path)
     return draw_search(path, search, table, near_best(table, search))
-
-
-class _Rows:
-    """Rows that a cluster computes, in a directory that is removed when they are there."""
-
-    def __init__(self, path: Path, cluster: Cluster) -> None:
-        self._path, self._cluster = path, cluster
-
-    def __call__(self, job: Job, progress: Tell) -> pd.DataFrame:
-        began = time.perf_counter()
-        block = max(_FEWEST_ROWS, job.plan.n_rows // (4 * max(self._cluster.workers.most, _WORKERS)))
-        engine = job.engine.model_copy(update={"block": block})
-
-        def tell(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            if progress is not None:
-                progress(SweepProgress(done, total, fraction, 0, time.perf_counter() - began))
-
-        # what a client that was killed has left may be of another batch
-        shutil.rmtree(self._path, ignore_errors=True)
-        one = job.model_copy(update={"engine": engine})
-        table = load(run_job(one, self._path, progress=tell, figures=False, cluster=self._cluster))
-        shutil.rmtree(self._path)
-        return table
 
 
 class _Search:

@@ -19,6 +19,9 @@ from gaitsweep.plot.columns import symbol, unit_of
 from gaitsweep.plot.style import PAGE, canvas
 from gaitsweep.table import own_folder, replace_file
 
+# The figures, in their order.
+FIGURES = ("convergence", "constants", "misses")
+
 _BLUE, _ORANGE, _GREY, _DARK = "#0072B2", "#E69F00", "#BBBBBB", "#555555"
 # Sets whose misses are drawn, at most.
 _MOST_LINES = 200
@@ -40,16 +43,24 @@ def draw_search(path: Path, search: Search, table: pd.DataFrame, near: NearBest)
     folder = path / "figures"
     own_folder(folder)
     drawn = []
-    for name, draw in (
-        ("convergence", lambda: _convergence(table)),
-        ("constants", lambda: _constants(search.free, table, near)),
-        ("misses", lambda: _misses(search, table, near)),
-    ):
+    for name in FIGURES:
         file = folder / f"{name}.png"
-        figure = draw()
+        figure = search_figure(name, search, table, near)
         replace_file(file, lambda handle, figure=figure: figure.savefig(handle, format="png"))
         drawn.append(file)
     return drawn
+
+
+def search_figure(name: str, search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
+    """One of the figures of a search.
+
+    Args:
+        name: one of FIGURES.
+        search, table, near: as for `draw_search`.
+    """
+    if name == "convergence":
+        return _convergence(table)
+    return _constants(search.free, table, near) if name == "constants" else _misses(search, table, near)
 
 
 def _convergence(table: pd.DataFrame) -> Figure:

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.fitting.cluster_rows import ClusterRows
 from gaitsweep.fitting.indices import Output, indices, unwrapped
 from gaitsweep.fitting.measures import Measure, Measured
 from gaitsweep.fitting.population import Population
@@ -31,10 +32,14 @@ from gaitsweep.table import ResultDirectory, load, replace_file
 from gaitsweep.table.files import writing
 from gaitsweep.table.manifest import FIGURES
 
+if TYPE_CHECKING:
+    from gaitsweep.runs.cluster.dispatch import Cluster
+
 INDICES_FILE = "indices.parquet"
 FIGURE = "sensitivity.png"
 _STATUSES = ["complete", "failed"]
-
+# Rows of a batch that a cluster computes, at most: its job, which names each set, goes to every worker.
+_ROWS_OF_A_BATCH = 2**15
 
 # Share of an output's standard deviation by which a set may differ at half the step.
 SMALL = 0.1
@@ -92,6 +97,7 @@ def run_sensitivity(
     *,
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
+    cluster: Cluster | None = None,
 ) -> Sensitivity:
     """Measure the sets that a directory still lacks, then find the indices and draw them.
 
@@ -100,6 +106,7 @@ def run_sensitivity(
         out: the result directory, `results/NAME` by default.
         progress: told how far the sets are.
         tell: told, in a sentence each, what was found and mended in the directory.
+        cluster: computes the rows, if this process does not; it is left open.
 
     Raises:
         RunError, TableError: a sentence each; what was written before stays, and the next run continues.
@@ -122,7 +129,11 @@ def run_sensitivity(
             tell(note)
         if missing := directory.missing_blocks():
             _describe(job, ready, directory)
-            _measure(job, population, directory, missing, progress)
+            together = 1
+            if cluster is not None:
+                population.run_elsewhere = ClusterRows(path, cluster)
+                together = max(1, _ROWS_OF_A_BATCH // (block * rows))
+            _measure(job, population, directory, missing, together, progress)
         if not directory.manifest.get("complete"):
             directory.tidy_digests()
             directory.update_manifest(counts=directory.counts(), complete=True)
@@ -141,37 +152,44 @@ def _measure(
     population: Population,
     directory: ResultDirectory,
     missing: list[int],
+    together: int,
     progress: Progress,
 ) -> None:
-    """Write the missing parts, each from one batched run of its sets."""
+    """Write the missing parts; the sets of so many parts `together` are one batched run."""
     n, sets, began = job.design.n_rows, job.design.sets, time.perf_counter()
     before = directory.rows_done
     spent = directory.manifest.get("timings", {}).get("run_s", 0.0)
     progress(before, n, 0.0, before / n, "compiling")
-    for number in missing:
-        first, last = directory.rows_of(number)
+    for place in range(0, len(missing), together):
+        parts = [directory.rows_of(number) for number in missing[place : place + together]]
+        rows = np.concatenate([np.arange(first, last) for first, last in parts])
         done = directory.rows_done
 
-        def tell(now: SweepProgress, done: int = done, size: int = last - first) -> None:
+        def tell(now: SweepProgress, done: int = done, size: int = rows.size) -> None:
             so_far = done + now.share * size
             rate = (so_far - before) / max(time.perf_counter() - began, 1e-9)
             progress(math.floor(so_far), n, rate, so_far / n, f"{now.done} of {now.rows} rows")
 
-        part = {name: column[first:last] for name, column in sets.items()}
-        directory.write_part(number, _records(first, part, population.measure(part, tell)))
+        chosen = {name: column[rows] for name, column in sets.items()}
+        records = _records(rows, chosen, population.measure(chosen, tell))
+        for number, (first, last) in zip(missing[place : place + together], parts, strict=True):
+            begin = int(np.searchsorted(rows, first))
+            part = records.iloc[begin : begin + last - first].reset_index(drop=True)
+            directory.write_part(number, part)
         directory.update_manifest(timings={"run_s": spent + time.perf_counter() - began})
 
 
-def _records(first: int, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]) -> pd.DataFrame:
-    """The records of sets: their status, and why outputs have no value."""
-    n = next(iter(sets.values())).size
+def _records(
+    rows: np.ndarray, sets: Mapping[str, np.ndarray], measured: Mapping[str, Measured]
+) -> pd.DataFrame:
+    """The records of the sets `rows` (n,): their status, and why outputs have no value."""
     why = [
         "; ".join(f"{name}: {each.why[i]}" for name, each in measured.items() if math.isnan(each.values[i]))
-        for i in range(n)
+        for i in range(rows.size)
     ]
     return pd.DataFrame(
         {
-            "row": first + np.arange(n, dtype=np.int64),
+            "row": rows.astype(np.int64),
             "status": pd.Categorical(["failed" if each else "complete" for each in why], _STATUSES),
             **sets,
             **{name: each.values for name, each in measured.items()},

@@ -119,7 +119,7 @@ class SensitivityJob:
             "job": job_hash,
             "block": block,
             "sets": {name: column.tolist() for name, column in self.design.sets.items()},
-            "outputs": {name: dict(measure) for name, measure in self.outputs.items()},
+            "outputs": {name: _written(measure) for name, measure in self.outputs.items()},
         }
         return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
 
@@ -258,6 +258,11 @@ def _read_analysis(
             text = "is whole, but the steps of morris are shares of a range: take sobol or one_at_a_time."
             wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
     return analysis
+
+
+def _written(measure: Measure) -> dict[str, Any]:
+    """The fields of a measure as plain values: the run of one may be a part of its own."""
+    return {name: each.model_dump() if isinstance(each, Part) else each for name, each in measure}
 
 
 def _own_values(fit: FitJob) -> FitJob:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +11,8 @@ from pydantic import Field
 from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
-from gaitsweep.kinds.columns import CROSSING, STALLED_BY, STATUS, Column, Records, observed
-from gaitsweep.kinds.numbers import NotNegative, Positive, Real, Text
+from gaitsweep.kinds.columns import CROSSING, GAIT, STALLED_BY, STATUS, Column, Records, observed
+from gaitsweep.kinds.numbers import Flag, NotNegative, Positive, Real, Text
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 
 
@@ -30,20 +30,27 @@ class Ramp(RunKind):
     initial_dwell: NotNegative = Field(
         default=0.0, description="time at the first value before it moves, in s"
     )
+    gaits: Flag = Field(default=False, description="whether the gait is read at every crossing too")
 
     def schedule(self) -> RampSchedule:
         return RampSchedule(tuple(self.path), self.rate, self.initial_dwell)
 
     def recorder(self, model: Model) -> CrossingRecorder:
-        return CrossingRecorder(model, duration=self.schedule().duration)
+        return CrossingRecorder(model, duration=self.schedule().duration, gaits=self.gaits)
 
     def columns(self, model: Model) -> list[Column]:
         moving = moving_columns(self.parameter, self.schedule(), repeats=False)
-        return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed(model, "n")]
+        read = [GAIT] if self.gaits else []
+        seen = [*observed(model, "n"), *read]
+        return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *seen]
 
     def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period
         return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
+
+    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
+        # a ramp without gaits is the one that it was before there were any
+        return {name: value for name, value in fields.items() if name != "gaits" or value}
 
 
 def moving_columns(parameter: str, schedule: RampSchedule, repeats: bool) -> list[Column]:

@@ -217,18 +217,28 @@ def run(
             "overrides are for a job that is read from a file: build the Job with them instead."
         )
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
-    if not importable(loaded.model):
-        raise ArgumentError(
-            f"{loaded.model.partition(':')[2]} is a class of this session, and a result directory needs a "
-            "model that a file gives: leave out= away, or write the class into a module and import it."
-        )
-    cluster = None if client is None else _cluster_of(client)
+    refuse_of_session(loaded.model)
+    cluster = None if client is None else cluster_of(client)
     progress = progress_lines() if progress is None else progress
     path = run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict, cluster=cluster)
     return Result(path)
 
 
-def _cluster_of(client: Client, collect: bool = False) -> Cluster:
+def refuse_of_session(model: str) -> None:
+    """Refuse a model, by its name, whose class belongs to this session where a directory keeps its table.
+
+    Raises:
+        ArgumentError: no later run could tell whether the class is the same.
+    """
+    if not importable(model):
+        raise ArgumentError(
+            f"{model.partition(':')[2]} is a class of this session, and a result directory needs a "
+            "model that a file gives: leave out= away, or write the class into a module and import it."
+        )
+
+
+def cluster_of(client: Client, collect: bool = False) -> Cluster:
+    """The workers of a `distributed.Client`; `collect`: no directory is shared with them."""
     from gaitsweep.runs.cluster.connection import GivenClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 
@@ -248,7 +258,7 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
     Raises:
         TableError, RunError: the temporary disk is full, a device is missing.
     """
-    cluster = None if client is None else _cluster_of(client, collect=True)
+    cluster = None if client is None else cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
         done = run_job(
             job, folder, progress=progress_lines(), tell=warnings.warn, figures=False, cluster=cluster

@@ -11,7 +11,8 @@ import toy_model
 from pydantic import ValidationError
 
 import gaitsweep as gs
-from gaitsweep.fitting.measures import MEASURES, Measure
+from gaitsweep.fitting.measure_kinds import MEASURES
+from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.search_job import read_search
 from gaitsweep.kinds.diagnostics import JobError
 

@@ -20,10 +20,11 @@ from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search import BATCH, FINALISTS, run_search
+from gaitsweep.fitting.search import FINALISTS, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
+from gaitsweep.kinds.part import plain
 from gaitsweep.table import ResultDirectory, WriteError
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"
@@ -75,6 +76,98 @@ def test_planted_constants_are_found_again(tmp_path: Path) -> None:
     # events are located, so that half the step changes nothing
     assert np.allclose(found.finalists["speed"], found.finalists["speed_half"], atol=1e-9)
     assert all(file.is_file() for file in found.figures)
+
+
+def by_keywords(fields: dict[str, Any], **more: Any) -> Any:
+    """The search of a job's fields, as keywords of `gs.search`."""
+    values = {**fields.get("params", {}), **fields.get("start", {})}
+    given = {"run": gs.Settle(max_cycles=60, tolerance=1e-9), **values, **fields["search"]}
+    return gs.search(toy_model.Toy, **{**given, **more})
+
+
+def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
+    fields = job(budget=48, start=16)
+    stored = gs.search(fields, tmp_path / "stored")
+    memory = by_keywords(fields)
+    assert_frame_equal(memory.table, stored.table, check_exact=True)
+    assert_frame_equal(memory.finalists, stored.finalists, check_exact=True)
+    assert memory.path is None
+    assert memory.figures == ()
+    assert len(memory.figure("constants").axes) == len(stored.figure("constants").axes) == 2
+    with pytest.raises(gs.ArgumentError, match="mises is no figure of a search; did you mean misses"):
+        memory.figure("mises")
+    kept = by_keywords(fields, out=tmp_path / "kept")
+    assert_frame_equal(kept.table, stored.table, check_exact=True)
+    assert_frame_equal(gs.search(tmp_path / "kept" / "job.yaml", tmp_path / "again").table, kept.table)
+    file = tmp_path / "job.yaml"
+    file.write_text(yaml.safe_dump(plain(fields), sort_keys=False))
+    short = gs.search(file, tmp_path / "short", overrides=["search.budget=16"]).table
+    assert_frame_equal(short, stored.table.iloc[:16])
+
+
+def test_workers_of_a_client_send_the_rows_here() -> None:
+    distributed = pytest.importorskip("distributed")
+    fields = job(budget=32, finalists=0)
+    with (
+        distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as workers,
+        distributed.Client(workers, set_as_default=False) as client,
+    ):
+        table = by_keywords(fields, client=client).table
+    assert_frame_equal(table, by_keywords(fields).table, check_exact=True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"free": {"kik": [0.1, 3.0]}},
+        {"free": None},
+        {"free": {"restitution": [0.1, 0.9]}},
+        {"targets": {"speed": {"kind": "value", "of": "launch", "at": {"mass": 1}, "wanted": 1, "error": 1}}},
+        {"targets": [{"kind": "value"}]},
+        {"targets": None},
+        {"method": "cmaes"},
+        {"budget": None},
+        {"budget": 0},
+        {"population": 1.5},
+        {"first": ["sped"]},
+        {"first_within": 2.0},
+        {"start": -1},
+        {"seed": "a"},
+    ],
+)
+def test_keywords_are_refused_as_fields_are(change: dict[str, Any]) -> None:
+    fields = job()
+    fields["search"] = {key: each for key, each in {**fields["search"], **change}.items() if each is not None}
+    with pytest.raises(JobError) as written:
+        read_search(fields, Path.cwd())
+    with pytest.raises(JobError) as given:
+        by_keywords(fields)
+    assert str(given.value) == str(written.value)
+
+
+def test_keywords_that_have_no_place_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "job.yaml"
+    file.write_text(yaml.safe_dump(plain(TOY)))
+    with pytest.raises(gs.ArgumentError, match=r"^budget stands in the job file .*change it there, or by o"):
+        gs.search(file, budget=8)
+    with pytest.raises(gs.ArgumentError, match=r"^mass stands in the job's fields: change it there"):
+        gs.search(TOY, mass=2.0)
+    with pytest.raises(gs.ArgumentError, match=r"^overrides are for a job file: change the mapping"):
+        gs.search(TOY, overrides=["search.budget=8"])
+    with pytest.raises(gs.ArgumentError, match=r"^overrides are for a job file: give the values as keywords"):
+        by_keywords(TOY, overrides=["search.budget=8"])
+    with pytest.raises(gs.ArgumentError, match=r"^mass is an axis, but takes a number: give ranges as free="):
+        by_keywords(TOY, mass=[1.0, 2.0])
+    with pytest.raises(gs.ArgumentError, match="masss is neither a parameter nor a start value"):
+        by_keywords(TOY, masss=1.0)
+    with pytest.raises(JobError, match=r"run\.kind is ramp, but search takes settle or fixed_time"):
+        by_keywords(TOY, run=gs.Ramp(parameter="mass", path=[1.0, 2.0], rate=1.0))
+
+    class Own(toy_model.Toy):
+        """A class of this session."""
+
+    with pytest.raises(gs.ArgumentError, match="Own is a class of this session, and a result directory ne"):
+        gs.search(Own, tmp_path / "out", launch_1=1.0, restitution=0.5, **TOY["search"])
 
 
 def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
@@ -509,7 +602,7 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
     assert [each.read_bytes() for each in parts] == [
         (tmp_path / "shared" / "table" / each.name).read_bytes() for each in parts
     ]
-    assert not (tmp_path / "shared" / BATCH).exists()
+    assert not (tmp_path / "shared" / "batch").exists()
 
 
 def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:

@@ -18,8 +18,11 @@ import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.sensitivity import run_sensitivity
-from gaitsweep.fitting.sensitivity_job import load_sensitivity
+from gaitsweep.fitting.sensitivity_job import load_sensitivity, read_sensitivity
 from gaitsweep.job import JobError
+from gaitsweep.runs.cluster import task
+from gaitsweep.runs.cluster.connection import GivenClient
+from gaitsweep.runs.cluster.dispatch import Cluster
 
 JOB = """\
 name: response
@@ -101,6 +104,53 @@ def test_a_stopped_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     assert told[0] == 32
     for name in ("table/part-00000.parquet", "table/part-00001.parquet", "indices.parquet"):
         assert (stopped / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def same_files(shared: Path, alone: Path) -> None:
+    """Both directories have the same parts and indices, to the byte."""
+    files = [*sorted((alone / "table").iterdir()), alone / "indices.parquet"]
+    assert len(files) > 2
+    for file in files:
+        assert (shared / file.relative_to(alone)).read_bytes() == file.read_bytes(), file
+    assert not (shared / "batch").exists()
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
+    """Sets that fall are among them, and outputs whose conditions set different names."""
+    text = JOB.replace("x_3: [-pi, pi]", "x_3: [-pi, pi], limit: [-2, 3]").replace("block: 32", "block: 16")
+    text = text.replace("at: {y_0: 1.0}", "at: {x_2: 0.5, y_0: 1.0}")
+    file = written(tmp_path, text, "job.yaml")
+    assert main(["sensitivity", str(file), "--out", str(tmp_path / "alone")]) == 0
+    assert main(["sensitivity", str(file), "--out", str(tmp_path / "shared"), "--cluster", "local:2"]) == 0
+    same_files(tmp_path / "shared", tmp_path / "alone")
+    assert set(gs.load(tmp_path / "shared")["status"]) == {"complete", "failed"}
+
+
+def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    job = load_sensitivity(written(tmp_path, JOB, "job.yaml"))
+    run_sensitivity(job, tmp_path / "alone")
+
+    def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
+        if fraction > 0.1:
+            raise KeyboardInterrupt
+
+    shared, computed = tmp_path / "shared", task._computed
+    kept: list[int] = []
+    monkeypatch.setattr(task, "_computed", lambda *given: (kept.append(given[2]), computed(*given))[1])
+    with (
+        distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as workers,
+        distributed.Client(workers, set_as_default=False) as client,
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            run_sensitivity(job, shared, progress=stop, cluster=Cluster(GivenClient(client)))
+        before = len(kept)
+        assert before > 0
+        run_sensitivity(job, shared, cluster=Cluster(GivenClient(client)))
+    assert sorted(set(kept)) == list(range(len(set(kept))))
+    assert len(kept) <= len(set(kept)) + 1  # a block that was under way may be computed again
+    same_files(shared, tmp_path / "alone")
 
 
 def test_sets_do_not_depend_on_their_part(tmp_path: Path) -> None:
@@ -259,10 +309,58 @@ def test_keywords_are_checked(tmp_path: Path) -> None:
     file = written(tmp_path, JOB)
     with pytest.raises(ArgumentError, match="n stands in the job file"):
         gs.sensitivity(file, n=8)
+    with pytest.raises(ArgumentError, match="method stands in the job file"):
+        gs.sensitivity(file, method="sobol")
     with pytest.raises(ArgumentError, match="x_1 is an axis, but takes a number"):
         gs.sensitivity(response_model.Response, x_1=[1.0, 2.0], y_0=0.0)
     with pytest.raises(ArgumentError, match="overrides are for a job file"):
         gs.sensitivity(response_model.Response, overrides=["a=1"])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"parameters": {"x_9": [0.0, 1.0]}},
+        {"parameters": None},
+        {"outputs": {"straight": {"kind": "value", "of": "lin", "at": {"y_0": 0.0}}}},
+        {"outputs": None},
+        {"method": "moris"},
+        {"n": None},
+        {"n": 3},
+    ],
+)
+def test_keywords_are_refused_as_fields_are(change: dict[str, Any]) -> None:
+    fields = yaml.safe_load(JOB)
+    asked = {**fields.pop("sensitivity"), **change}
+    asked = {key: each for key, each in asked.items() if each is not None}
+    with pytest.raises(JobError) as written_so:
+        read_sensitivity({**fields, "sensitivity": asked}, Path.cwd())
+    values = {**fields["params"], **fields["start"], "run": fields["run"]}
+    with pytest.raises(JobError) as given:
+        gs.sensitivity(response_model.Response, **values, **asked)
+    assert str(given.value) == str(written_so.value)
+
+
+def test_a_ramp_is_refused_by_keywords_too() -> None:
+    ramp = gs.Ramp(parameter="x_3", path=[0.0, 1.0], rate=1.0)
+    outputs = {"straight": {"kind": "value", "of": "linear", "at": {"y_0": 0.0}}}
+    with pytest.raises(JobError, match=r"run\.kind is ramp, but sensitivity takes settle or fixed_time"):
+        gs.sensitivity(response_model.Response, parameters={"x_1": [0, 1]}, outputs=outputs, n=8, run=ramp)
+
+
+def test_workers_of_a_client_send_the_rows_here() -> None:
+    distributed = pytest.importorskip("distributed")
+    job = yaml.safe_load(JOB)
+    asked = {**job.pop("sensitivity"), "n": 4, "x_1": 0.5, "x_2": 1.0, "x_3": 2.0, "y_0": 0.0}
+    with (
+        distributed.LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=None) as workers,
+        distributed.Client(workers, set_as_default=False) as client,
+    ):
+        found = gs.sensitivity(response_model.Response, run=job["run"], client=client, **asked)
+    alone = gs.sensitivity(response_model.Response, run=job["run"], **asked)
+    pd.testing.assert_frame_equal(found.table, alone.table, check_exact=True)
+    pd.testing.assert_frame_equal(found.indices, alone.indices, check_exact=True)
+    assert found.path is None
 
 
 @pytest.mark.parametrize(("far", "differ"), [(0.0, 0), (1.0e8, 8)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +11,23 @@ import numpy as np
 
 from gaitsweep.contract import Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
-from gaitsweep.engine.recorders.recorder import BUFFER, SPARE_CYCLES, Record, Recorder, Taken, counted
+from gaitsweep.engine.recorders.recorder import (
+    BUFFER,
+    SPARE_CYCLES,
+    Readings,
+    Record,
+    Recorder,
+    Taken,
+    counted,
+)
+
+if TYPE_CHECKING:
+    from gaitsweep.engine.sweep.block import Block
 
 # Largest number of jumps at one instant for an ordinary crossing.
 FEW_JUMPS = 2
+# Crossings of which gaits are read in one call.
+BATCH = 4096
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,12 +35,14 @@ class CrossingRecorder(Recorder):
     """Records the number, t (s) and observables of every crossing of the section; the start is crossing 0.
 
     A row ends after `crossings` crossings beyond the first `after_cycles`, or at `duration` (s) for a ramp.
+    With `gaits` the gait is read at every crossing after the start.
     """
 
     model: Model
     crossings: int | None = None
     after_cycles: int = 0
     duration: float | None = None
+    gaits: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -37,6 +53,13 @@ class CrossingRecorder(Recorder):
         if self.duration is not None:
             return jnp.full_like(period, self.duration)
         return 4.0 * ((self.crossings or 0) + self.after_cycles + SPARE_CYCLES) * period
+
+    def readings(self, block: Block) -> Readings | None:
+        if not self.gaits:
+            return None
+        rows, samples = block.kept()
+        samples = samples.reshape(-1, self.width)
+        return Readings(rows, samples[:, 1], samples[:, 2:], samples[:, 0] > 0.0, BATCH)
 
     def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
         record, _, _ = super().begin(params, carry)

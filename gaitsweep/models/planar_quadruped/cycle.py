@@ -16,6 +16,7 @@ from gaitsweep.dynamics.phase_oscillator import TWO_PI
 from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle
+STILL = 1.0e-6  # rad, of the root mean square of a pitch that is no oscillation
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
 
@@ -50,7 +51,9 @@ class Average:
     """Exponentially weighted averages over the last cycles; weights decay by 1/memory a cycle.
 
     `weight` is the sum of all weights, which tends to 1; `cosines` and `sines` (3,) are those of delta_1,
-    delta_2 and the fore legs' shift; `period` s; `square` s2, of the period.
+    delta_2 and the fore legs' shift; `period` s; `square` s2, of the period; `pitch` (6,) the means of the
+    pitch (rad), of its square (rad2), and of its products (rad) with the cosine and the sine of the phase in
+    LF's cycle and of twice that phase.
     """
 
     weight: jax.Array
@@ -58,11 +61,13 @@ class Average:
     sines: jax.Array
     period: jax.Array
     square: jax.Array
+    pitch: jax.Array
 
-    def with_cycle(self, shifts: jax.Array, period: jax.Array, share: jax.Array) -> Average:
-        """The averages with one more cycle of weight `share`, with `shifts` (3,) cycles and `period` (s)."""
+    def with_cycle(self, shifts: jax.Array, period: jax.Array, pitch: jax.Array, share: jax.Array) -> Average:
+        """The averages with one more cycle of weight `share`: its `shifts` (3,) cycles, `period` (s) and the
+        means `pitch` (6,) in it."""
         new = Average(jnp.ones_like(period), jnp.cos(TWO_PI * shifts), jnp.sin(TWO_PI * shifts), period,
-                      period * period)  # fmt: skip
+                      period * period, pitch)  # fmt: skip
         return jax.tree.map(lambda old, now: old + share * (now - old), self, new)
 
     def _per_weight(self) -> jax.Array:
@@ -84,6 +89,20 @@ class Average:
         spread = jnp.sqrt(jnp.maximum(square - mean * mean, 0.0))
         return jnp.where(known, spread / jnp.where(known, mean, 1.0), 0.0)
 
+    def pitch_shares(self) -> jax.Array:
+        """Shares (2,) of the pitch's variance that go once and twice a cycle, at the same phase in each.
+
+        An oscillation that is not locked to the cycles, or goes round in several of them, has no share. A
+        body at rest has none either.
+        """
+        mean, square, *waves = self._per_weight() * self.pitch
+        variance = square - mean * mean
+        cosines, sines = jnp.stack(waves[::2]), jnp.stack(waves[1::2])
+        powers = 2.0 * (cosines * cosines + sines * sines)
+        moves = variance > STILL * STILL
+        # the sum of a cycle has an error of a step, by which a share may exceed 1
+        return jnp.where(moves, jnp.minimum(powers / jnp.where(moves, variance, 1.0), 1.0), 0.0)
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -93,10 +112,10 @@ class Cycle:
     `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; the integrals
     `stance` and `late` of its current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`,
     `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`,
-    `pitch_high` rad, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s, `flight` (a
-    share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's cycle ended in
-    the last step. `work` (2,) J is the positive work of hips and of knees in LF's current cycle, `power`
-    (2,) W its mean rate in the last one.
+    `pitch_high` rad, `pitch_sums` (6,) as `_pitch_products` says, `aloft` s without a foot on the ground; for
+    its last cycle: `speed` m/s, `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its
+    last cycles; `closed`: LF's cycle ended in the last step. `work` (2,) J is the positive work of hips and
+    of knees in LF's current cycle, `power` (2,) W its mean rate in the last one.
     """
 
     clock: jax.Array
@@ -112,6 +131,7 @@ class Cycle:
     pitch_sum: jax.Array
     pitch_low: jax.Array
     pitch_high: jax.Array
+    pitch_sums: jax.Array
     aloft: jax.Array
     speed: jax.Array
     flight: jax.Array
@@ -140,12 +160,14 @@ def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
     """The initial measurements, with the torso at `x` (m) and its `pitch` (rad)."""
     zero, four = jnp.zeros_like(x), jnp.zeros((4,), x.dtype)
     two, three = jnp.zeros((2,), x.dtype), jnp.zeros((3,), x.dtype)
+    six = jnp.zeros((6,), x.dtype)
     none = Sums(four, four, four)
     return Cycle(
         clock=zero, onset=four, period=four, stance=none, late=none, stance_load=four, stance_pitch=four,
         late_load=four, late_pitch=four, begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
-        aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
-        average=Average(zero, three, three, zero, zero), closed=jnp.zeros((), bool), work=two, power=two,
+        pitch_sums=six, aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
+        average=Average(zero, three, three, zero, zero, six),
+        closed=jnp.zeros((), bool), work=two, power=two,
     )  # fmt: skip
 
 
@@ -179,6 +201,7 @@ def followed(
         pitch_sum=c.pitch_sum + dt * pitch,
         pitch_low=jnp.minimum(c.pitch_low, pitch),
         pitch_high=jnp.maximum(c.pitch_high, pitch),
+        pitch_sums=c.pitch_sums + dt * _pitch_products(c, pitch),
         aloft=c.aloft + jnp.where(jnp.max(load) > 0.0, 0.0, dt),
         work=c.work + work,
     )
@@ -203,21 +226,40 @@ def followed(
     return _closed(c, x, pitch, jnp.where(whole, 1.0 / memory, 0.0))
 
 
+def _pitch_products(c: Cycle, pitch: jax.Array) -> jax.Array:
+    """Products (6,) of the pitch less the last cycle's mean, at the beginning of a step.
+
+    They are those with 1, with itself, and with the cosine and the sine of the phase in LF's cycle and of
+    twice that phase, for a cycle as long as the last one. A cycle is no whole number of steps, so that sums
+    of a large mean would not cancel.
+    """
+    lasted = jnp.where(c.period[LF] > 0.0, c.period[LF], 1.0)
+    angle = TWO_PI * (c.clock - c.onset[LF]) / lasted
+    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    twice = (cosine * cosine - sine * sine, 2.0 * cosine * sine)
+    apart = pitch - c.pitch_mean
+    return apart * jnp.stack([jnp.ones_like(apart), apart, cosine, sine, *twice])
+
+
 def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle:
     """The measurements of LF's cycle at its end; `share` is its weight in the averages."""
-    lasted = jnp.where(c.closed, c.period[LF], 1.0)
+    lasted = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
+    apart, square, *waves = c.pitch_sums / lasted
+    before = c.pitch_mean  # what `pitch_sums` are counted from
+    of_pitch = jnp.stack([before + apart, before * before + 2.0 * before * apart + square, *waves])
     ended = dataclasses.replace(
         c,
         begin_x=x,
         pitch_sum=jnp.zeros_like(x),
         pitch_low=pitch,
         pitch_high=pitch,
+        pitch_sums=jnp.zeros_like(c.pitch_sums),
         aloft=jnp.zeros_like(x),
         speed=(x - c.begin_x) / lasted,
         flight=c.aloft / lasted,
         pitch_mean=c.pitch_sum / lasted,
         pitch_range=c.pitch_high - c.pitch_low,
-        average=c.average.with_cycle(c.shifts(), lasted, share),
+        average=c.average.with_cycle(c.shifts(), lasted, of_pitch, share),
         work=jnp.zeros_like(c.work),
         power=c.work / lasted,
     )

@@ -57,6 +57,10 @@ OBSERVABLES = (
     Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
     Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
     Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle", scale=1.0),
+    Quantity("pitch_once", "1", "share of the pitch's variance over the last cycles that goes once a cycle",
+             scale=_FOLLOWS),
+    Quantity("pitch_twice", "1", "share of the pitch's variance likewise that goes twice a cycle",
+             scale=_FOLLOWS),
     *_of_legs("since", "s", "time since {}'s last swing onset", r"t", scale=1.0),
     *_of_legs("late_load", "N", "mean load on {} in late stance (see `cycle`)", r"F_\mathrm{late}"),
     *_of_legs("stance_load", "N", "mean load on {} in stance", "F"),
@@ -90,6 +94,7 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
     shifts, mean, lengths = c.shifts(), c.average.shifts(), c.average.lengths()
+    once, twice = c.average.pitch_shares()
     of_legs = {
         "since": c.clock - c.onset,
         "late_load": c.late_load,
@@ -114,6 +119,8 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "variation": c.average.variation(),
         "pitch_mean": c.pitch_mean,
         "pitch_range": c.pitch_range,
+        "pitch_once": once,
+        "pitch_twice": twice,
         **{f"{name}_{leg}": each[i] for name, each in of_legs.items() for i, leg in enumerate(LEGS)},
         "power_hip": c.power[0],
         "power_knee": c.power[1],

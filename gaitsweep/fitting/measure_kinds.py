@@ -1,0 +1,20 @@
+"""The kinds of measures that a job may name."""
+
+from __future__ import annotations
+
+from gaitsweep.fitting.measures import (
+    Edge,
+    Failures,
+    FixedPoint,
+    Measure,
+    Order,
+    Prominence,
+    Share,
+    Value,
+)
+from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
+from gaitsweep.kinds.part import Registry
+
+MEASURES: Registry[Measure] = Registry(
+    "measure", [Value, Edge, Share, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence]
+)

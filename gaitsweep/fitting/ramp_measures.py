@@ -1,0 +1,212 @@
+"""What is measured of ramps: where one gait gives way to another, and in which order gaits follow."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, WithJsonSchema
+
+from gaitsweep.contract import Model
+from gaitsweep.fitting.measures import (
+    FAILED,
+    Gaits,
+    Measure,
+    Measured,
+    column,
+    unit_of,
+    wrong_column,
+    wrong_gait,
+)
+from gaitsweep.kinds import Ramp
+from gaitsweep.kinds.numbers import Count, CountOrZero, Text
+
+_SUFFIX = "_n"
+
+
+class Crossings(NamedTuple):
+    """The crossings of one row of a ramp, in their order: columns (k,), and the row's status."""
+
+    columns: Mapping[str, np.ndarray]
+    status: str
+
+
+class RampMeasure(Measure):
+    """A number that is measured of rows in which a parameter moves."""
+
+    run: Annotated[Ramp, WithJsonSchema(Ramp.model_json_schema())] = Field(
+        description="the ramp of its rows, as a job's run: kind, parameter, path, rate, initial_dwell"
+    )
+    least: Count = Field(default=3, description="crossings in a row that make a gait count")
+
+    @property
+    def own_run(self) -> Ramp:
+        return self.run.model_copy(update={"gaits": True})
+
+    def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
+        """Its values for n sets, each with a row for every condition."""
+        raise NotImplementedError
+
+    def _in_pass(self, row: Crossings, number: int | None) -> Mapping[str, np.ndarray]:
+        """The crossings at which the parameter moves: those of a pass, or of all of them."""
+        seen = row.columns
+        with np.errstate(invalid="ignore"):  # a row without crossings has a record without numbers
+            counts = (seen["t"] >= self.run.initial_dwell) & (seen["crossing"] > 0)
+        if number is not None:
+            counts &= seen["pass"] == number
+        return {name: values[counts] for name, values in seen.items()}
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        if self.run.parameter in self.at:
+            return "at", f"sets {self.run.parameter}, which the ramp moves: take it out."
+        number, passes = getattr(self, "pass_", None), len(self.run.path) - 1
+        if number is not None and number >= passes:
+            return "pass", f"is {number}, but the path has {passes} passes, of which the first is 0."
+        return None
+
+
+class Transition(RampMeasure):
+    """Where one gait first gives way to another in a pass; the mean over the rows.
+
+    It is the middle between the last crossing that has the one gait and the first that has the other. Between
+    them may be what lasts shorter than `least` crossings, or is neither of the two.
+    """
+
+    kind: Literal["transition"] = Field(
+        description="transition: where a gait gives way to another while a ramp moves a parameter"
+    )
+    gait: Gaits = Field(description="the gait that gives way, or a list of which each counts")
+    to: Gaits = Field(description="the gait that follows, or a list of which each counts")
+    of_: Text | None = Field(
+        alias="of",
+        default=None,
+        description="what is read there: an observable, or a formula of columns; by default the parameter",
+    )
+    pass_: CountOrZero = Field(
+        alias="pass", default=0, description="the pass of the path in which it is looked for, the first is 0"
+    )
+
+    def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
+        values, why = np.full(len(rows), np.nan), np.full(len(rows), "", object)
+        for number, mine in enumerate(rows):
+            places = [self._place(row) for row in mine]
+            why[number] = next((reason for _, reason in places if reason), "")
+            if not why[number]:
+                values[number] = np.mean([value for value, _ in places])
+        return Measured(values, why)
+
+    def _place(self, row: Crossings) -> tuple[float, str]:
+        """Where the row has its transition; NaN if it has none, and then why, in a few words."""
+        if row.status in FAILED:
+            return np.nan, row.status
+        seen = self._in_pass(row, self.pass_)
+        gaits = seen["gait"]
+        which = np.where(np.isin(gaits, self.gait), 0, np.where(np.isin(gaits, self.to), 1, 2))
+        bouts = [each for each in _bouts(which, self.least) if each[0] != 2]
+        for (before, _, last), (after, first, _) in itertools.pairwise(bouts):
+            if (before, after) == (0, 1):
+                read = column(self.of_ or self.run.parameter, _by_their_names(seen))
+                return float(0.5 * (read[last] + read[first])), ""
+        return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
+
+    def unit(self, model: Model) -> str:
+        if self.of_ is None or self.of_ == self.run.parameter:
+            return {q.name: q.unit for q in model.parameters}.get(self.run.parameter, "1")
+        if self.of_ == "t":
+            return "s"
+        return unit_of(self.of_, model)
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        if (bad := super().wrong(columns, model)) is not None:
+            return bad
+        for key, gaits in (("gait", self.gait), ("to", self.to)):
+            for gait in gaits:
+                if (bad := wrong_gait(gait, model.gaits)) is not None:
+                    return key, bad[1]
+        if both := [gait for gait in self.to if gait in self.gait]:
+            return "to", f"has {both[0]}, which stands in gait too."
+        if self.of_ is None:
+            return None
+        circular = [q.name for q in model.observables if q.circular]
+        if self.of_.removesuffix(_SUFFIX) in circular:
+            return "of", f"is {self.of_}, an angle, which has no middle between two crossings."
+        return wrong_column(self.of_, _names(columns))
+
+
+class GaitSequence(RampMeasure):
+    """How many of some gaits follow each other in an order: 1 where all do; the mean over the rows.
+
+    Of a row it is the longest part of the list that occurs in its order, as a share of the list; others may
+    stand between. A row that falls has none.
+    """
+
+    kind: Literal["sequence"] = Field(
+        description="sequence: the share of a list of gaits that comes in its order while a parameter moves"
+    )
+    gaits: list[Gaits] = Field(min_length=2, description="gaits, or lists of them, in the order wanted")
+    pass_: CountOrZero | None = Field(
+        alias="pass", default=None, description="the pass of the path that counts; by default all together"
+    )
+
+    def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
+        values = np.array([np.mean([self._share(row) for row in mine]) for mine in rows])
+        return Measured(values, np.full(values.size, "", object))
+
+    def _share(self, row: Crossings) -> float:
+        if row.status in FAILED:
+            return 0.0
+        gaits = self._in_pass(row, self.pass_)["gait"]
+        names = list(dict.fromkeys(gaits.tolist()))
+        codes = np.array([names.index(each) for each in gaits.tolist()], int)
+        seen = [names[code] for code, _, _ in _bouts(codes, self.least)]
+        return _in_order(seen, self.gaits) / len(self.gaits)
+
+    def unit(self, model: Model) -> str:
+        return "1"
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        if (bad := super().wrong(columns, model)) is not None:
+            return bad
+        for gait in itertools.chain.from_iterable(self.gaits):
+            if (bad := wrong_gait(gait, model.gaits)) is not None:
+                return "gaits", bad[1]
+        return None
+
+
+def crossings_of(table: Mapping[str, np.ndarray], n_rows: int) -> list[Crossings]:
+    """The crossings of each row of a ramp's table, whose records are in the order of its rows 0..n_rows-1."""
+    ends = np.searchsorted(table["row"], np.arange(n_rows + 1))
+    return [
+        Crossings({name: values[a:b] for name, values in table.items()}, str(table["status"][a]))
+        for a, b in itertools.pairwise(ends.tolist())
+    ]
+
+
+def _by_their_names(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns, and observables by their own names too."""
+    return {**columns, **{name.removesuffix(_SUFFIX): each for name, each in columns.items()}}
+
+
+def _names(columns: Iterable[str]) -> list[str]:
+    return [name.removesuffix(_SUFFIX) for name in columns]
+
+
+def _bouts(codes: np.ndarray, least: int) -> list[tuple[int, int, int]]:
+    """The runs of `least` equal codes (k,) or more: each code, and the places of its first and its last."""
+    if not codes.size:
+        return []
+    begins = np.concatenate([[0], 1 + np.flatnonzero(np.diff(codes))])
+    ends = np.concatenate([begins[1:], [codes.size]])
+    return [(int(codes[a]), int(a), int(b) - 1) for a, b in zip(begins, ends, strict=True) if b - a >= least]
+
+
+def _in_order(seen: Sequence[str], wanted: Sequence[Sequence[str]]) -> int:
+    """How many of `wanted` occur among `seen` in their order: the longest common subsequence."""
+    longest = np.zeros((len(seen) + 1, len(wanted) + 1), int)
+    for i, gait in enumerate(seen, start=1):
+        for j, group in enumerate(wanted, start=1):
+            best = max(longest[i - 1, j], longest[i, j - 1])
+            longest[i, j] = max(best, longest[i - 1, j - 1] + (gait in group))
+    return int(longest[-1, -1])
