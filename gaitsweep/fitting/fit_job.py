@@ -97,6 +97,41 @@ class FitJob:
             data["structure"] = {**(data.get("structure") or {}), **structure}
         return Job.model_validate(data, context={"folder": self.folder})
 
+    def own_values(self, given: Mapping[str, Any] | str) -> dict[str, Any]:
+        """The value of each free constant in a set of which some are given.
+
+        Args:
+            given: constants by name, or a config that has them; others have the job's own value, or the
+                model's default.
+
+        Raises:
+            JobError: a name or a value that the model does not allow, or none where there is no default.
+        """
+        data = copy.deepcopy(self.given)
+        if isinstance(given, str):
+            data["config"] = given
+        else:
+            wrong = [
+                Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
+                for name in given
+                if name not in self.free
+            ]
+            _refuse(wrong)
+            for field, names in (
+                ("params", self.spec.parameters),
+                ("start", self.spec.starts),
+                ("structure", self.structure),
+            ):
+                if mine := {name: value for name, value in given.items() if name in names}:
+                    data[field] = {**(data.get(field) or {}), **mine}
+        job = Job.model_validate(data, context={"folder": self.folder})
+        numbers = [name for name in self.free if name in self.spec.quantities]
+        there = job.plan.at(np.zeros(1, int), numbers)
+        return {
+            name: float(there[name][0]) if name in there else getattr(job.plan.model, name)
+            for name in self.free
+        }
+
     def population(self) -> Population:
         """What measures sets of constants."""
         return Population(self.job_of, self.structure, self.measures)

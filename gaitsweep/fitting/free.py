@@ -58,6 +58,20 @@ class Free(Part):
         """The values that bound it, all of them where it has choices."""
         return tuple(self.choices) if self.choices is not None else (self.low, self.high)
 
+    def outside(self, value: Any) -> str | None:
+        """The end of a sentence that says why it cannot have a value, or None where it can."""
+        if self.choices is not None:
+            if value in self.choices:
+                return None
+            return f"which is none of its choices {', '.join(map(str, self.choices))}."
+        assert self.low is not None
+        assert self.high is not None
+        if not self.low <= value <= self.high:
+            return f"outside of its range, {self.low:g} to {self.high:g}."
+        if self.whole and value != int(value):
+            return "which is no whole number."
+        return None
+
     def at(self, share: np.ndarray) -> np.ndarray:
         """Its values at shares (n,) of its range, from 0 to 1; choices are equal parts of it.
 

@@ -52,7 +52,15 @@ def missing_package(method: str) -> str | None:
     return package if package is not None and importlib.util.find_spec(package) is None else None
 
 
-def optimiser(method: str, dimension: int, targets: int, start: int, together: int, seed: int) -> Optimiser:
+def optimiser(
+    method: str,
+    dimension: int,
+    targets: int,
+    start: int,
+    together: int,
+    seed: int,
+    known: np.ndarray | None = None,
+) -> Optimiser:
     """The optimiser of a search.
 
     Args:
@@ -62,21 +70,23 @@ def optimiser(method: str, dimension: int, targets: int, start: int, together: i
         start: points of a Sobol sequence with which `cma` begins.
         together: points that are usually asked for at a time.
         seed: of all that is drawn.
-
+        known: points (m, constants) that are given first.
     """
+    sobol = Sobol(dimension, seed, known)
     if method == "sobol":
-        return Sobol(dimension, seed)
+        return sobol
     if method == "cma":
-        return Restarts(dimension, start, together, seed)
-    return Front(dimension, targets, seed)
+        return Restarts(sobol, max(start, 0 if known is None else len(known)), together, seed)
+    return Front(sobol, targets, seed)
 
 
 class Sobol:
-    """Points that fill the cube evenly, whatever they are told."""
+    """Points that fill the cube evenly, whatever they are told, after known points (m, dimension)."""
 
-    def __init__(self, dimension: int, seed: int) -> None:
+    def __init__(self, dimension: int, seed: int, known: np.ndarray | None = None) -> None:
+        self.dimension = dimension
         self._points = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
-        self._drawn: list[np.ndarray] = []
+        self._drawn: list[np.ndarray] = [] if known is None else [known]
 
     def ask(self, n: int) -> np.ndarray:
         while sum(map(len, self._drawn)) < n:
@@ -139,12 +149,13 @@ class Restarts:
     Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed.
     """
 
-    def __init__(self, dimension: int, start: int, together: int, seed: int) -> None:
+    def __init__(self, sobol: Sobol, start: int, together: int, seed: int) -> None:
+        dimension = sobol.dimension
         self._least = 4 + int(3 * np.log(dimension))
         self._first = min(max(together, self._least), _MOST_A_DIMENSION * dimension)
         self._dimension, self._rng = dimension, np.random.default_rng([seed, 1])
         # whole batches, so that a strategy's generation is one batch where it has as many points
-        self._sobol, self._start = Sobol(dimension, seed), -(-start // together) * together
+        self._sobol, self._start = sobol, -(-start // together) * together
         # scores, numbers and points of the Sobol start, the best first (a heap)
         self._begun: list[tuple[float, int, np.ndarray]] = []
         self._told = 0
@@ -207,9 +218,9 @@ class Restarts:
 class Front:
     """Sets of which none is nearer on every target than another (NSGA-III), from a Sobol sequence on."""
 
-    def __init__(self, dimension: int, targets: int, seed: int) -> None:
-        self._dimension, self._targets, self._seed = dimension, targets, seed
-        self._sobol = Sobol(dimension, seed)
+    def __init__(self, sobol: Sobol, targets: int, seed: int) -> None:
+        self._dimension, self._targets, self._seed = sobol.dimension, targets, seed
+        self._sobol = sobol
         self._algorithm: Any = None
         self._asked: deque[Any] = deque()
 

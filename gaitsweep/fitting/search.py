@@ -172,7 +172,13 @@ class _Search:
         together = directory.manifest["block"]
         self.job, self.population, self.directory, self.show = job, population, directory, show
         self.optimiser: Optimiser = optimiser(
-            job.choice.method, len(job.free), len(job.counted), job.start, together, job.choice.seed
+            job.choice.method,
+            len(job.free),
+            len(job.counted),
+            job.start,
+            together,
+            job.choice.seed,
+            job.known_points(),
         )
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf

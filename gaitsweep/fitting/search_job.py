@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from gaitsweep import near_miss
@@ -66,6 +67,11 @@ class Choice(Part):
         description="reading errors by which the targets of `first` may be missed for a set to be measured "
         "further; by default any value will do",
     )
+    known: list[dict[str, Any] | Text] = Field(
+        default=[],
+        description="sets that are measured before all others: constants by name, or a config that has them; "
+        "one that they do not name has the job's own value, or the model's default",
+    )
     seed: Seed = Field(default=0, description="seed of all that is drawn")
     finalists: CountOrZero = Field(
         default=8,
@@ -89,10 +95,14 @@ class Search:
 
 @dataclasses.dataclass(frozen=True)
 class SearchJob(Search):
-    """A search as its file says it: `fit` has the job, `written` its fields."""
+    """A search as its file says it: `fit` has the job, `written` its fields.
+
+    `known` are the values of the sets that are measured first, those of each constant by name.
+    """
 
     fit: FitJob
     written: dict[str, Any]
+    known: tuple[dict[str, Any], ...] = ()
 
     @property
     def name(self) -> str:
@@ -102,6 +112,14 @@ class SearchJob(Search):
     def start(self) -> int:
         """Sets of the Sobol sequence with which `cma` begins."""
         return self.choice.budget // 10 if self.choice.start is None else self.choice.start
+
+    def known_points(self) -> np.ndarray:
+        """The points (m, constants) of the unit cube of the sets that are measured first."""
+        shares = [
+            [float(each.share([values[name]])[0]) for name, each in self.free.items()]
+            for values in self.known
+        ]
+        return np.array(shares).reshape(len(self.known), len(self.free))
 
     def sets_together(self, ready: Prepared, rows_of_a_set: int) -> int:
         """Sets that are measured together."""
@@ -166,8 +184,11 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
             f"search.method {search.choice.method} needs the package {package}: "
             "pip install 'gaitsweep[search]'."
         )
+    known = _known(search, fit)
     written = {key: value for key, value in data.items() if value is not None}
-    return SearchJob(search.free, search.targets, search.choice, fit, written)
+    if known:  # a config may change, and has to be another search then
+        written["search"] = {**written["search"], "known": [dict(values) for values in known]}
+    return SearchJob(search.free, search.targets, search.choice, fit, written, known)
 
 
 def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Search:
@@ -207,6 +228,32 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         text = f"is {together}, but nsga3 takes as many sets at a time as targets count, {len(read.counted)}."
         wrong.append(Diagnostic(("search", which), text))
     return read
+
+
+def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
+    """The values of the sets that are measured first, of every free constant.
+
+    Raises:
+        JobError: all that is wrong with them.
+    """
+    sets, wrong = [], []
+    for place, given in enumerate(search.choice.known):
+        path = ("search", "known", place)
+        try:
+            values = fit.own_values(given)
+        except JobError as error:
+            wrong.extend(Diagnostic(path, f"is refused: {each}") for each in error.diagnostics)
+            continue
+        for name, each in search.free.items():
+            if (outside := each.outside(values[name])) is not None:
+                wrong.append(Diagnostic(path, f"has {name} at {found(values[name])}, {outside}"))
+        sets.append(values)
+    if not wrong and len(sets) > search.choice.budget:
+        text = f"has {len(sets)} sets, but the budget is {search.choice.budget}."
+        wrong.append(Diagnostic(("search", "known"), text))
+    if wrong:
+        raise JobError(wrong)
+    return tuple(sets)
 
 
 def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic]) -> dict[str, Target]:

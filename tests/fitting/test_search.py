@@ -611,3 +611,41 @@ def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
     shipped = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_phases.yaml").read_text())["params"]
     for name, column in sets_at(found.free, points[-1:]).items():
         assert float(column[0]) == pytest.approx(shipped.get(name, 0), rel=1e-4), name
+
+
+def test_known_sets_are_measured_first(tmp_path: Path) -> None:
+    """From a set near the planted one a strategy needs fewer sets than from Sobol points alone."""
+    known = [{"kick": 0.79, "stiffness": 6.1}, {"kick": KICK}]
+    for method in METHODS:
+        few = job(method=method, budget=32, start=0, known=known)
+        table = run_search(read_search(few, tmp_path), tmp_path / method).table
+        assert table["kick"].tolist()[:2] == pytest.approx([0.79, KICK], rel=1e-12)
+        # a constant that a known set does not name has the model's default
+        default = next(q.default for q in toy_model.Toy().parameters if q.name == "stiffness")
+        assert table["stiffness"].tolist()[:2] == pytest.approx([6.1, default], rel=1e-12)
+        again = run_search(read_search(few, tmp_path), tmp_path / f"{method}_again").table
+        assert_frame_equal(table, again)
+
+
+def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text("model: toy_model:Toy\nparams: {kick: 0.7, stiffness: 5}\n")
+    search = read_search(job(known=["own.yaml"]), tmp_path)
+    assert search.known == ({"kick": 0.7, "stiffness": 5.0},)
+    # another content is another search
+    (tmp_path / "own.yaml").write_text("model: toy_model:Toy\nparams: {kick: 0.7, stiffness: 7}\n")
+    assert read_search(job(known=["own.yaml"]), tmp_path).written != search.written
+
+
+@pytest.mark.parametrize(
+    ("known", "sentence"),
+    [
+        ([{"kick": 5.0}], r"search.known\[0\] has kick at 5.0, outside of its range, 0.1 to 3."),
+        ([{"kic": 1.0}], r"search.known\[0\] is refused: kic is not free here; did you mean kick\?"),
+        (["none.yaml"], r"search.known\[0\] is refused: config names .*none.yaml"),
+        ([3], "search.known"),
+        ([{"kick": 1.0}] * 401, "search.known has 401 sets, but the budget is 400."),
+    ],
+)
+def test_known_sets_that_do_not_fit_are_refused(known: list[Any], sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(JobError, match=sentence):
+        read_search(job(known=known), tmp_path)
