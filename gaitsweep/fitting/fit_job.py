@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from gaitsweep import effort, near_miss
-from gaitsweep.engine.propose import own_steps
+from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measures import MEASURES, Measure
 from gaitsweep.fitting.population import Population
@@ -205,8 +205,9 @@ def read_fit_job(
             raise _at_the_choices(error, fit) from None
         columns = table_columns(job.plan, job.run)
         for name, measure in measures.items():
-            if measure.on_map and own_steps(job.integration.method, job.plan.model) is not None:
-                text = "is fixed_point, but steps of fixed length give a return map no derivative: use rk4."
+            method = job.integration.method
+            if measure.on_map and (refusal := derivative_refusal(method, job.plan.model)) is not None:
+                text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
                 wrong.append(Diagnostic((field, listed, name, "kind"), text))
             if (bad := measure.wrong(columns, job.plan.model)) is not None:
                 key, text = bad
