@@ -97,7 +97,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     if isinstance(model, HybridModel) and _steps_alone("rk4", model) is None:
         return f"{reason}. Use rk4."
     return (
-        f"{reason}, and {model.name} has no other method. Instead, fit a straight line through the images of "
+        f"{reason}; {model.name} has no other method. Instead, fit a straight line through the images of "
         "points that are so far apart that events move by many steps (docs/own_model.md), or follow stable "
         "gaits by a run of kind staircase."
     )
