@@ -33,13 +33,13 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.contract import Quantity as Quantity
     from gaitsweep.contract import Status as Status
     from gaitsweep.contract import SteppedModel as SteppedModel
+    from gaitsweep.dynamics.declarations import event as event
+    from gaitsweep.dynamics.declarations import mode as mode
+    from gaitsweep.dynamics.declarations import observable as observable
+    from gaitsweep.dynamics.declarations import parameter as parameter
+    from gaitsweep.dynamics.declarations import signal as signal
+    from gaitsweep.dynamics.declarations import variable as variable
     from gaitsweep.dynamics.declared_model import DeclaredModel as DeclaredModel
-    from gaitsweep.dynamics.declared_model import event as event
-    from gaitsweep.dynamics.declared_model import mode as mode
-    from gaitsweep.dynamics.declared_model import observable as observable
-    from gaitsweep.dynamics.declared_model import parameter as parameter
-    from gaitsweep.dynamics.declared_model import signal as signal
-    from gaitsweep.dynamics.declared_model import variable as variable
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
     from gaitsweep.errors import ArgumentError as ArgumentError
     from gaitsweep.errors import UserError as UserError
@@ -82,9 +82,8 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "api.sensitivity": ("sensitivity",),
         "api.trajectories": ("simulate", "sweep"),
         "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
-        "dynamics.declared_model": (
-            *("DeclaredModel", "event", "mode", "observable", "parameter", "signal", "variable"),
-        ),
+        "dynamics.declarations": ("event", "mode", "observable", "parameter", "signal", "variable"),
+        "dynamics.declared_model": ("DeclaredModel",),
         "dynamics.mjx.mjcf_model": ("MjcfModel",),
         "errors": ("ArgumentError", "UserError"),
         "job": ("Job", "JobError", "load_job"),

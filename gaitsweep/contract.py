@@ -382,6 +382,8 @@ class HybridModel(Model):
         Guards are finite, and continuous while the modes are constant. A guard that is still >= 0 after its
         own jump fires again at once. So a jump changes a mode that reverses the guard's sign (a contact
         flag), or the guard includes the velocity (`-height - c * max(speed, 0)` for a bouncing ball).
+        A mode that is switched both ways by the sign of one function needs both guards to be below zero by
+        its rounding error after a jump: otherwise simultaneous events of two limbs may follow without end.
         A flow without events returns `jnp.zeros((0,))`; its section is then never crossed.
         """
 

@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.propose import own_steps
+from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
@@ -245,11 +245,9 @@ class PoincareMap:
 
     def _require_derivative(self) -> None:
         method = self.mapping.numerics.of(self.model).method
-        if own_steps(method, self.model) is not None:
+        if (refusal := derivative_refusal(method, self.model)) is not None:
             raise ArgumentError(
-                f"The return map of {self.model.name} by {method} has no derivative: steps have a fixed "
-                "length, and the section is met at the end of one. Give numerics={'method': 'rk4'} where "
-                "the model allows it."
+                f"The return map of {self.model.name} by {method} has no derivative: {refusal}"
             )
 
 

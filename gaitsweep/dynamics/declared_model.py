@@ -8,276 +8,22 @@ any of them itself.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
-from gaitsweep.dynamics.phase_oscillator import wrapped
-from gaitsweep.dynamics.plane_section import Plane
+from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
+from gaitsweep.dynamics.event_surface import EventSurface, flat
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
-Start = float | str
 # The fields of a state that say which of its events are armed, and which have turned back at their surface.
 ARMED, TURNED = "armed", "turned"
-
-
-@dataclasses.dataclass(frozen=True)
-class _Declaration:
-    """A quantity without its name; `count` numbers (`phi_1`, `phi_2`, ...), or a single one where it is None.
-
-    `count` is a number, or the name of a field of the model's structure.
-    """
-
-    quantity: Quantity
-    count: int | str | None
-
-    def quantities(self, model: Declared, name: str, **changes: Any) -> tuple[Quantity, ...]:
-        """The quantities of a field by this name."""
-        quantity = dataclasses.replace(self.quantity, name=name, **changes)
-        if self.count is None:
-            return (quantity,)
-        return tuple(
-            dataclasses.replace(
-                quantity,
-                name=f"{name}_{i}",
-                meaning=f"{quantity.meaning} {i}",
-                symbol=quantity.symbol and f"{quantity.symbol}_{{{i}}}",
-            )
-            for i in range(1, self.size(model) + 1)
-        )
-
-    def size(self, model: Declared) -> int:
-        """How many numbers there are, 1 for a single one."""
-        return getattr(model, self.count) if isinstance(self.count, str) else self.count or 1
-
-    def shape(self, model: Declared) -> tuple[int, ...]:
-        """The shape of the field."""
-        return () if self.count is None else (self.size(model),)
-
-
-@dataclasses.dataclass(frozen=True)
-class Parameter(_Declaration):
-    """A declared parameter; see `parameter`."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Variable(_Declaration):
-    """A declared continuous variable; see `variable`."""
-
-    start: Start | tuple[Start, ...] | None
-    observed: bool
-    signal: bool
-
-    def starts(self, model: Declared, name: str) -> tuple[Quantity, ...]:
-        """The initial conditions, with their defaults; none where a job may not set them."""
-        if self.start is None:
-            return ()
-        found = self.quantities(model, name)
-        defaults = self.start if isinstance(self.start, tuple) else (self.start,) * len(found)
-        if len(defaults) != len(found):
-            raise ValueError(f"{name} has {len(defaults)} start values, but {len(found)} numbers")
-        return tuple(
-            dataclasses.replace(q, name=f"{q.name}_0", meaning=f"{q.meaning} at the start", default=default)
-            for q, default in zip(found, defaults, strict=True)
-        )
-
-    def read(self, value: jax.Array, /) -> jax.Array:
-        """The value as it is recorded: angles from 0 to 2 pi."""
-        return wrapped(value) if self.quantity.circular else value
-
-
-@dataclasses.dataclass(frozen=True)
-class Mode:
-    """A declared discrete mode; see `mode`."""
-
-    start: bool | int | tuple[bool | int, ...]
-    meaning: str
-    count: int | str | None
-
-
-@dataclasses.dataclass(frozen=True)
-class Reading:
-    """A declared observable or signal that is computed from the state; see `observable` and `signal`."""
-
-    quantity: Quantity
-    function: Callable[..., jax.Array]
-    observed: bool
-    signal: bool
-
-
-class Event:
-    """A declared event; see `event`. `jump` is the decorator of what the event does to the state."""
-
-    def __init__(
-        self,
-        function: Callable[..., jax.Array],
-        name: str,
-        is_section: bool,
-        during: Callable[..., Any] | None,
-        rising: bool,
-    ) -> None:
-        self.function, self.name, self.is_section = function, name, is_section
-        self.during, self.rising = during, rising
-        self.effect: Callable[..., Any] | None = None
-
-    def jump(self, function: Callable[..., Any], /) -> Event:
-        """Decorator of the function (params, state) -> state that the event applies."""
-        if self.effect is not None:
-            raise TypeError(f"The event {self.name!r} has two jumps; write one.")
-        self.effect = function
-        return self
-
-    @property
-    def guard_names(self) -> tuple[str, ...]:
-        """The names of its guards."""
-        if not self.rising:
-            return (self.name,)
-        again = (f"{self.name}, without having left",) if self.effect is not None else ()
-        return (self.name, f"{self.name}, armed again", *again)
-
-    def within(self, state: Any) -> jax.Array:
-        """Whether the modes of a state allow the event."""
-        return jnp.asarray(True if self.during is None else self.during(state))
-
-
-def parameter(
-    unit: str,
-    meaning: str,
-    default: Start | None = None,
-    *,
-    count: int | str | None = None,
-    low: float = -float("inf"),
-    high: float = float("inf"),
-    open_ends: bool = False,
-    circular: bool = False,
-    symbol: str = "",
-    source: str = "",
-) -> Any:
-    """Declare a parameter, which the model's functions read as `params.NAME`.
-
-    Args:
-        unit, meaning: as jobs, tables and figures show them.
-        default: a number, an expression over other parameters ("2*sqrt(kappa)"), or None where a job has to
-            give it.
-        count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
-            or the name of a field of the model's structure. None: one scalar.
-        low, high, open_ends, circular, symbol, source: as of `Quantity`.
-    """
-    quantity = Quantity("", unit, meaning, default, low, high, open_ends, circular, symbol, source)
-    return Parameter(quantity, count)
-
-
-def variable(
-    unit: str,
-    meaning: str,
-    start: Start | Sequence[Start] | None = None,
-    *,
-    count: int | str | None = None,
-    low: float = -float("inf"),
-    high: float = float("inf"),
-    open_ends: bool = False,
-    circular: bool = False,
-    symbol: str = "",
-    scale: float | None = None,
-    observed: bool | None = None,
-    signal: bool = True,
-) -> Any:
-    """Declare a continuous variable of the state, which the model's functions read as `state.NAME`.
-
-    Args:
-        unit, meaning: as jobs, tables and figures show them.
-        start: its default at t = 0, for which jobs have the name `NAME_0`; a number, an expression over
-            parameters, or one for each of `count`. None: it starts at 0, or where `complete` puts it.
-        count: how many there are, as for `parameter`.
-        low, high, open_ends: bounds of the start that a job may set.
-        circular: an angle in rad of period 2 pi; it is recorded from 0 to 2 pi.
-        symbol, scale: as of `Quantity`.
-        observed: whether it is recorded at crossings of the section; by default if it has a start.
-        signal: whether traces record it.
-    """
-    quantity = Quantity("", unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
-    given = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
-    return Variable(quantity, count, given, start is not None if observed is None else observed, signal)
-
-
-def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:
-    """Declare a discrete mode of the state (a contact, the phase of a step), which only jumps change.
-
-    Args:
-        start: its value at t = 0, which decides its type: a bool or an integer, or one for each of `count`.
-        meaning: what it says.
-        count: how many there are, as for `parameter`.
-    """
-    return Mode(start if isinstance(start, (bool, int)) else tuple(start), meaning, count)
-
-
-def observable(
-    unit: str,
-    meaning: str,
-    *,
-    circular: bool = False,
-    symbol: str = "",
-    scale: float | None = None,
-    signal: bool = False,
-) -> Callable[[Callable[..., jax.Array]], Any]:
-    """Declare a function (params, state) -> number as an observable, read at crossings of the section.
-
-    Args:
-        unit, meaning: as tables and figures show them.
-        circular, symbol, scale: as of `Quantity`.
-        signal: whether traces record it too.
-    """
-    quantity = Quantity("", unit, meaning, circular=circular, symbol=symbol, scale=scale)
-    return lambda function: Reading(quantity, function, True, signal)
-
-
-def signal(
-    unit: str, meaning: str, *, circular: bool = False, symbol: str = ""
-) -> Callable[[Callable[..., jax.Array]], Any]:
-    """Declare a function (params, state) -> number as a signal, which traces record.
-
-    Args:
-        unit, meaning: as tables and figures show them.
-        circular, symbol: as of `Quantity`.
-    """
-    quantity = Quantity("", unit, meaning, circular=circular, symbol=symbol)
-    return lambda function: Reading(quantity, function, False, True)
-
-
-def event(
-    name: str,
-    *,
-    section: bool = False,
-    during: Callable[..., Any] | None = None,
-    rising: bool = True,
-) -> Callable[[Callable[..., jax.Array]], Event]:
-    """Declare a function (params, state) -> number as the guard of an event.
-
-    The event happens where the function rises through zero. After that it is armed again when the function
-    is negative beyond its rounding error, so neither its own jump nor a start on the surface fires it. Where
-    its jump has turned the state back, and the function rises beyond its rounding error without having been
-    negative, it happens again: bounces too short to be seen end as `event_stall` where they accumulate.
-    Several events of one instant apply their jumps in the order of their declaration.
-
-    Args:
-        name: what happens, in a few words: "foot lands". Rows that it stalls are told by it.
-        section: whether it closes a cycle; its crossings are the Poincare section.
-        during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
-            holds, and is armed anew where this begins to hold.
-        rising: False: it happens wherever the function is >= 0 while `during` holds, so its jump has to end
-            that. This needs no arming, and cannot miss what is already beyond the surface.
-
-    Raises:
-        TypeError: `rising` is False, and there is no `during` that its jump could end.
-    """
-    if not rising and during is None:
-        raise TypeError(f"The event {name!r} has rising=False, so it needs during=, which its jump ends.")
-    return lambda function: Event(function, name, section, during, rising)
 
 
 def _record(model: type, name: str, fields: Any) -> type:
@@ -408,9 +154,7 @@ class Declared(Model):
             else:
                 fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
         for name, each in self._named(Mode).items():
-            count = getattr(self, each.count) if isinstance(each.count, str) else each.count
-            value = jnp.asarray(each.start)
-            fields[name] = value if count is None else jnp.broadcast_to(value, (count,))
+            fields[name] = each.at_start(self)
         return fields
 
     def _recorded(self, kind: str) -> tuple[Quantity, ...]:
@@ -478,17 +222,15 @@ class DeclaredModel(Declared, HybridModel):
 
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
-        armed = self._armed()
-        if armed:
-            fields[ARMED] = fields[TURNED] = jnp.zeros(len(armed), bool)
+        events = self._armed()
+        if not events:
+            return self.complete(params, self.State(**fields))
+        fields[ARMED] = fields[TURNED] = jnp.zeros(len(events), bool)
         state = self.complete(params, self.State(**fields))
-        if not armed:
-            return state
-        planes = [self._plane(each, params, state) for each in armed]
-        turned = [self._turns(each, params, state) for each in armed]
-        return state.replace(
-            armed=jnp.stack([plane.armed_at(x) for plane, x in planes]), turned=jnp.stack(turned)
-        )
+        found = _Surfaces(self, params, state)
+        armed = jnp.stack([found.of(each).armed_at_start for each in events])
+        turned = jnp.stack([found.turns_back(each) for each in events])
+        return state.replace(armed=armed, turned=turned)
 
     def complete(self, params: Any, state: Any, /) -> Any:
         """The state with those variables set that follow from the others, at t = 0 and on the section.
@@ -499,21 +241,21 @@ class DeclaredModel(Declared, HybridModel):
         return state
 
     def guards(self, params: Any, state: Any, /) -> jax.Array:
-        found: list[jax.Array] = []
-        places = iter(range(len(self._armed())))
+        found = _Surfaces(self, params, state)
+        guards: list[jax.Array] = []
+        place = 0
         for each in self._events():
             if each.rising:
-                plane, x = self._plane(each, params, state)
-                place = next(places)
-                armed = state.armed[place]
-                values = [*plane.guards(x, armed)]
+                surface, armed = found.of(each), state.armed[place]
+                values = [*surface.guards(armed)]
                 if each.effect is not None:
                     # a body whose bounces have become too small to be seen would fall through the ground
-                    values.append(jnp.where(state.turned[place] & ~armed, plane.above(x), -1.0))
+                    values.append(jnp.where(state.turned[place] & ~armed, surface.above, -1.0))
+                place += 1
             else:
                 values = [jnp.asarray(each.function(self, params, state))]
-            found += [jnp.where(each.within(state), value, -1.0) for value in values]
-        return jnp.stack(found) if found else jnp.zeros((0,))
+            guards += [jnp.where(each.within(state), value, -1.0) for value in values]
+        return jnp.stack(guards) if guards else jnp.zeros((0,))
 
     @property
     def guard_names(self) -> tuple[str, ...]:
@@ -524,58 +266,61 @@ class DeclaredModel(Declared, HybridModel):
         for each, flags in self._flags(fired):
             if each.effect is not None:
                 after = each.effect(self, params, state)
-                happens = _happens(flags)
+                happens = each.happens(flags)
                 state = jax.tree.map(lambda new, old, f=happens: jnp.where(f, new, old), after, state)
+        found = _Surfaces(self, params, state)
         armed: list[jax.Array] = []
         turned: list[jax.Array] = []
         for each, flags in self._flags(fired):
             if not each.rising:
                 continue
-            turns = self._turns(each, params, state)
-            turned.append(jnp.where(_happens(flags), turns, before.turned[len(armed)]))
-            still = Plane.armed_after(before.armed[len(armed)], flags)
+            place = len(armed)
+            still = EventSurface.armed_after(before.armed[place], flags)
             if each.during is not None:
-                plane, x = self._plane(each, params, state)
                 begins = each.within(state) & ~each.within(before)
-                still = jnp.where(begins, plane.armed_at(x), still)
+                still = jnp.where(begins, found.of(each).armed_at_start, still)
             armed.append(still)
+            turned.append(jnp.where(each.happens(flags), found.turns_back(each), before.turned[place]))
         return state.replace(armed=jnp.stack(armed), turned=jnp.stack(turned)) if armed else state
 
     def section(self, params: Any, before: Any, fired: jax.Array, /) -> jax.Array:
         closed = jnp.zeros((), bool)
         for each, flags in self._flags(fired):
             if each.is_section:
-                closed = closed | _happens(flags)
+                closed = closed | each.happens(flags)
         return closed
 
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self) if self.section_coordinates else None
 
-    def _turns(self, event: Event, params: Any, state: Any) -> jax.Array:
-        """Whether a state on an event's surface does not go on through it."""
-        if event.effect is None:
-            return jnp.zeros((), bool)
-        plane, x = self._plane(event, params, state)
-        at = {name: getattr(state, name) for name in self._named(Variable)}
-        rates = self.flow(params, state)
-        along = {name: jnp.asarray(rates.get(name, jnp.zeros_like(held)), float) for name, held in at.items()}
-        _, rate = jax.jvp(lambda x: event.function(self, params, state.replace(**x)), (at,), (along,))
-        return (plane.above(x) <= 0.0) & (rate <= 0.0)
 
-    def _plane(self, armed: Event, params: Any, state: Any) -> tuple[Plane, jax.Array]:
-        """An event's surface as a plane, exact at the state's point, and that point (n,).
+class _Surfaces:
+    """The surfaces of armed events seen from one state, and whether its flow turns back at them."""
 
-        The plane says how large the terms of the function are, and so what rounding may do to its sign.
-        """
-        x = {name: getattr(state, name) for name in self._named(Variable)}
-        value, slope = jax.value_and_grad(lambda x: armed.function(self, params, state.replace(**x)))(x)
-        at, normal = (jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(t)]) for t in (x, slope))
-        return Plane(normal, jnp.sum(normal * at) - value), at
+    def __init__(self, model: DeclaredModel, params: Any, state: Any) -> None:
+        self._model, self._params, self._state = model, params, state
+        names = (name for name, each in model.declarations.items() if isinstance(each, Variable))
+        self._point = {name: getattr(state, name) for name in names}
+        self._seen: dict[Event, EventSurface] = {}
 
+    def of(self, event: Event) -> EventSurface:
+        """The surface of an event."""
+        if event not in self._seen:
+            model, params, state = self._model, self._params, self._state
+            self._seen[event] = EventSurface.seen_from(
+                self._point, lambda x: event.function(model, params, state.replace(**x))
+            )
+        return self._seen[event]
 
-def _happens(flags: jax.Array) -> jax.Array:
-    """Whether an event happens, by its guards: its surface is crossed, or met without having been left."""
-    return flags[0] | flags[2] if flags.shape[0] == 3 else flags[0]
+    def turns_back(self, event: Event) -> jax.Array:
+        """Whether a state on the surface of an event with a jump does not go on through it."""
+        return jnp.zeros((), bool) if event.effect is None else self.of(event).turns_back(self._rates)
+
+    @functools.cached_property
+    def _rates(self) -> jax.Array:
+        """The rates of the variables in the order of a point (n,)."""
+        rates = self._model.flow(self._params, self._state)
+        return flat({name: rates.get(name, jnp.zeros_like(x)) for name, x in self._point.items()})
 
 
 @dataclasses.dataclass(frozen=True)

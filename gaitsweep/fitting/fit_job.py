@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from gaitsweep import effort, near_miss
-from gaitsweep.engine.propose import own_steps
+from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.measures import Measure
@@ -264,8 +264,9 @@ def read_fit_job(
             columns = of_the_job
             if (run := measure.own_run) is not None:
                 columns = _columns_of_run(fit, structure, run, (field, listed, name, "run"), wrong)
-            if measure.on_map and own_steps(job.integration.method, job.plan.model) is not None:
-                text = "is fixed_point, but steps of fixed length give a return map no derivative: use rk4."
+            method = job.integration.method
+            if measure.on_map and (refusal := derivative_refusal(method, job.plan.model)) is not None:
+                text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
                 wrong.append(Diagnostic((field, listed, name, "kind"), text))
             if (bad := measure.wrong(columns, job.plan.model)) is not None:
                 key, text = bad

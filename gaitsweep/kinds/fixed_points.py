@@ -14,7 +14,7 @@ from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.contract import Model
 from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.engine.propose import own_steps
+from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.diagnostics import Diagnostic
@@ -74,13 +74,11 @@ class FollowsFixedPoints(RunKind):
                 text = f"is {name}, which {model.name} does not conserve{near}"
                 wrong.append(Diagnostic(("run", "fix", index), text))
         try:
-            steps = own_steps(method, model)
+            refusal = derivative_refusal(method, model)
         except ValueError:  # the check of the method says so
             return wrong
-        if steps is not None:
-            text = (
-                f"is {method}, steps of fixed length, through which a return map has no derivative: use rk4."
-            )
+        if refusal is not None:
+            text = f"is {method}, by which a return map has no derivative: {refusal}"
             wrong.append(Diagnostic(("numerics", "method"), text))
         return wrong
 

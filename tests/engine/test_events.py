@@ -22,7 +22,7 @@ import gaitsweep as gs
 from gaitsweep import models
 from gaitsweep.cli import show
 from gaitsweep.contract import HybridModel, Status
-from gaitsweep.dynamics.plane_section import Plane
+from gaitsweep.dynamics.event_surface import EventSurface
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
@@ -97,27 +97,26 @@ def test_van_der_pol_settles_on_its_cycle() -> None:
 )
 def test_each_crossing_of_any_wave_is_met_once(size: float, wave: list[float]) -> None:
     """The guards, looked at along a polygon: as many crossings as sign changes upwards, none at the start."""
-    plane = Plane(jnp.array([size, 0.0]), jnp.asarray(0.0))
     points = [value if abs(value) > 1e-6 else 0.0 for value in wave]
-    at = [jnp.array([value, 1.0]) for value in points]
-    armed = plane.armed_at(at[0])
+    seen = [EventSurface.seen_from(jnp.array([value, 1.0]), lambda x: size * x[0]) for value in points]
+    armed = seen[0].armed_at_start
     met = 0
-    for x in at:
+    for surface in seen:
         for _ in range(2):  # what fires at one instant
-            fired = plane.guards(x, armed) >= 0.0
+            fired = surface.guards(armed) >= 0.0
             assert not fired.all()
-            met += int(plane.crossed(fired))
-            armed = plane.armed_after(armed, fired)
-        assert not (plane.guards(x, armed) >= 0.0).any(), "it chatters"
+            met += int(surface.crossed(fired))
+            armed = surface.armed_after(armed, fired)
+        assert not (surface.guards(armed) >= 0.0).any(), "it chatters"
     below = [value < 0.0 for value in points]
     assert met == sum(1 for before, after in itertools.pairwise(below) if before and not after)
 
 
-def test_a_plane_that_misses_zero_tells_rounding_from_the_far_side() -> None:
-    """x - 1e6 is known to 1e-10: states nearer than that lie on the plane."""
-    plane = Plane(jnp.array([1.0]), jnp.asarray(1e6))
+def test_a_surface_that_misses_zero_tells_rounding_from_the_far_side() -> None:
+    """x - 1e6 is known to 1e-10: states nearer than that lie on the surface."""
     for distance, armed in ((1e-8, True), (1e-10, False), (0.0, False), (-1e-10, False)):
-        assert bool(plane.armed_at(jnp.array([1e6 - distance]))) is armed
+        surface = EventSurface.seen_from(jnp.asarray(1e6 - distance), lambda x: x - 1e6)
+        assert bool(surface.armed_at_start) is armed
 
 
 # No events at all

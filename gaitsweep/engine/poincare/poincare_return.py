@@ -19,7 +19,7 @@ from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, st
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
-from gaitsweep.engine.propose import own_steps
+from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
 from gaitsweep.errors import ArgumentError
 
@@ -70,7 +70,8 @@ class PoincareReturn:
     def __init__(self, model: Model, numerics: Numerics, share: float = 1.0) -> None:
         self.model, self.numerics, self.share = model, numerics.of(model), share
         numerics = self.numerics
-        self.differentiable = own_steps(numerics.method, model) is None
+        self.refusal = derivative_refusal(numerics.method, model)
+        self.differentiable = self.refusal is None
         if self.differentiable and numerics.method == "rk4":
             assert isinstance(model, HybridModel)
             self._evaluate = stagewise(model, numerics)
@@ -147,8 +148,11 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: f
         )
         return end.carry.t, end.carry.state, crossing.status(end)
 
-    if not crossing.differentiable:
-        return _without_derivative(by_xla, numerics.method)
+    if crossing.refusal is not None:
+        return _without_derivative(
+            by_xla,
+            f"The return map of {model.name} by {numerics.method} has no derivative: {crossing.refusal}",
+        )
     kernels = jax.default_backend() == "cpu" and importlib.util.find_spec("numba") is not None
     if engine == "xla" or (engine == "auto" and not kernels):
         return by_xla
@@ -174,16 +178,13 @@ def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: f
     return by_kernel
 
 
-def _without_derivative(crossing: Crossing, method: str) -> Crossing:
+def _without_derivative(crossing: Crossing, refusal: str) -> Crossing:
     @jax.custom_jvp
     def run(params: Params, state: State) -> Returned:
         return crossing(params, state)
 
     @run.defjvp
     def _refused(primals: Any, tangents: Any) -> Any:
-        raise ArgumentError(
-            f"{method} takes fixed steps and does not locate the crossing inside a step: its return map is a "
-            "step function without a derivative. Use rk4."
-        )
+        raise ArgumentError(refusal)
 
     return run

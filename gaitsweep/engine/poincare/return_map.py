@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
-from gaitsweep.engine.leaves import float_leaves, with_float_leaves
+from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
@@ -36,10 +36,10 @@ class AllVariables(Chart):
     def of(cls, state: State) -> AllVariables:
         """The chart of states like this one."""
         names: list[str] = []
-        for field in dataclasses.fields(state):
-            for leaf in float_leaves(getattr(state, field.name)):
-                shape = np.shape(leaf)
-                names += ["_".join([field.name, *(str(i + 1) for i in at)]) for at in np.ndindex(*shape)]
+        for path, leaf in jax.tree_util.tree_leaves_with_path(state):
+            if is_float(leaf):
+                field = jax.tree_util.keystr(path, simple=True, separator="_")
+                names += ["_".join([field, *(str(i + 1) for i in at)]) for at in np.ndindex(*np.shape(leaf))]
         return cls(tuple(names))
 
     @property

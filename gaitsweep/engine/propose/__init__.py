@@ -37,7 +37,7 @@ METHODS: dict[str, Method] = {
 # The methods that take the steps of the model itself.
 _OWN = ", ".join(name for name, method in METHODS.items() if method.step is None)
 
-__all__ = ["METHODS", "Estimate", "Method", "Propose", "move", "own_steps", "refusal"]
+__all__ = ["METHODS", "Estimate", "Method", "Propose", "derivative_refusal", "move", "own_steps", "refusal"]
 
 
 def own_steps(name: str, model: Model) -> FixedStepDynamics | None:
@@ -82,6 +82,25 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
     return None
+
+
+def derivative_refusal(name: str, model: Model) -> str | None:
+    """Why a return map by a method has no derivative, and what to use instead; None where it has one.
+
+    Raises:
+        ArgumentError: the method needs a flow, but the model has only steps.
+    """
+    if own_steps(name, model) is None:
+        return None
+    # so a derivative of the steps lacks what the time of a landing does, however short they are
+    reason = "steps have a fixed length, and an event is met at the end of one"
+    if isinstance(model, HybridModel) and _steps_alone("rk4", model) is None:
+        return f"{reason}. Use rk4."
+    return (
+        f"{reason}; {model.name} has no other method. Instead, fit a straight line through the images of "
+        "points that are so far apart that events move by many steps (docs/own_model.md), or follow stable "
+        "gaits by a run of kind staircase."
+    )
 
 
 def _steps_alone(name: str, model: Model) -> str | None:

@@ -27,9 +27,12 @@ from gaitsweep.models.multilegged.theory.obstacle import obstacle_problem
 from gaitsweep.skeleton import Skeleton
 
 STANCE, TAKEOFF, LANDING = 0, 1, 2
-# Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding.
+# Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
+# that is compressed by less is in the air, so that it touches down at once if it is landing.
 TOUCH = 1e-12
-# A leg in contact leaves the ground at x > l (eq. 2); with this offset x = l is still contact.
+# Multiple of the machine epsilon, relative to the terms of x - l, that bounds the rounding error of a gap.
+ROUNDING = 4.0
+# A leg of the reduced model leaves the ground if its load is negative; with this offset 0 is still contact.
 STRICTLY = 1e-300
 
 _TABLE_1 = "Ambe 2021, Table 1"
@@ -253,8 +256,8 @@ class Multilegged(HybridModel):
         length, _ = self._leg(p, phi, segment)
         x, load = obstacle_problem(length, p.masses, p.kappa, p.g)
         leg_1 = touching & (jnp.arange(self.N + 1) == 0)
-        contact = (load > 0.0) | leg_1
-        x = jnp.where(leg_1, length - load / p.K - TOUCH, jnp.where(load > 0.0, length - load / p.K, x))
+        contact = (load > p.K * TOUCH) | leg_1
+        x = jnp.where(contact, length - load / p.K - jnp.where(leg_1, TOUCH, 0.0), x)
         return State(
             x=x,
             v=jnp.zeros_like(x),
@@ -302,7 +305,9 @@ class Multilegged(HybridModel):
         end = corner_of(p, s.segment)
         length, _ = self._leg(p, s.phi, s.segment)
         gap = s.x - length
-        return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap - STRICTLY, -gap)])  # eq. (2)
+        # without this, two legs that lift off at one instant touch again by rounding, and so without end
+        error = ROUNDING * jnp.finfo(gap.dtype).eps * (p.L + 2.0 * p.a / (1.0 - p.beta))
+        return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap, -gap) - error])  # eq. (2)
 
     @property
     def guard_names(self) -> tuple[str, ...]:

@@ -1,0 +1,287 @@
+"""Declarations in the body of a model's class: parameters, variables, modes, events, observables, signals.
+
+Each function makes a record of what jobs, tables and figures show. A declaration does not know its own name,
+which is that of the class's attribute.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.dynamics.phase_oscillator import wrapped
+
+Start = float | str
+
+
+@dataclasses.dataclass(frozen=True)
+class Counted:
+    """A declaration of `count` numbers (`phi_1`, `phi_2`, ...), or of a single one where it is None.
+
+    `count` is a number, or the name of a field of the model's structure.
+    """
+
+    count: int | str | None
+
+    def size(self, model: Model) -> int:
+        """How many numbers there are, 1 for a single one."""
+        return getattr(model, self.count) if isinstance(self.count, str) else self.count or 1
+
+    def shape(self, model: Model) -> tuple[int, ...]:
+        """The shape of the field."""
+        return () if self.count is None else (self.size(model),)
+
+
+@dataclasses.dataclass(frozen=True)
+class CountedQuantity(Counted):
+    """A declaration with a quantity, which has no name yet."""
+
+    quantity: Quantity
+
+    def quantities(self, model: Model, name: str, **changes: Any) -> tuple[Quantity, ...]:
+        """The quantities of a field by this name."""
+        quantity = dataclasses.replace(self.quantity, name=name, **changes)
+        if self.count is None:
+            return (quantity,)
+        return tuple(
+            dataclasses.replace(
+                quantity,
+                name=f"{name}_{i}",
+                meaning=f"{quantity.meaning} {i}",
+                symbol=quantity.symbol and f"{quantity.symbol}_{{{i}}}",
+            )
+            for i in range(1, self.size(model) + 1)
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter(CountedQuantity):
+    """A declared parameter; see `parameter`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable(CountedQuantity):
+    """A declared continuous variable; see `variable`."""
+
+    start: Start | tuple[Start, ...] | None
+    observed: bool
+    signal: bool
+
+    def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The initial conditions, with their defaults; none where a job may not set them."""
+        if self.start is None:
+            return ()
+        found = self.quantities(model, name)
+        defaults = self.start if isinstance(self.start, tuple) else (self.start,) * len(found)
+        if len(defaults) != len(found):
+            raise ValueError(f"{name} has {len(defaults)} start values, but {len(found)} numbers")
+        return tuple(
+            dataclasses.replace(q, name=f"{q.name}_0", meaning=f"{q.meaning} at the start", default=default)
+            for q, default in zip(found, defaults, strict=True)
+        )
+
+    def read(self, value: jax.Array, /) -> jax.Array:
+        """The value as it is recorded: angles from 0 to 2 pi."""
+        return wrapped(value) if self.quantity.circular else value
+
+
+@dataclasses.dataclass(frozen=True)
+class Mode(Counted):
+    """A declared discrete mode; see `mode`."""
+
+    start: bool | int | tuple[bool | int, ...]
+    meaning: str
+
+    def at_start(self, model: Model) -> jax.Array:
+        """Its value at t = 0."""
+        value = jnp.asarray(self.start)
+        return value if self.count is None else jnp.broadcast_to(value, self.shape(model))
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """A declared observable or signal that is computed from the state; see `observable` and `signal`."""
+
+    quantity: Quantity
+    function: Callable[..., jax.Array]
+    observed: bool
+    signal: bool
+
+
+class Event:
+    """A declared event; see `event`. `jump` is the decorator of what the event does to the state."""
+
+    def __init__(
+        self,
+        function: Callable[..., jax.Array],
+        name: str,
+        is_section: bool,
+        during: Callable[..., Any] | None,
+        rising: bool,
+    ) -> None:
+        self.function, self.name, self.is_section = function, name, is_section
+        self.during, self.rising = during, rising
+        self.effect: Callable[..., Any] | None = None
+
+    def jump(self, function: Callable[..., Any], /) -> Event:
+        """Decorator of the function (params, state) -> state that the event applies."""
+        if self.effect is not None:
+            raise TypeError(f"The event {self.name!r} has two jumps; write one.")
+        self.effect = function
+        return self
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        """The names of its guards."""
+        if not self.rising:
+            return (self.name,)
+        again = (f"{self.name}, without having left",) if self.effect is not None else ()
+        return (self.name, f"{self.name}, armed again", *again)
+
+    def within(self, state: Any) -> jax.Array:
+        """Whether the modes of a state allow the event."""
+        return jnp.asarray(True if self.during is None else self.during(state))
+
+    def happens(self, fired: jax.Array) -> jax.Array:
+        """Whether it happens, by its guards' flags: its surface is crossed, or met without being left."""
+        return fired[0] | fired[2] if fired.shape[0] == 3 else fired[0]
+
+
+def parameter(
+    unit: str,
+    meaning: str,
+    default: Start | None = None,
+    *,
+    count: int | str | None = None,
+    low: float = -float("inf"),
+    high: float = float("inf"),
+    open_ends: bool = False,
+    circular: bool = False,
+    symbol: str = "",
+    source: str = "",
+) -> Any:
+    """Declare a parameter, which the model's functions read as `params.NAME`.
+
+    Args:
+        unit, meaning: as jobs, tables and figures show them.
+        default: a number, an expression over other parameters ("2*sqrt(kappa)"), or None where a job has to
+            give it.
+        count: how many there are (`NAME_1`, `NAME_2`, ... in a job, an array (count,) in `params`): a number,
+            or the name of a field of the model's structure. None: one scalar.
+        low, high, open_ends, circular, symbol, source: as of `Quantity`.
+    """
+    quantity = Quantity("", unit, meaning, default, low, high, open_ends, circular, symbol, source)
+    return Parameter(count, quantity)
+
+
+def variable(
+    unit: str,
+    meaning: str,
+    start: Start | Sequence[Start] | None = None,
+    *,
+    count: int | str | None = None,
+    low: float = -float("inf"),
+    high: float = float("inf"),
+    open_ends: bool = False,
+    circular: bool = False,
+    symbol: str = "",
+    scale: float | None = None,
+    observed: bool | None = None,
+    signal: bool = True,
+) -> Any:
+    """Declare a continuous variable of the state, which the model's functions read as `state.NAME`.
+
+    Args:
+        unit, meaning: as jobs, tables and figures show them.
+        start: its default at t = 0, for which jobs have the name `NAME_0`; a number, an expression over
+            parameters, or one for each of `count`. None: it starts at 0, or where `complete` puts it.
+        count: how many there are, as for `parameter`.
+        low, high, open_ends: bounds of the start that a job may set.
+        circular: an angle in rad of period 2 pi; it is recorded from 0 to 2 pi.
+        symbol, scale: as of `Quantity`.
+        observed: whether it is recorded at crossings of the section; by default if it has a start.
+        signal: whether traces record it.
+    """
+    quantity = Quantity("", unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
+    given = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
+    return Variable(count, quantity, given, start is not None if observed is None else observed, signal)
+
+
+def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int | str | None = None) -> Any:
+    """Declare a discrete mode of the state (a contact, the phase of a step), which only jumps change.
+
+    Args:
+        start: its value at t = 0, which decides its type: a bool or an integer, or one for each of `count`.
+        meaning: what it says.
+        count: how many there are, as for `parameter`.
+    """
+    return Mode(count, start if isinstance(start, (bool, int)) else tuple(start), meaning)
+
+
+def observable(
+    unit: str,
+    meaning: str,
+    *,
+    circular: bool = False,
+    symbol: str = "",
+    scale: float | None = None,
+    signal: bool = False,
+) -> Callable[[Callable[..., jax.Array]], Any]:
+    """Declare a function (params, state) -> number as an observable, read at crossings of the section.
+
+    Args:
+        unit, meaning: as tables and figures show them.
+        circular, symbol, scale: as of `Quantity`.
+        signal: whether traces record it too.
+    """
+    quantity = Quantity("", unit, meaning, circular=circular, symbol=symbol, scale=scale)
+    return lambda function: Reading(quantity, function, True, signal)
+
+
+def signal(
+    unit: str, meaning: str, *, circular: bool = False, symbol: str = ""
+) -> Callable[[Callable[..., jax.Array]], Any]:
+    """Declare a function (params, state) -> number as a signal, which traces record.
+
+    Args:
+        unit, meaning: as tables and figures show them.
+        circular, symbol: as of `Quantity`.
+    """
+    quantity = Quantity("", unit, meaning, circular=circular, symbol=symbol)
+    return lambda function: Reading(quantity, function, False, True)
+
+
+def event(
+    name: str,
+    *,
+    section: bool = False,
+    during: Callable[..., Any] | None = None,
+    rising: bool = True,
+) -> Callable[[Callable[..., jax.Array]], Event]:
+    """Declare a function (params, state) -> number as the guard of an event.
+
+    The event happens where the function rises through zero. After that it is armed again when the function
+    is negative beyond its rounding error, so neither its own jump nor a start on the surface fires it. Where
+    its jump has turned the state back, and the function rises beyond its rounding error without having been
+    negative, it happens again: bounces too short to be seen end as `event_stall` where they accumulate.
+    Several events of one instant apply their jumps in the order of their declaration.
+
+    Args:
+        name: what happens, in a few words: "foot lands". Rows that it stalls are told by it.
+        section: whether it closes a cycle; its crossings are the Poincare section.
+        during: a function of the state's modes, `lambda state: state.stance`: it happens only while this
+            holds, and is armed anew where this begins to hold.
+        rising: False: it happens wherever the function is >= 0 while `during` holds, so its jump has to end
+            that. This needs no arming, and cannot miss what is already beyond the surface.
+
+    Raises:
+        TypeError: `rising` is False, and there is no `during` that its jump could end.
+    """
+    if not rising and during is None:
+        raise TypeError(f"The event {name!r} has rising=False, so it needs during=, which its jump ends.")
+    return lambda function: Event(function, name, section, during, rising)
