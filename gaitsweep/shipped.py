@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
@@ -26,6 +27,22 @@ def job_file(path: str | Path) -> Path:
 def config_file(path: str | Path, folder: Path) -> Path:
     """The path of a config that a job in `folder` names, or of the shipped one: `builtin:ambe2021`."""
     return _named(path, shipped("configs")) or folder / path
+
+
+def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> str | None:
+    """The name, such as `builtin:quick_basins`, of the shipped job that was meant by a file that is missing.
+
+    Args:
+        file: the missing file. A name of another folder has to be the shipped job's, since it is rarely meant
+            where it is only similar.
+        similar: the most similar name of a list, or None.
+    """
+    names = sorted(each.stem for folder in (shipped("sweeps"), EXAMPLES) for each in folder.glob("*.yaml"))
+    if file.parent in (shipped("sweeps"), EXAMPLES):
+        name = similar(file.stem, names)
+    else:
+        name = file.stem if file.stem in names else None
+    return None if name is None else f"{BUILTIN}{name}"
 
 
 def _named(path: str | Path, *folders: Path) -> Path | None:

@@ -20,6 +20,7 @@ from gaitsweep import near_miss
 from gaitsweep.kinds import diagnostics
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import not_text
+from gaitsweep.shipped import shipped, shipped_as
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
 _SHORT = 64 * 1024  # bytes
@@ -179,9 +180,7 @@ def _read_text(path: Path, name: str) -> str:
             raise _refused(name, None, f"is {kind}, not a file: a job is read from a regular file.")
         raw = _read_regular(path, name)
     except FileNotFoundError:
-        listed = near_miss.nearest(path.name, _yaml_files(path.parent))
-        hint = f"; did you mean {listed}?" if listed else "."
-        raise _refused(name, None, f"does not exist{hint}") from None
+        raise _refused(name, None, f"does not exist{_meant(path)}") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise _refused(name, None, f"cannot be read: {reason}.") from None
@@ -189,6 +188,18 @@ def _read_text(path: Path, name: str) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise _refused(name, None, "is not text in UTF-8.") from None
+
+
+def _meant(path: Path) -> str:
+    """The end of the sentence about a file that is missing."""
+    # `sweeps/quick_basins.yaml` of the documentation, in a folder that is no checkout
+    if known := shipped_as(path, near_miss.nearest):
+        return f"; did you mean {known}, which comes with gaitsweep?"
+    if path.parent == shipped("sweeps"):
+        return "; `gaitsweep examples` lists what comes with gaitsweep."
+    if listed := near_miss.nearest(path.name, _yaml_files(path.parent)):
+        return f"; did you mean {listed}?"
+    return "." if path.parent.is_dir() else f", nor does its folder {path.parent}."
 
 
 def _read_regular(path: Path, name: str) -> bytes:

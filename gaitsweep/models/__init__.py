@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.errors import UserError
-from gaitsweep.models.own_modules import Stamp, installed, modules_beside, stamp_of
+from gaitsweep.models.own_modules import Stamp, installed, modules_beside, modules_in, stamp_of
 
 if TYPE_CHECKING:
     from gaitsweep.models.multilegged.model import Multilegged
@@ -157,12 +157,30 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
             module = importlib.import_module(module_name)
             if folders:
                 module = _as_written(module)
+    except ModuleNotFoundError as error:
+        reason = _missing(module_name, error.name, folders) or f"{type(error).__name__}: {error}."
+        raise ModelError(f"is {name}, but {module_name} does not import: {reason}") from error
     except (Exception, SystemExit) as error:  # a user's module may raise anything, which its author is told
         raise ModelError(
             f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
         ) from error
     _refuse_namesake(name, module_name, folders)
     return module
+
+
+def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str | None:
+    """That a user's module is nowhere, with the near miss; None if it is one that the module imports."""
+    if missing is None or not f"{module_name}.".startswith(f"{missing}."):
+        return None
+    *package, last = missing.split(".")
+    places = list(dict.fromkeys(folder.resolve().joinpath(*package) for folder in folders))
+    places = [place for place in places if place.is_dir()]
+    if not places:
+        return None
+    near = near_miss.nearest(last, sorted({each for place in places for each in modules_in(place)}))
+    meant = "." if near is None else f"; did you mean {'.'.join([*package, near])}?"
+    looked = " and ".join(str(place) for place in places)
+    return f"no module of that name is installed or in {looked}{meant}"
 
 
 def _as_written(module: ModuleType) -> ModuleType:

@@ -38,6 +38,17 @@ def modules_beside(module: ModuleType) -> dict[str, Path]:
     return found
 
 
+def modules_in(folder: Path) -> list[str]:
+    """The names of the modules and packages that could be imported from a folder."""
+    try:
+        entries = list(folder.iterdir())
+    except OSError:
+        return []
+    files = [entry.stem for entry in entries if entry.suffix == ".py"]
+    packages = [entry.name for entry in entries if (entry / "__init__.py").is_file()]
+    return [name for name in (*files, *packages) if name.isidentifier() and name != "__init__"]
+
+
 def installed(module: ModuleType) -> bool:
     """Whether a module belongs to Python or to an installed package, which does not change."""
     folder = _folder_of(module)

@@ -208,13 +208,19 @@ def run(
     Raises:
         SelfCheckError: as above; the table is complete.
         JobError: the job is bad, with a sentence for each thing that is wrong.
-        ArgumentError: overrides of a job that is not read from a file; a directory for a model whose class
-            belongs to this session, of which no later run could tell whether it is the same.
+        ArgumentError: neither a job nor a path; overrides of a job that is not read from a file; a
+            directory for a model whose class belongs to this session, of which no later run could tell
+            whether it is the same.
         TableError, RunError: the directory is another job's, the disk is full, a device is missing.
     """
     if isinstance(job, Job) and overrides:
         raise ArgumentError(
             "overrides are for a job that is read from a file: build the Job with them instead."
+        )
+    if not isinstance(job, (Job, str, Path)):
+        raise ArgumentError(
+            f"job is a {type(job).__name__}, but takes a Job or the path of its YAML file: of fields in a "
+            "dictionary make one by Job(**fields)."
         )
     loaded = job if isinstance(job, Job) else load_job(job, overrides)
     refuse_of_session(loaded.model)

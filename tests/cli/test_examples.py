@@ -70,7 +70,11 @@ def test_unknown_names_are_refused_with_the_near_miss(capsys: Capture) -> None:
     assert main(["examples", "slip_runer"]) == 2
     assert "did you mean slip_runner?" in capsys.readouterr().err
     assert main(["check", "builtin:quick_basin"]) == 2
-    assert "quick_basins.yaml" in capsys.readouterr().err
+    assert "did you mean builtin:quick_basins, which comes" in capsys.readouterr().err
+    assert main(["check", "builtin:hoper"]) == 2
+    assert "did you mean builtin:hopper, which comes" in capsys.readouterr().err
+    assert main(["check", "builtin:of_nobody"]) == 2
+    assert "does not exist; `gaitsweep examples` lists" in capsys.readouterr().err
     job = {"name": "a", "config": "builtin:ambe2012", "vary": {"psi_1": [1]}, "run": {"kind": "settle"}}
     with pytest.raises(
         gs.JobError, match=r"config names .*ambe2012\.yaml, which does not exist; did you mean"

@@ -56,7 +56,7 @@ LINES: list[tuple[int, str, list[str]]] = [
         ["line 2", "model is multileged", "did you mean multilegged?", "module:attribute"],
     ),
     (2, "model: toy_model:Toi", ["line 2", "toy_model has no Toi", "did you mean Toy?"]),
-    (2, "model: toy_modell:Toy", ["line 2", "toy_modell does not import"]),
+    (2, "model: toy_modell:Toy", ["line 2", "toy_modell does not import: no module of that name"]),
     (2, "model: tests/toy_model.py:Toy", ["line 2", "write toy_model:Toy."]),
     (2, "model: toy_model:Params", ["line 2", "is not a model", "HybridModel or SteppedModel"]),
     (2, "model: toy_model:flight_time", ["line 2", "is not a model"]),
@@ -394,7 +394,12 @@ def test_a_file_that_is_missing(tmp_path: Path) -> None:
     message = refused(tmp_path / "quick_basin.yaml")
     assert "quick_basin.yaml" in message
     assert "does not exist; did you mean quick_basins.yaml?" in message
-    assert "does not exist" in refused(tmp_path / "nowhere" / "a.yaml")
+    assert f"does not exist, nor does its folder {tmp_path}/nowhere." in refused(
+        tmp_path / "nowhere" / "a.yaml"
+    )
+    # what the documentation writes, in a folder that is no checkout
+    message = refused(tmp_path / "sweeps" / "quick_basins.yaml")
+    assert "does not exist; did you mean builtin:quick_basins, which comes with gaitsweep?" in message
 
 
 def test_a_directory(tmp_path: Path) -> None:

@@ -114,6 +114,24 @@ def test_an_import_that_comes_with_an_edit_is_followed(folder: tuple[Path, str])
     assert period(found(path)[0]) == pytest.approx(3.0 * seconds, rel=1e-12)
 
 
+def test_a_missing_module(folder: tuple[Path, str]) -> None:
+    path, package = folder
+    nowhere = f"does not import: no module of that name is installed or in {path}"
+    for meant, misspelt in (
+        (f"{package}_model", f"{package}_modle"),
+        (f"{package}.springs", f"{package}.sprigns"),
+    ):
+        with pytest.raises(models.ModelError, match=rf"{nowhere}.* did you mean {meant}\?"):
+            models.find(f"{misspelt}:Own", [path])
+    with pytest.raises(models.ModelError) as error:
+        models.find("zzzz:Own", [path])
+    assert "did you mean" not in str(error.value)
+    # not the model's module is missing, but one that it imports
+    write(path / f"{package}_other.py", f"import {package}_numbers\n")
+    with pytest.raises(models.ModelError, match=f"ModuleNotFoundError: No module named '{package}_numbers'"):
+        models.find(f"{package}_other:Own", [path])
+
+
 def test_a_broken_edit_is_a_sentence(folder: tuple[Path, str]) -> None:
     path, package = folder
     before = found(path)[1]

@@ -189,6 +189,13 @@ def test_another_job_is_refused_with_both_hashes(job_file: Path, tmp_path: Path)
     assert "--out" in str(refusal.value)
 
 
+def test_what_is_no_job_is_refused() -> None:
+    with pytest.raises(gs.ArgumentError, match="job is a dict, but takes a Job or the path of its YAML file"):
+        gs.run({"name": "a"})  # type: ignore[arg-type]
+    with pytest.raises(gs.JobError, match=r"wrong_path\.yaml: does not exist"):
+        gs.run("wrong_path.yaml")
+
+
 def test_the_table_is_right(job_file: Path, tmp_path: Path) -> None:
     """Each row's own parameters reached it: the launch speed settles at kick/(1 - restitution)."""
     table = gs.run(job_file, tmp_path / "out", overrides=["vary.stiffness=[2, 5, 8]"]).table
