@@ -152,6 +152,17 @@ class Event:
         return fired[0] | fired[2] if fired.shape[0] == 3 else fired[0]
 
 
+def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
+    """A quantity that has no name yet; TypeError where the order of the first two was mistaken."""
+    for what, text in (("unit", unit), ("meaning", meaning)):
+        if not isinstance(text, str):
+            raise TypeError(
+                f"The {what} of a declaration is {text!r}, but takes text: write the unit, the meaning, then "
+                'a number, as in parameter("m/s2", "gravitational acceleration", 9.81).'
+            )
+    return Quantity("", unit, meaning, *others, **more)
+
+
 def parameter(
     unit: str,
     meaning: str,
@@ -175,7 +186,7 @@ def parameter(
             or the name of a field of the model's structure. None: one scalar.
         low, high, open_ends, circular, symbol, source: as of `Quantity`.
     """
-    quantity = Quantity("", unit, meaning, default, low, high, open_ends, circular, symbol, source)
+    quantity = _quantity(unit, meaning, default, low, high, open_ends, circular, symbol, source)
     return Parameter(count, quantity)
 
 
@@ -207,7 +218,7 @@ def variable(
         observed: whether it is recorded at crossings of the section; by default if it has a start.
         signal: whether traces record it.
     """
-    quantity = Quantity("", unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
+    quantity = _quantity(unit, meaning, None, low, high, open_ends, circular, symbol, "", scale)
     given = start if start is None or isinstance(start, (int, float, str)) else tuple(start)
     return Variable(count, quantity, given, start is not None if observed is None else observed, signal)
 
@@ -239,7 +250,7 @@ def observable(
         circular, symbol, scale: as of `Quantity`.
         signal: whether traces record it too.
     """
-    quantity = Quantity("", unit, meaning, circular=circular, symbol=symbol, scale=scale)
+    quantity = _quantity(unit, meaning, circular=circular, symbol=symbol, scale=scale)
     return lambda function: Reading(quantity, function, True, signal)
 
 
@@ -252,7 +263,7 @@ def signal(
         unit, meaning: as tables and figures show them.
         circular, symbol: as of `Quantity`.
     """
-    quantity = Quantity("", unit, meaning, circular=circular, symbol=symbol)
+    quantity = _quantity(unit, meaning, circular=circular, symbol=symbol)
     return lambda function: Reading(quantity, function, False, True)
 
 

@@ -29,7 +29,10 @@ ARMED, TURNED = "armed", "turned"
 def _record(model: type, name: str, fields: Any) -> type:
     """A frozen dataclass of arrays with these fields that JAX knows, as an attribute of the model's class."""
     made = dataclasses.make_dataclass(
-        name, [(field, jax.Array) for field in fields], frozen=True, namespace={"replace": _replaced}
+        name,
+        [(field, jax.Array) for field in fields],
+        frozen=True,
+        namespace={"replace": _replaced, "__getattr__": _unknown},
     )
     made.__module__, made.__qualname__ = model.__module__, f"{model.__qualname__}.{name}"
     made.__doc__ = f"The {'parameters' if name == 'Params' else 'variables and modes'} of {model.__name__}."
@@ -45,6 +48,14 @@ def _replaced(self: Any, **changes: Any) -> Any:
             raise TypeError(f"{type(self).__qualname__} has no field {name}{suggestion(name, fields)}")
         cast[name] = jax.tree.map(_like, fields[name], value)
     return dataclasses.replace(self, **cast)
+
+
+def _unknown(self: Any, name: str) -> Any:
+    """Refuse a field that a record does not have; Python calls this for no other."""
+    if name.startswith("__"):  # libraries ask for their own protocols
+        raise AttributeError(name)
+    fields = [field.name for field in dataclasses.fields(self)]
+    raise AttributeError(f"{type(self).__qualname__} has no field {name}{suggestion(name, fields)}")
 
 
 def _like(old: jax.Array, value: Any) -> jax.Array:

@@ -158,14 +158,17 @@ def _import(name: str, module_name: str, folders: list[Path]) -> object:
             if folders:
                 module = _as_written(module)
     except ModuleNotFoundError as error:
-        reason = _missing(module_name, error.name, folders) or f"{type(error).__name__}: {error}."
+        reason = _missing(module_name, error.name, folders) or _raised(error)
         raise ModelError(f"is {name}, but {module_name} does not import: {reason}") from error
     except (Exception, SystemExit) as error:  # a user's module may raise anything, which its author is told
-        raise ModelError(
-            f"is {name}, but {module_name} does not import: {type(error).__name__}: {error}."
-        ) from error
+        raise ModelError(f"is {name}, but {module_name} does not import: {_raised(error)}") from error
     _refuse_namesake(name, module_name, folders)
     return module
+
+
+def _raised(error: BaseException) -> str:
+    """An exception by its type and message, which may be a sentence already."""
+    return f"{type(error).__name__}: {str(error).rstrip('.')}."
 
 
 def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str | None:

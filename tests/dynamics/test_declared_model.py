@@ -97,6 +97,11 @@ def test_states_are_pytrees_that_keep_types_and_shapes() -> None:
     assert float(model.observe(p, s)["angle"]) == pytest.approx(7.0 - 2.0 * np.pi)
     with pytest.raises(TypeError, match=r"Balls\.State has no field bounced; did you mean bounces"):
         s.replace(bounced=1.0)
+    with pytest.raises(AttributeError, match=r"Balls\.State has no field angel; did you mean angle"):
+        _ = s.angel
+    with pytest.raises(AttributeError, match=r"Balls\.Params has no field flor; did you mean floor"):
+        _ = p.flor
+    assert not hasattr(s, "__array__")
     again = pickle.loads(pickle.dumps(s))
     assert type(again) is type(s) is Balls.State
     assert jax.tree.all(jax.tree.map(jnp.array_equal, again, s))
@@ -221,3 +226,10 @@ def test_contradictions_are_told_in_a_sentence() -> None:
         event("lands", rising=False)
     with pytest.raises(ValueError, match="z has 2 start values, but 3 numbers"):
         _ = Balls(N=3).initial_conditions
+
+
+def test_a_number_in_the_place_of_the_meaning_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"The meaning of a declaration is 9\.81, but takes text"):
+        parameter("m/s2", 9.81)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"The unit of a declaration is 1\.0, but takes text"):
+        variable(1.0, "height")  # type: ignore[arg-type]
