@@ -18,6 +18,7 @@ from gaitsweep.cli import again, analyse, models
 from gaitsweep.cli.animate import animate
 from gaitsweep.cli.examples import examples
 from gaitsweep.cli.explore import explore
+from gaitsweep.errors import UserError
 from gaitsweep.shipped import config_file
 from gaitsweep.shipped import job_file as shipped_or_own
 from gaitsweep.version import version
@@ -291,6 +292,9 @@ def check(
         except JobError as error:
             bad += 1
             print(error, file=sys.stderr)
+        except UserError as error:  # such as a package that a method needs; the other jobs are still checked
+            bad += 1
+            print(f"{job_file}: {error}", file=sys.stderr)
     if bad:
         raise typer.Exit(2)
 

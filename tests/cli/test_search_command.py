@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import signal
@@ -173,3 +174,15 @@ def test_a_stopped_command_goes_on(stop: signal.Signals, code: int, capsys: Capt
     assert main(long) == 0
     assert main([*long, "--out", "whole"]) == 0
     assert_frame_equal(gs.load("results/toy_search"), gs.load("whole"), check_exact=True)
+
+
+def test_check_goes_on_where_a_method_has_no_package(
+    job_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "cma" else find(name))
+    Path("evolved.yaml").write_text(JOB.replace("method: sobol", "method: cma"))
+    assert main(["check", "evolved.yaml", str(job_file)]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("evolved.yaml: search.method cma needs the package cma: pip install")
+    assert f"{job_file}: good, 48 sets" in printed.out
