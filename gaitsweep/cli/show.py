@@ -63,6 +63,14 @@ def unsettled(slowest: Mapping[str, int]) -> str:
     return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
 
 
+def axes(known: Sequence[Mapping[str, Any]]) -> str:
+    """The axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
+    return " x ".join(
+        f"{' and '.join(axis['names'])} ({axis['length']}{', drawn' if axis['drawn'] else ''})"
+        for axis in known
+    )
+
+
 def distance(far: Mapping[str, Any]) -> str:
     """The largest distance from the analytic solutions: "0.110 rad (row 123)"."""
     return f"{far.get('rad', float('nan')):.3f} rad (row {far.get('row', '?')})"
@@ -123,6 +131,14 @@ def directory(snapshot: Snapshot) -> str:
         elif key == "largest_distance" and isinstance(value, dict):
             if value:
                 lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
+        elif key == "axes" and isinstance(value, list):
+            lines[key] = axes(value) or "none"
+        elif key == "dt" and isinstance(value, list):
+            lines[key] = f"{' to '.join(dict.fromkeys(map(plain, value)))} s"
+        elif key == "gaits" and isinstance(value, dict):
+            lines[key] = counts(value)
+        elif key == "self_check" and isinstance(value, dict):
+            lines["self-check"] = sentence(value).removeprefix("Self-check: ")
         elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):
             lines[key] = plain(value)
     for number, figure in enumerate(snapshot.figures):

@@ -11,6 +11,7 @@ from typing import Any
 
 from gaitsweep import models, near_miss
 from gaitsweep.contract import Model, Quantity
+from gaitsweep.engine.sweep.xla import refuse_missing_platform
 from gaitsweep.expression import CONSTANTS, FUNCTIONS
 from gaitsweep.kinds.diagnostics import Diagnostic, Path, found
 from gaitsweep.kinds.numbers import (
@@ -142,6 +143,7 @@ def _read_size(value: Any, field: dataclasses.Field, hint: Any) -> Any:
 def _instance(
     name: str, model_class: type[Model], shape: dict[str, Any]
 ) -> tuple[ModelSpec | None, list[Diagnostic]]:
+    refuse_missing_platform()  # a model's constants are arrays of JAX
     try:
         model = model_class(**shape)
         parameters = {quantity.name: quantity for quantity in model.parameters}

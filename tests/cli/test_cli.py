@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import subprocess
 import sys
 import types
@@ -20,7 +21,7 @@ import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.cli.commands import app
 from gaitsweep.cli.progress import shown_progress
-from gaitsweep.cli.show import duration, size
+from gaitsweep.cli.show import axes, duration, size
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
 from gaitsweep.runs.progress import progress_lines
@@ -362,6 +363,21 @@ def test_info_says_what_a_directory_holds(finished: Path, capsys: Capture) -> No
     text = capsys.readouterr().out
     assert "6 of 10, not complete" in text
     assert "damaged" in text
+
+
+def test_axes_are_told_with_their_numbers_of_points() -> None:
+    together = {"names": ["m_1", "m_end"], "length": 3, "drawn": False}
+    drawn = {"names": ["psi_1"], "length": 64, "drawn": True}
+    assert axes([together, drawn]) == "m_1 and m_end (3) x psi_1 (64, drawn)"
+
+
+def test_a_platform_that_is_not_here_is_a_sentence(job_file: Path) -> None:
+    command = [sys.executable, "-m", "gaitsweep", "check", str(job_file)]
+    environment = os.environ | {"JAX_PLATFORMS": "abacus"}
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert found.returncode == 2
+    assert "JAX_PLATFORMS is abacus, and JAX finds no such device here." in found.stderr
+    assert found.stderr.count("\n") == 1
 
 
 def test_plot_draws_from_the_table(finished: Path, capsys: Capture) -> None:

@@ -24,7 +24,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, UnsupportedSystem
 
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.
@@ -60,6 +60,21 @@ def local_devices(count: int | None = None) -> list[Device]:
     if count is not None and count > len(devices):
         raise ArgumentError(f"engine.devices asks for {count} devices, and JAX sees {len(devices)} here.")
     return devices[:count]
+
+
+def refuse_missing_platform() -> None:
+    """Raise UnsupportedSystem where JAX may only use devices that are not here (JAX_PLATFORMS=cuda)."""
+    platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+    if not platforms or platforms == "cpu":
+        return
+    see_all_cores()
+    try:
+        jax.local_devices()
+    except (AssertionError, RuntimeError) as error:  # which of them depends on the version of JAX
+        raise UnsupportedSystem(
+            f"JAX_PLATFORMS is {platforms}, and JAX finds no such device here. On an NVIDIA GPU install "
+            "'gaitsweep[cuda]'; without JAX_PLATFORMS, JAX takes what there is."
+        ) from error
 
 
 class XlaLanes:
