@@ -55,6 +55,14 @@ def installed(module: ModuleType) -> bool:
     return folder is None or _installed(folder)
 
 
+def folder_of_class(found: type) -> Path | None:
+    """The folder from which the module of a user's class is imported; None for an installed one."""
+    module = sys.modules.get(found.__module__)
+    if module is None or installed(module):
+        return None
+    return _folder_of(module)
+
+
 def _folder_of(module: ModuleType) -> Path | None:
     """The folder from which a module is imported; None if it has no source."""
     file = getattr(module, "__file__", None)

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
-from gaitsweep.job import Job
+from gaitsweep.job.stored import stored_job
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.plot.limbs import limb_colours
@@ -87,8 +87,7 @@ def read_motion(directory: str | Path, row: int) -> Motion:
     if kind != "trace":
         raise PlotError(f"{directory} holds {kind} rows, which have no motion: use a run of kind trace.")
     part = _samples(table, directory, row)
-    # the job that was run, whatever `job.yaml` says by now
-    rows = Job.model_validate(table.attrs["job"], context={"folder": directory}).plan
+    rows = stored_job(table.attrs).plan
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")

@@ -67,7 +67,7 @@ _NAMES = {
     "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
     "created": "begun", "rows": "rows", "block": "rows of a part", "dt": "steps, shortest and longest (s)",
     "format": "format of the directory", "lanes": "trajectories at once", "axes": "axes",
-    "method": "integration method", "timings": "time",
+    "method": "integration method", "timings": "time", "model_folder": "folder of the model",
 }  # fmt: skip
 
 

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from gaitsweep import models
 from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
+from gaitsweep.job.stored import MODEL_FOLDER
 from gaitsweep.kinds.columns import Column
 from gaitsweep.kinds.run_kind import table_columns
+from gaitsweep.models.own_modules import folder_of_class
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load_parts
@@ -37,9 +40,16 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         versions=provenance.versions(),
+        **_model_folder(ready.work.model),
         git_commit=provenance.git_commit(),
         machine=provenance.machine(),
     )
+
+
+def _model_folder(model: Model) -> dict[str, str]:
+    """The folder of a user's model, where commands find it from elsewhere; none for the papers' models."""
+    folder = None if model.name in models.names() else folder_of_class(type(model))
+    return {} if folder is None else {MODEL_FOLDER: str(folder)}
 
 
 def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float]) -> None:

@@ -20,6 +20,7 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
+from gaitsweep.job.stored import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
@@ -130,7 +131,7 @@ def _job_of(table: pd.DataFrame) -> Job:
             f"{where} holds {kind} rows, which the explorer does not show. "
             f"Allowed: {', '.join(KINDS)}.{instead}"
         )
-    return Job.model_validate(fields, context={"folder": Path(table.attrs.get("path", "."))})
+    return stored_job(table.attrs)
 
 
 def _page(

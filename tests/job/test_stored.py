@@ -1,0 +1,63 @@
+"""The job of a table finds the user's model where the run found it."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.job.stored import stored_job
+
+MODEL = """\
+from gaitsweep import DeclaredModel, event, parameter, variable
+
+
+class Bouncer(DeclaredModel):
+    g = parameter("m/s2", "gravitational acceleration", 9.81)
+    height = variable("m", "height", 1.0)
+    speed = variable("m/s", "speed upwards", observed=True)
+
+    def flow(self, p, s):
+        return {"height": s.speed, "speed": -p.g}
+
+    @event("it lands", section=True)
+    def landing(self, p, s):
+        return -s.height
+
+    @landing.jump
+    def bounce(self, p, s):
+        return s.replace(height=0.0, speed=4.0)
+
+    def period(self, p):
+        return 1.0 + 0.0 * p.g
+"""
+JOB = "name: bouncer\nmodel: a_bouncer:Bouncer\nrun: {kind: settle, max_cycles: 30}\nverify: 0\n"
+
+
+def test_a_model_is_found_from_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own, elsewhere = tmp_path / "own", tmp_path / "elsewhere"
+    own.mkdir()
+    elsewhere.mkdir()
+    (own / "a_bouncer.py").write_text(MODEL)
+    (own / "job.yaml").write_text(JOB)
+    monkeypatch.chdir(elsewhere)
+    table = gs.run(own / "job.yaml", elsewhere / "out").table
+    assert table.attrs["manifest"]["model_folder"] == str(own)
+    # as a new process would see it
+    del sys.modules["a_bouncer"]
+    again = gs.load(elsewhere / "out")
+    assert stored_job(again.attrs).plan.model.name == "bouncer"
+    del sys.modules["a_bouncer"]
+    shutil.rmtree(own)
+    with pytest.raises(gs.JobError, match="a_bouncer does not import"):
+        stored_job(again.attrs)
+
+
+def test_the_papers_models_have_no_folder() -> None:
+    table = gs.sweep(
+        "multilegged", psi_1=[1.0], psi_2=1.0, psi_3=1.0, run=gs.FixedTime(duration=0.5), verify=0
+    )
+    assert "model_folder" not in table.table.attrs["manifest"]
