@@ -185,6 +185,7 @@ def _misses(search: Search, table: pd.DataFrame, near: NearBest) -> Figure:
         labels = [f"{name}{gap}held back" if search.targets[name].aim.held_back else name for name in names]
         axes.set_xticks(place, labels, **({"rotation": 30, "ha": "right"} if long else {}))
         axes.set_yscale("symlog", linthresh=1.0)
+        axes.yaxis.set_major_formatter("{x:g}")  # 1 and -1, the reading errors, are no powers to a reader
         axes.set_ylim(-limit, limit)
         axes.set_xlim(-0.3, len(names) - 0.7)
         axes.set_ylabel("miss, in reading errors")

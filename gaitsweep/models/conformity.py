@@ -117,10 +117,19 @@ def _rates(state: Any, rates: Any) -> None:
     for name, rate in rates.items():
         if name not in fields:
             text = f"flow gives a rate of {name}, which is no field of its state"
-            raise _Fault(f"{text}{near_miss.suggestion(str(name), fields)}")
+            raise _Fault(f"{text}{near_miss.suggestion(str(name), _continuous(state))}")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
             raise _Fault(f"flow gives {name} a rate of shape {rate.shape}, but the field has {shape}.")
+
+
+def _continuous(state: Any) -> list[str]:
+    """The fields of a state that are real numbers; modes have no rates."""
+    return [
+        name
+        for name, value in vars(state).items()
+        if all(jnp.issubdtype(jnp.result_type(leaf), jnp.floating) for leaf in jax.tree.leaves(value))
+    ]
 
 
 def _alike(name: str, before: Any, after: Any) -> None:
