@@ -35,3 +35,33 @@ def test_phases_of_trot_walk_and_pace_are_the_papers(tmp_path: Path) -> None:
     # the paper's pace is at .6
     assert np.abs(phases[[8, 9]]).max() < 0.1
     assert np.abs(table["speed_end"][trot] - 0.177).max() < 0.003
+
+
+@pytest.mark.slow
+def test_knees_ahead_give_fig_5_but_not_fig_6(tmp_path: Path) -> None:
+    """Three gaits and both losses over f, by located events; over beta the trot is lost on the other side."""
+    places = {
+        "f": [2.0, 2.6, 2.6, 3.2, 2.9, 2.98, 2.3, 2.22, 2.0, 3.2, 2.6, 2.6],
+        "beta": [0.75] * 10 + [0.756, 0.745],
+        "delta_13": [3.1, 3.1, 2.55, 2.55, 3.1, 3.1, 2.55, 2.55, 0.3, 0.3, 3.1, 3.1],
+    }
+    rows = {
+        "name": "knees_ahead",
+        "config": str(CONFIG.with_name("aoi2011_knees_ahead.yaml")),
+        "vary": {"zip": {name: {"values": values} for name, values in places.items()}},
+        "run": {"kind": "settle", "max_cycles": 330, "max_time": 127, "tolerance": 1e-5},
+        "verify": 0,
+    }
+    (tmp_path / "job.yaml").write_text(yaml.safe_dump(rows))
+    table = gs.run(tmp_path / "job.yaml", tmp_path / "out").table
+    phases = np.angle(np.exp(1j * (table["delta_13_end"] - 2.0))) + 2.0
+    assert set(table["status"].astype(str)) == {"settled"}
+    trot, walk, pace = [0, 1, 4, 7], [2, 3, 5, 6], [8, 9]
+    assert np.abs(phases[trot] - 3.1).max() < 0.08
+    assert np.abs(phases[walk] - 2.7).max() < 0.13
+    assert np.abs(phases[pace] - 0.27).max() < 0.03
+    # the paper has the walk alone at .756, and the trot alone at .745
+    assert phases[10] > 3.0
+    assert phases[11] < 2.9
+    assert (table[[f"touchdowns_{i}_end" for i in range(1, 5)]].to_numpy() <= 2).all()
+    assert table[[f"duty_{i}_end" for i in range(1, 5)]].to_numpy()[trot + walk].max() < 0.67
