@@ -36,6 +36,7 @@ def search(
     side_by_side: int | None = None,
     first: Sequence[str] | None = None,
     first_within: float | None = None,
+    known: Sequence[Mapping[str, Any] | str] | None = None,
     seed: int | None = None,
     finalists: int | None = None,
     run: BaseModel | Mapping[str, Any] | None = None,
@@ -65,6 +66,7 @@ def search(
         side_by_side: batches that run at a time.
         first, first_within: targets that are measured first, and how many reading errors a set may miss
             them by to be measured further.
+        known: sets that are measured before all others, by their constants or by a config.
         seed: of all that is drawn, 0 by default.
         finalists: the best sets, which are measured again at half the step; 8 by default.
         run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
@@ -91,7 +93,7 @@ def search(
     begin = None if isinstance(start, Mapping) else start
     asked = {"free": free, "targets": targets, "method": method, "budget": budget, "population": population}
     asked |= {"side_by_side": side_by_side, "start": begin, "first": first, "first_within": first_within}
-    asked |= {"seed": seed, "finalists": finalists}
+    asked |= {"known": known, "seed": seed, "finalists": finalists}
     fields = {"run": run, "params": params, "numerics": numerics}
     if isinstance(model, Mapping) or is_job_file(model):
         refuse_beside_a_job(model, {**asked, **fields, "start": start, "engine": engine, **values})

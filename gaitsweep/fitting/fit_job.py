@@ -77,25 +77,12 @@ class FitJob:
         Raises:
             JobError: what is wrong with it.
         """
-        data = copy.deepcopy(self.given)
-        for field, names in (("params", self.spec.parameters), ("start", self.spec.starts)):
-            middle = {
-                name: each.at(np.array([0.5])).tolist()[0]
-                for name, each in self.free.items()
-                if name in names
-            }
-            # a job needs a value of these, which every measure replaces by its own
-            first = {
-                name: values[0]
-                for measure in self.measures.values()
-                for name, values in measure.at.items()
-                if name in names and name in self.without_default
-            }
-            if middle or first:
-                data[field] = {**(data.get(field) or {}), **first, **middle}
-        if structure:
-            data["structure"] = {**(data.get("structure") or {}), **structure}
-        return Job.model_validate(data, context={"folder": self.folder})
+        middle = {
+            name: each.at(np.array([0.5])).tolist()[0]
+            for name, each in self.free.items()
+            if name in self.spec.quantities
+        }
+        return self._job_with({**middle, **structure})
 
     def own_values(self, given: Mapping[str, Any] | str) -> dict[str, Any]:
         """The value of each free constant in a set of which some are given.
@@ -107,30 +94,44 @@ class FitJob:
         Raises:
             JobError: a name or a value that the model does not allow, or none where there is no default.
         """
-        data = copy.deepcopy(self.given)
         if isinstance(given, str):
-            data["config"] = given
+            job = self._job_with({}, config=given)
         else:
-            wrong = [
-                Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
-                for name in given
-                if name not in self.free
-            ]
-            _refuse(wrong)
-            for field, names in (
-                ("params", self.spec.parameters),
-                ("start", self.spec.starts),
-                ("structure", self.structure),
-            ):
-                if mine := {name: value for name, value in given.items() if name in names}:
-                    data[field] = {**(data.get(field) or {}), **mine}
-        job = Job.model_validate(data, context={"folder": self.folder})
+            _refuse(
+                [
+                    Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
+                    for name in given
+                    if name not in self.free
+                ]
+            )
+            job = self._job_with(given)
         numbers = [name for name in self.free if name in self.spec.quantities]
         there = job.plan.at(np.zeros(1, int), numbers)
         return {
             name: float(there[name][0]) if name in there else getattr(job.plan.model, name)
             for name in self.free
         }
+
+    def _job_with(self, values: Mapping[str, Any], config: str | None = None) -> Job:
+        """The job with values of constants, starts and structure, and with another config if one is given."""
+        data = copy.deepcopy(self.given)
+        if config is not None:
+            data["config"] = config
+        # a job needs a value of these, which every measure replaces by its own
+        needed = {
+            name: points[0]
+            for measure in self.measures.values()
+            for name, points in measure.at.items()
+            if name in self.without_default
+        }
+        for field, names in (
+            ("params", self.spec.parameters),
+            ("start", self.spec.starts),
+            ("structure", self.structure),
+        ):
+            if mine := {name: value for name, value in {**needed, **values}.items() if name in names}:
+                data[field] = {**(data.get(field) or {}), **mine}
+        return Job.model_validate(data, context={"folder": self.folder})
 
     def population(self) -> Population:
         """What measures sets of constants."""

@@ -40,15 +40,15 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         versions=provenance.versions(),
-        **_model_folder(ready.work.model),
+        **_model_folder(ready),
         git_commit=provenance.git_commit(),
         machine=provenance.machine(),
     )
 
 
-def _model_folder(model: Model) -> dict[str, str]:
+def _model_folder(ready: Prepared) -> dict[str, str]:
     """The folder of a user's model, where commands find it from elsewhere; none for the papers' models."""
-    folder = None if model.name in models.names() else folder_of_class(type(model))
+    folder = None if ready.job.model in models.names() else folder_of_class(type(ready.work.model))
     return {} if folder is None else {MODEL_FOLDER: str(folder)}
 
 

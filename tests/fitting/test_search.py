@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import errno
+import inspect
 import os
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.optimisers import METHODS, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.search import FINALISTS, run_search
-from gaitsweep.fitting.search_job import load_search, read_search
+from gaitsweep.fitting.search_job import Choice, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.part import plain
@@ -625,6 +626,18 @@ def test_known_sets_are_measured_first(tmp_path: Path) -> None:
         assert table["stiffness"].tolist()[:2] == pytest.approx([6.1, default], rel=1e-12)
         again = run_search(read_search(few, tmp_path), tmp_path / f"{method}_again").table
         assert_frame_equal(table, again)
+
+
+def test_every_field_of_a_search_is_a_keyword() -> None:
+    assert {"free", "targets", *Choice.model_fields} <= set(inspect.signature(gs.search).parameters)
+
+
+def test_a_known_set_needs_no_start_that_the_measures_set(tmp_path: Path) -> None:
+    fields = yaml.safe_load((SWEEPS / "multilegged_search.yaml").read_text())
+    fields["search"]["known"] = [{"kappa": 100}]
+    (known,) = read_search(fields, SWEEPS).known
+    assert known["kappa"] == 100.0
+    assert 0.72 <= known["beta"] <= 0.88
 
 
 def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:

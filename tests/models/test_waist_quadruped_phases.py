@@ -5,12 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
 import gaitsweep as gs
 
-CONFIG = Path(__file__).parents[2] / "configs" / "aoi2011_phases.yaml"
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def settled(config: str, places: dict[str, list[float]], folder: Path) -> tuple[pd.DataFrame, np.ndarray]:
+    """The rows of these places with a config's constants, all of which settle, and their Delta_13 (n,)."""
+    rows = {
+        "name": config,
+        "config": str(CONFIGS / f"{config}.yaml"),
+        "vary": {"zip": {name: {"values": values} for name, values in places.items()}},
+        "run": {"kind": "settle", "max_cycles": 330, "max_time": 127, "tolerance": 1e-5},
+        "verify": 0,
+    }
+    (folder / "job.yaml").write_text(yaml.safe_dump(rows))
+    table = gs.run(folder / "job.yaml", folder / "out").table
+    assert set(table["status"].astype(str)) == {"settled"}
+    return table, np.asarray(np.angle(np.exp(1j * (table["delta_13_end"] - 2.0))) + 2.0)
 
 
 @pytest.mark.slow
@@ -18,17 +34,7 @@ def test_phases_of_trot_walk_and_pace_are_the_papers(tmp_path: Path) -> None:
     """Fig. 5 but for the pace's phase, with located events, and beyond each edge."""
     places = {"f": [2.0, 2.6, 2.6, 3.2, 2.9, 3.05, 2.45, 2.25, 2.0, 3.2]}
     places["delta_13"] = [3.1, 3.1, 2.55, 2.55, 3.1, 3.1, 2.55, 2.55, 0.3, 0.3]
-    rows = {
-        "name": "phases",
-        "config": str(CONFIG),
-        "vary": {"zip": {name: {"values": values} for name, values in places.items()}},
-        "run": {"kind": "settle", "max_cycles": 330, "max_time": 127, "tolerance": 1e-5},
-        "verify": 0,
-    }
-    (tmp_path / "job.yaml").write_text(yaml.safe_dump(rows))
-    table = gs.run(tmp_path / "job.yaml", tmp_path / "out").table
-    phases = np.angle(np.exp(1j * (table["delta_13_end"] - 2.0))) + 2.0
-    assert set(table["status"].astype(str)) == {"settled"}
+    table, phases = settled("aoi2011_phases", places, tmp_path)
     trot, walk = [0, 1, 4, 7], [2, 3, 5, 6]
     assert np.abs(phases[trot] - 3.1).max() < 0.08
     assert np.abs(phases[walk] - 2.7).max() < 0.08
@@ -45,17 +51,7 @@ def test_knees_ahead_give_fig_5_but_not_fig_6(tmp_path: Path) -> None:
         "beta": [0.75] * 10 + [0.756, 0.745],
         "delta_13": [3.1, 3.1, 2.55, 2.55, 3.1, 3.1, 2.55, 2.55, 0.3, 0.3, 3.1, 3.1],
     }
-    rows = {
-        "name": "knees_ahead",
-        "config": str(CONFIG.with_name("aoi2011_knees_ahead.yaml")),
-        "vary": {"zip": {name: {"values": values} for name, values in places.items()}},
-        "run": {"kind": "settle", "max_cycles": 330, "max_time": 127, "tolerance": 1e-5},
-        "verify": 0,
-    }
-    (tmp_path / "job.yaml").write_text(yaml.safe_dump(rows))
-    table = gs.run(tmp_path / "job.yaml", tmp_path / "out").table
-    phases = np.angle(np.exp(1j * (table["delta_13_end"] - 2.0))) + 2.0
-    assert set(table["status"].astype(str)) == {"settled"}
+    table, phases = settled("aoi2011_knees_ahead", places, tmp_path)
     trot, walk, pace = [0, 1, 4, 7], [2, 3, 5, 6], [8, 9]
     assert np.abs(phases[trot] - 3.1).max() < 0.08
     assert np.abs(phases[walk] - 2.7).max() < 0.13
