@@ -10,12 +10,16 @@ import hashlib
 import importlib.util
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
 from gaitsweep.cache_folder import cache_folder, write_whole
+
+# batches of a search are measured by threads: one that asks for a module waits until its import has ended
+_IMPORT = threading.Lock()
 
 
 def module_of(source: str) -> ModuleType:
@@ -25,8 +29,11 @@ def module_of(source: str) -> ModuleType:
     # `llvm_code` determines the instructions as well as the source does
     own = Path(llvm_code.__file__).read_text()
     name = _name(source, own, f"numba {version('numba')}", f"llvmlite {version('llvmlite')}", sys.version)
-    if name in sys.modules:
-        return sys.modules[name]
+    with _IMPORT:
+        return sys.modules.get(name) or _imported(name, source)
+
+
+def _imported(name: str, source: str) -> ModuleType:
     file = _folder() / f"{name}.py"
     if not file.exists():
         write_whole(file, source.encode())
