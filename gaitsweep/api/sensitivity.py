@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def sensitivity(
-    model: AnyModel | Path,
+    model: AnyModel | Path | Mapping[str, Any],
     *,
     parameters: Mapping[str, Any] | None = None,
     outputs: Mapping[str, Mapping[str, Any]] | None = None,
@@ -47,9 +47,9 @@ def sensitivity(
     """Find how much outputs of a model depend on each of some constants.
 
     Args:
-        model: an instance, a class, a registered name, or "package.module:attribute"; or the path of a job
-            file with `sensitivity`, which ends in .yaml, or "builtin:NAME": then all else but `out`,
-            `overrides`, `progress` and `client` stands in the file.
+        model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
+            `sensitivity`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of
+            its fields: then all else but `out`, `overrides`, `progress` and `client` stands in the job.
         parameters: by name, a range [low, high] or {low, high, log, whole}, or a share of its value: "10%".
         outputs: measures by name, such as {"lag": {"kind": "value", "of": "psi_1", "at": {"psi_1": 1.0}}}.
         method: one_at_a_time, morris or sobol, the default.
@@ -57,7 +57,7 @@ def sensitivity(
         seed: of all that is drawn, 0 by default.
         run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
         out: the result directory; a stopped analysis goes on there. Without it the result is in memory, but
-            that of a job file goes to `results/NAME`.
+            that of a job goes to `results/NAME`.
         params, start, numerics, engine: as for `gaitsweep.sweep`.
         verify: sets that are measured again at half the step; 32 by default, 0: none.
         overrides: settings for a job file, such as "sensitivity.n=64".
@@ -73,11 +73,16 @@ def sensitivity(
         TableError, RunError: as for `gaitsweep.run`.
     """
     progress = progress_lines("sets") if progress is None else progress
-    if is_job_file(model):
+    if isinstance(model, Mapping) or is_job_file(model):
         given = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
         given |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
         refuse_beside_a_job(model, {**given, "verify": verify, **values})
-        job = load_sensitivity(model, overrides)
+        if not isinstance(model, Mapping):
+            job = load_sensitivity(model, overrides)
+        elif overrides:
+            raise ArgumentError("overrides are for a job file: change the mapping instead.")
+        else:
+            job = read_sensitivity(model, Path.cwd())
         return _in_directory(job, out, progress, client)
     if overrides:
         raise ArgumentError("overrides are for a job file: give the values as keywords.")

@@ -59,6 +59,14 @@ class NearBest:
     fitting: int
     constants: tuple[Constant, ...]
 
+    def __repr__(self) -> str:
+        """In words, a line for each constant."""
+        which = (
+            f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
+        )
+        lines = [f"  {each.name}: {_span(each)}" for each in self.constants] if len(self.best) else []
+        return "\n".join([f"NearBest: {which}", *lines])
+
     def summary(self) -> dict[str, Any]:
         """As the manifest has it."""
         first = self.best.iloc[0] if len(self.best) else None
@@ -89,6 +97,15 @@ def near_best(table: pd.DataFrame, search: Search) -> NearBest:
     chosen = sound.iloc[np.flatnonzero(near)]
     constants = tuple(_constant(name, free, sound, chosen) for name, free in search.free.items())
     return NearBest(chosen, int(fits.sum()), constants)
+
+
+def _span(constant: Constant) -> str:
+    """The near-best values of a constant in words."""
+    best, low, high = (
+        f"{each:.5g}" if isinstance(each, float) else str(each)
+        for each in (constant.best, constant.low, constant.high)
+    )
+    return f"best {best}, {low} to {high} ({constant.verdict})"
 
 
 def _constant(name: str, free: Free, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:

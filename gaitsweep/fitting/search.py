@@ -66,6 +66,12 @@ class Found:
     finalists: pd.DataFrame | None
     figures: tuple[Path, ...]
 
+    def __repr__(self) -> str:
+        best = self.near.summary()["best_score"]
+        score = "none complete" if best is None else f"least score {best:.4g}"
+        where = "in memory" if self.path is None else f"in {self.path}"
+        return f"Found({len(self.table)} sets: {score}, {self.near.fitting} fit all targets; {where})"
+
     def figure(self, name: str) -> Figure:
         """A figure of the search: convergence, constants or misses.
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gaitsweep import effort
+from gaitsweep.errors import ArgumentError
 from gaitsweep.job.schema import Job
 from gaitsweep.job.yaml_document import Document, read_document, read_value
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
@@ -24,7 +25,13 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
 
     Raises:
         JobError: all that is wrong, with file and line, or the override, of each.
+        ArgumentError: not a path.
     """
+    if not isinstance(path, (str, Path)):
+        raise ArgumentError(
+            f"path is a {type(path).__name__}, but takes the path of a YAML file: of fields in a dictionary "
+            "make a job by Job(**fields)."
+        )
     path = job_file(path)
     with effort.limited():
         document = laid_over(path, overrides)

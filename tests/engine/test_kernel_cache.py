@@ -15,7 +15,9 @@ def run():
 """
 
 
-def test_threads_that_ask_at_once_get_the_whole_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_that_ask_at_once_get_the_whole_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
     with ThreadPoolExecutor(4) as threads:
         modules = list(threads.map(module_of, 4 * [SLOW]))

@@ -6,6 +6,7 @@ import copy
 import errno
 import inspect
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,11 @@ def test_planted_constants_are_found_again(tmp_path: Path) -> None:
     assert best["stiffness"] == pytest.approx(STIFFNESS, rel=0.01)
     assert found.near.fitting > 20
     assert {each.verdict for each in found.near.constants} == {"pinned"}
+    assert re.fullmatch(r"Found\(400 sets: least score \S+, \d+ fit all targets; in .*/out\)", repr(found))
+    said = (
+        rf"NearBest: {found.near.fitting} sets fit\n  kick: best \S+, \S+ to \S+ \(pinned\)\n  stiffness: .*"
+    )
+    assert re.fullmatch(said, repr(found.near))
     assert list(found.table["row"]) == list(range(400))
     assert found.finalists is not None
     # events are located, so that half the step changes nothing

@@ -153,6 +153,12 @@ def test_a_cluster_goes_on_with_a_stopped_batch(tmp_path: Path, monkeypatch: pyt
     same_files(shared, tmp_path / "alone")
 
 
+def test_a_mapping_of_fields_is_a_job(tmp_path: Path) -> None:
+    mapping = gs.sensitivity(yaml.safe_load(JOB), out=tmp_path / "fields").table
+    alone = gs.sensitivity(written(tmp_path, JOB), out=tmp_path / "file").table
+    pd.testing.assert_frame_equal(mapping, alone, check_exact=True)
+
+
 def test_sets_do_not_depend_on_their_part(tmp_path: Path) -> None:
     file = written(tmp_path, JOB, "job.yaml")
     tables = []
@@ -311,6 +317,10 @@ def test_keywords_are_checked(tmp_path: Path) -> None:
         gs.sensitivity(file, n=8)
     with pytest.raises(ArgumentError, match="method stands in the job file"):
         gs.sensitivity(file, method="sobol")
+    with pytest.raises(ArgumentError, match="n stands in the job's fields"):
+        gs.sensitivity(yaml.safe_load(JOB), n=8)
+    with pytest.raises(ArgumentError, match="overrides are for a job file: change the mapping"):
+        gs.sensitivity(yaml.safe_load(JOB), overrides=["sensitivity.n=8"])
     with pytest.raises(ArgumentError, match="x_1 is an axis, but takes a number"):
         gs.sensitivity(response_model.Response, x_1=[1.0, 2.0], y_0=0.0)
     with pytest.raises(ArgumentError, match="overrides are for a job file"):

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from job_files import GOOD, MAP, RAMP, TRACE, refused, written
 
+from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, JobError, load_job
 
 
@@ -35,6 +36,11 @@ def test_a_precision_in_which_the_model_is_not_right(tmp_path: Path) -> None:
 
 def test_the_good_job_is_good(tmp_path: Path) -> None:
     load_job(written(tmp_path, GOOD))
+
+
+def test_fields_are_no_path() -> None:
+    with pytest.raises(ArgumentError, match=r"path is a dict, but takes the path .* make a job by Job\(\*\*"):
+        load_job({"name": "x"})  # pyright: ignore[reportArgumentType]
 
 
 # One line of the good job replaced: (line, what stands there instead, words that the message must have)
