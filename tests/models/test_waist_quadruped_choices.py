@@ -25,13 +25,21 @@ from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STAN
 from gaitsweep.models.waist_quadruped.mechanics import HIP, KNEE, LIMBS, body, joint_angles, joint_rates, mjcf
 from gaitsweep.models.waist_quadruped.rhythm import desired_velocities
 
-MODEL = WaistQuadruped()
+MODEL, HIGH = WaistQuadruped(), WaistQuadruped(heights="given")
+BODIES = ("front", "rear")
 QUICK = {"T_grow": 0.4, "T_hold": 0.7}  # D and h full after one cycle
 STEPS = Numerics(dt=2e-4, method="semi_implicit")
 HIPS = {
     "front_hip_x": 0.051, "rear_hip_x": 0.044, "front_hip_y": 0.047, "rear_hip_y": 0.052,
     "body_distance": 0.093,
 }  # fmt: skip
+HEIGHTS = {
+    "front_height": 0.06,
+    "rear_height": 0.045,
+    "front_hip_z": -0.012,
+    "rear_hip_z": 0.004,
+    "waist_z": 0.007,
+}
 POSTURE = {"x_c_fore": 0.001, "x_c_hind": -0.003, "H_fore": 0.1335, "H_hind": 0.132}
 GROUND = {"K_N": 2.9e4, "D_N": 150.0, "D_TL": 190.0, "D_rising": 0.4, "clamp": 1.0, "anchor_kept": 1.0}
 RESET = {"gate": 0.7, "landing_actual": 0.15}
@@ -64,8 +72,9 @@ def observed(
         ({}, {**HIPS, **POSTURE, **GROUND, **RESET}),
         ({}, {"late_reset": 0.0, "fore_knees": 0.0}),
         ({"damping": "rate_error"}, {"sigma_1": 0.2, "sigma_2": 0.12, "hind_knees": 1.0}),
+        ({"heights": "given"}, {**HEIGHTS, **HIPS, "hind_knees": 1.0}),
     ],
-    ids=["ellipse", "sine", "two_cycloids", "parameters", "late_reset", "rate_error"],
+    ids=["ellipse", "sine", "two_cycloids", "parameters", "late_reset", "rate_error", "heights"],
 )
 def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], params: dict[str, float]) -> None:
     """Three cycles of the loop written from the model's page alone, with events located in both.
@@ -75,8 +84,9 @@ def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], param
     model, near = WaistQuadruped(**structure), 1e-6 if structure.get("damping") is None else 1e-5
     near = 1e-5 if "clamp" in params else near
     found = observed(model, {**QUICK, **params}, 3, Numerics(dt=2e-5, method="rk4"))
-    values = {name: float(value[0]) for name, value in complete(MODEL, {**QUICK, **params}, 1).items()}
-    expected = landings(mjcf(), values, 2.9, 3, rtol=1e-9, **structure)
+    values = {name: float(value[0]) for name, value in complete(model, {**QUICK, **params}, 1).items()}
+    words = {name: word for name, word in structure.items() if name != "heights"}
+    expected = landings(mjcf(), values, 2.9, 3, rtol=1e-9, **words)
     phases = np.array([one.phases for one in expected])
     for name, (i, j) in {"delta_13": (0, 2), "delta_12": (0, 1), "delta_34": (2, 3)}.items():
         np.testing.assert_allclose(found[name], np.mod(phases[:, i] - phases[:, j], 2.0 * math.pi), atol=near)
@@ -339,43 +349,70 @@ def test_a_joint_that_moves_as_it_should_feels_no_torque() -> None:
 # ---- places and posture -----------------------------------------------------------------------------------
 
 
-def test_hips_and_bodies_are_where_they_are_put() -> None:
+@pytest.mark.parametrize(("kind", "heights"), [(MODEL, {}), (HIGH, HEIGHTS)], ids=["level", "given"])
+def test_hips_and_bodies_are_where_they_are_put(kind: WaistQuadruped, heights: dict[str, float]) -> None:
     """Feet by MuJoCo's kinematics of a body made from the page; a drawing has them at the same places."""
-    sizes = {"front_length": 0.11, "rear_width": 0.09}
-    values = {name: float(value[0]) for name, value in complete(MODEL, {**HIPS, **sizes}, 1).items()}
+    given = {**HIPS, **heights, "front_length": 0.11, "rear_width": 0.09}
+    values = {name: float(value[0]) for name, value in complete(kind, given, 1).items()}
     q = np.r_[0.1, 0.2, 0.3, 0.9, 0.1, -0.3, 0.2, np.random.default_rng(4).normal(0.0, 0.5, 9)]
     q[3:7] /= np.linalg.norm(q[3:7])
-    found, _ = scalars(MODEL, **HIPS, **sizes).mechanics.feet(jnp.asarray(q), jnp.zeros(15))
-    for model in (varied(mjcf(), values), mujoco.MjModel.from_xml_string(scaled_mjcf(values))):
+    found, _ = scalars(kind, **given).mechanics.feet(jnp.asarray(q), jnp.zeros(15))
+    page, drawn = varied(mjcf(), values), mujoco.MjModel.from_xml_string(scaled_mjcf(values))
+    boxes = [drawn.geom_size[drawn.body(name).geomadr[0]] for name in ("front", "rear")]
+    wanted = [(values[f"{n}_length"], values[f"{n}_width"], values.get(f"{n}_height", 0.05)) for n in BODIES]
+    np.testing.assert_allclose(2.0 * np.array(boxes), wanted, atol=1e-15)
+    for model in (page, drawn):
         data = mujoco.MjData(model)
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(found, [data.site(f"foot_{i + 1}").xpos for i in LIMBS], atol=1e-14)
     tree, _ = body()
-    centre = scalars(MODEL, **HIPS, **sizes).mechanics.geometry().com[tree.index("rear")]
-    np.testing.assert_allclose(centre, [-(0.093 - 0.055), 0.0, 0.0], atol=1e-15)
+    geometry = scalars(kind, **given).mechanics.geometry()
+    centre = geometry.com[tree.index("rear")]
+    np.testing.assert_allclose(centre, [-(0.093 - 0.055), 0.0, -heights.get("waist_z", 0.0)], atol=1e-15)
+    for name in BODIES:  # the boxes' own axes are those of their frames
+        inertia = np.diag(page.body(name).inertia)
+        np.testing.assert_allclose(geometry.inertia[tree.index(name)], inertia, rtol=1e-12)
 
 
 @pytest.mark.slow
-def test_hips_of_mjx_are_at_the_same_places() -> None:
-    model = WaistQuadruped("mjx")
-    columns = model.on_host(complete(model, HIPS, 1))
+@pytest.mark.parametrize("heights", [{}, HEIGHTS], ids=["level", "given"])
+def test_hips_of_mjx_are_at_the_same_places(heights: dict[str, float]) -> None:
+    word, given = "given" if heights else "level", {**HIPS, **heights}
+    model, other = WaistQuadruped("mjx", heights=word), WaistQuadruped(heights=word)
+    columns = model.on_host(complete(model, given, 1))
     p = model.params({name: jnp.asarray(column[0]) for name, column in columns.items()})
-    tree = scalars(MODEL, **HIPS)
-    s = MODEL.init(tree, {"delta_13": jnp.asarray(2.9)})
+    tree = scalars(other, **given)
+    s = other.init(tree, {"delta_13": jnp.asarray(2.9)})
     s = dataclasses.replace(s, v=jnp.asarray(np.random.default_rng(2).normal(0.0, 0.3, 15)))
     found, wanted = (
         jax.jit(kind.in_steps().step)(values, s, jnp.asarray(2e-4))
-        for kind, values in ((model, p), (MODEL, tree))
+        for kind, values in ((model, p), (other, tree))
     )
     np.testing.assert_allclose(found.v, wanted.v, atol=1e-11)
 
 
-@pytest.mark.parametrize("posture", [{}, POSTURE, {"H": 0.13, "x_c": 0.004, "H_hind": 0.125}])
+def test_heights_of_a_level_body_change_nothing() -> None:
+    """Default heights are those of the level body: the same landings, but for rounding."""
+    level, given = (observed(kind, QUICK, 3, STEPS) for kind in (MODEL, HIGH))
+    for name, values in level.items():
+        np.testing.assert_allclose(given[name], values, atol=1e-9)
+
+
+def test_heights_are_given_where_the_structure_says_so() -> None:
+    job = {"name": "high", "model": "waist_quadruped", "params": {"waist_z": 0.01}, "run": {"kind": "settle"}}
+    assert Job(**job, structure={"heights": "given"}).plan.model == HIGH
+    with pytest.raises(JobError, match=r"params\.waist_z is not"):
+        Job(**job)
+    with pytest.raises(ValueError, match=r"heights is 'given_'; did you mean given"):
+        WaistQuadruped(heights="given_")
+
+
+@pytest.mark.parametrize("posture", [{}, POSTURE, HEIGHTS, {"H": 0.13, "x_c": 0.004, "H_hind": 0.125}])
 def test_it_begins_with_all_feet_on_the_ground(posture: dict[str, float]) -> None:
     """At the depth at which the springs carry the weight of 2.8 kg, whatever the limbs' lengths."""
-    p = scalars(MODEL, **posture, K_N=2e4)
-    s = MODEL.init(p, {"delta_13": jnp.asarray(2.9)})
+    p = scalars(HIGH, **posture, K_N=2e4)
+    s = HIGH.init(p, {"delta_13": jnp.asarray(2.9)})
     np.testing.assert_allclose(s.height, -2.8 * 9.8 / (4.0 * 2e4), atol=1e-15)
     assert float(jnp.linalg.norm(s.q[3:7])) == pytest.approx(1.0, abs=1e-15)
 

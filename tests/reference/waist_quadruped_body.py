@@ -1,6 +1,6 @@
 """The quadruped with a waist joint as an MjModel of other masses and lengths, from its page alone.
 
-Boxes of m_B, l_B x w_B x 0.05 m; rods of m_L and l_L; the waist at the end of the front body; hips where they
+Boxes of m_B, l_B x w_B x h_B; rods of m_L and l_L; the waist at the end of the front body; hips where they
 are given, else where the MJCF has them, in proportion.
 """
 
@@ -14,14 +14,12 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-HEIGHT = 0.05  # m, of both bodies
-
 
 def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
     """The body with `link_mass` (kg), `link_length` (m), `g`, and masses and sizes of both its bodies.
 
     `front_mass`, `rear_length` and so on; where they are left out, `body_mass`, `body_length`, `body_width`.
-    `front_hip_x`, `rear_hip_y`, `body_distance` and so on may be left out.
+    `front_hip_x`, `rear_hip_y`, `body_distance` and so on may be left out, and so may all heights.
     """
     spec = mujoco.MjSpec.from_string(xml)
     link, length = values["link_mass"], values["link_length"]
@@ -30,7 +28,8 @@ def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
     for name in ("front", "rear"):
         parts = ("mass", "length", "width")
         mass, long, wide = (values.get(f"{name}_{part}", values.get(f"body_{part}")) for part in parts)
-        box = mass / 12.0 * np.array([wide**2 + HEIGHT**2, long**2 + HEIGHT**2, long**2 + wide**2])
+        high = values.get(f"{name}_height", 0.05)
+        box = mass / 12.0 * np.array([wide**2 + high**2, long**2 + high**2, long**2 + wide**2])
         trunks[name] = mass, box, np.array([long / 0.1, wide / 0.1, 1.0])
     for body in spec.bodies[1:]:
         if body.name in trunks:
@@ -46,10 +45,12 @@ def varied(xml: str, values: Mapping[str, float]) -> mujoco.MjModel:
             site.pos = [0.0, 0.0, -length]
     if "body_distance" in values:
         behind = values["body_distance"] - 0.5 * (values["front_length"] / 0.1) * 0.1
-        spec.body("rear").ipos = [-behind, 0.0, 0.0]
+        axis = values.get("waist_z", 0.0)
+        spec.body("rear").pos[2], spec.body("rear").ipos = axis, [-behind, 0.0, -axis]
         for number, side in ((1, -1), (2, 1), (3, -1), (4, 1)):
             name = "front" if number < 3 else "rear"
             x = values["front_hip_x"] if number < 3 else -behind - values["rear_hip_x"]
-            spec.body(f"upper_{number}").pos = [x, side * values[f"{name}_hip_y"], 0.0]
+            z = values.get(f"{name}_hip_z", 0.0) - (axis if name == "rear" else 0.0)
+            spec.body(f"upper_{number}").pos = [x, side * values[f"{name}_hip_y"], z]
     spec.option.gravity = [0.0, 0.0, -values["g"]]
     return spec.compile()

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, displacements, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import HEIGHTS, LIMBS, displacements, factors, mjcf
 from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
@@ -29,23 +29,21 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     Args:
         values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
     """
-    hips, centre = displacements(SimpleNamespace(**values), np.array)
+    of = SimpleNamespace(**{**dict.fromkeys(HEIGHTS), **values})
+    moved, centre = displacements(of, np.array)
+    _, sizes = factors(of, np.array)
     root = ElementTree.fromstring(mjcf())
-    trunks = {
-        name: np.array([values[f"{name}_length"] / 0.1, values[f"{name}_width"] / 0.1, 1.0])
-        for name in ("front", "rear")
-    }
-    link = np.full(3, values["link_length"] / 0.08)
+    link = np.full(3, sizes["upper_1"])
     for geom in root.findall("default//geom[@fromto]"):
         _edit(geom, "fromto", lambda at: at * np.tile(link, 2))
     for body in root.iter("body"):
-        factor = trunks.get(str(body.get("name")), link)
+        factor = sizes.get(str(body.get("name")), link) * np.ones(3)
         for part in body:
             if part.get("pos"):
                 _edit(part, "pos", lambda at, by=factor: at * by)
             if part.get("type") == "box":
                 _edit(part, "size", lambda at, by=factor: at * by)
-        if (by := hips.get(str(body.get("name")))) is not None:
+        if (by := moved.get(str(body.get("name")))) is not None:
             _edit(body, "pos", lambda at, by=by: at + by)
         if body.get("name") == "rear":
             for part in (*body.findall("inertial"), *body.findall("geom")):

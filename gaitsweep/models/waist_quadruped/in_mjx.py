@@ -12,7 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.dynamics.tree.external_force import PointForce
-from gaitsweep.models.waist_quadruped.mechanics import LIMBS, WaistMechanics, displacements, factors, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import (
+    HEIGHTS,
+    LIMBS,
+    WaistMechanics,
+    displacements,
+    factors,
+    mjcf,
+)
 from gaitsweep.models.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.models.waist_quadruped.state import State
 
@@ -30,18 +37,28 @@ _TABLE_1 = {
     **{f"{body}_hip_y": 0.05 for body in ("front", "rear")},
     "body_distance": 0.1,
 }
+_LEVEL = dict(zip(HEIGHTS, (0.05, 0.05, 0.0, 0.0, 0.0), strict=True))
 
 
 class WaistMjxBody(WaistBody):
-    """The body in MJX; the host compiles it for each row's masses, lengths and places of hips."""
+    """The body in MJX; the host compiles it for each row's masses, lengths and places of hips.
 
-    compiled_of = tuple(_TABLE_1)
+    Args:
+        level: whether hips and the waist's axis are level with the centres of mass.
+    """
+
+    def __init__(self, level: bool) -> None:
+        self.level = level
+
+    @property
+    def compiled_of(self) -> tuple[str, ...]:
+        return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHTS)
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return variants().on_host(values)
+        return variants(self.level).on_host(values)
 
     def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        return variants().of_row(values)
+        return variants(self.level).of_row(values)
 
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return mjx_body().points(_numbers(m), s.q, s.v)
@@ -71,16 +88,16 @@ def mjx_body() -> MjxBody:
 
 
 @cache
-def variants() -> Variants:
-    """The bodies with other masses and lengths."""
+def variants(level: bool) -> Variants:
+    """The bodies with other masses and lengths, and other heights where they are not level."""
     from gaitsweep.dynamics.mjx.variants import Variants, rescale
 
     def edit(spec: Any, values: Mapping[str, float]) -> None:
-        of = SimpleNamespace(**values)
+        of = SimpleNamespace(**{**dict.fromkeys(HEIGHTS), **values})
         rescale(spec, *factors(of, np.stack))
         hips, centre = displacements(of, np.stack)
         for name, by in hips.items():
             spec.body(name).pos = spec.body(name).pos + by
         spec.body("rear").ipos = spec.body("rear").ipos + centre
 
-    return Variants(mjcf(), edit, _TABLE_1)
+    return Variants(mjcf(), edit, _TABLE_1 if level else _TABLE_1 | _LEVEL)

@@ -21,10 +21,12 @@ LIMBS = range(4)
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
 # chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
 RELEASE = 1e-7
-# Limits of a fall: height as a share of H, and angles of tilt and twist (rad).
+# Limits of a fall: height as a share of that in stance, and angles of tilt and twist (rad).
 LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 # Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
+# What a body has of its own where its hips and its waist's axis are not level with the centres of mass.
+HEIGHTS = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
 
 
 @jax.tree_util.register_dataclass
@@ -33,7 +35,7 @@ class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
     `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
-    MJX; it is empty for the tree. `mu` is None where feet do not slip.
+    MJX; it is empty for the tree. `mu` is None where feet do not slip, and HEIGHTS are None in a level body.
     """
 
     kappa_w: jax.Array
@@ -66,9 +68,14 @@ class WaistMechanics:
     body_distance: jax.Array
     numbers: dict[str, jax.Array]
     mu: jax.Array | None = None
+    front_height: jax.Array | None = None
+    rear_height: jax.Array | None = None
+    front_hip_z: jax.Array | None = None
+    rear_hip_z: jax.Array | None = None
+    waist_z: jax.Array | None = None
 
     def geometry(self) -> Geometry:
-        """The geometry of Table I's body, scaled to these masses and lengths, except heights of bodies."""
+        """The geometry of Table I's body, scaled to these masses and lengths."""
         tree, of_table_1 = body()
         mass, size = factors(self, jnp.stack)
         scaled = rescaled(tree, of_table_1, mass=mass, size=size)
@@ -262,13 +269,13 @@ def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
     return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
 
 
-def fallen(q: jax.Array, H: jax.Array) -> jax.Array:
-    """Whether the front body is far below `H` (m) or tilted, or the waist is twisted."""
+def fallen(q: jax.Array, stands: jax.Array) -> jax.Array:
+    """Whether the front body is far below its height in stance (m) or tilted, or the waist is twisted."""
     ahead, side, up, norm = _rises(q)
     rolled = jnp.abs(side) > math.tan(TILTED) * up
     pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
     twisted = jnp.abs(q[WAIST]) > TWISTED
-    return (q[2] < LOW * H) | rolled | pitched | twisted
+    return (q[2] < LOW * stands) | rolled | pitched | twisted
 
 
 def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
@@ -283,12 +290,16 @@ def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any],
     """The factors of mass and of size of each body relative to Table I, by name.
 
     Args:
-        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays.
+        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHTS are None
+            in a level body.
         stack: the function that stacks them to an array.
     """
     front, rear = (
-        stack([length / 0.1, width / 0.1, 1.0])
-        for length, width in ((of.front_length, of.front_width), (of.rear_length, of.rear_width))
+        stack([length / 0.1, width / 0.1, 1.0 if height is None else height / 0.05])
+        for length, width, height in (
+            (of.front_length, of.front_width, of.front_height),
+            (of.rear_length, of.rear_width, of.rear_height),
+        )
     )
     links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
     mass = {"front": of.front_mass, "rear": of.rear_mass} | dict.fromkeys(links, of.link_mass / 0.1)
@@ -297,13 +308,14 @@ def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any],
 
 
 def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
-    """Displacements (3,), m, of the hips, by link, and of the rear body's centre of mass, in their bodies.
+    """Displacements (3,), m, of hips and waist, by link, and of the rear body's centre of mass.
 
     They are relative to the places that `factors` scales with the bodies, at which all are zero. The rear
     body's frame is at the waist, which is at the end of the front body.
 
     Args:
-        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays.
+        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays; HEIGHTS are None in a
+            level body.
         stack: the function that stacks them to an array (3,).
     """
     front_size, rear_size = of.front_length / 0.1, of.rear_length / 0.1
@@ -311,11 +323,13 @@ def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str,
     apart = 0.05 * front_size + 0.05 * rear_size - of.body_distance
     front = of.front_hip_x - 0.048 * front_size, of.front_hip_y - 0.05 * front_width
     rear = apart + (0.048 * rear_size - of.rear_hip_x), of.rear_hip_y - 0.05 * rear_width
-    moved = {}
+    level = of.waist_z is None
+    front_z, rear_z, axis = (0.0, 0.0, 0.0) if level else (of.front_hip_z, of.rear_hip_z, of.waist_z)
+    moved = {} if level else {"rear": stack([0.0, 0.0, axis])}
     for i in LIMBS:
-        x, y = front if i < 2 else rear
-        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, 0.0])
-    return moved, stack([apart, 0.0, 0.0])
+        x, y, z = (*front, front_z) if i < 2 else (*rear, rear_z - axis)
+        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, z])
+    return moved, stack([apart, 0.0, -axis])
 
 
 def mjcf() -> str:

@@ -43,7 +43,7 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     joint_angles,
     tilt,
 )
-from gaitsweep.models.waist_quadruped.parameters import MU, OBSERVABLES, PARAMETERS, SIGNALS
+from gaitsweep.models.waist_quadruped.parameters import HEIGHTS, MU, OBSERVABLES, PARAMETERS, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import (
     after_events,
     anchors,
@@ -60,6 +60,7 @@ from gaitsweep.near_miss import suggestion
 BODIES = ("tree", "mjx")
 DAMPINGS = ("joint_rate", "rate_error")
 SLIPS = ("none", "coulomb")
+HEIGHT_CHOICES = ("level", "given")
 
 
 def _word(default: str, meaning: str, allowed: tuple[str, ...]) -> Any:
@@ -83,6 +84,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     swing: str = _word("cycloid", "curve of the desired foot in swing", SWINGS)
     damping: str = _word("joint_rate", "rate that joints are damped by: their own, or its error", DAMPINGS)
     slip: str = _word("none", "feet slip by Coulomb friction mu (fixed steps), or never", SLIPS)
+    heights: str = _word(
+        "level", "hips and the waist's axis: level with the centres of mass, or given", HEIGHT_CHOICES
+    )
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
@@ -110,11 +114,12 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def _mover(self) -> WaistBody:
-        return WaistTreeBody() if self.body == "tree" else WaistMjxBody()
+        return WaistTreeBody() if self.body == "tree" else WaistMjxBody(self.heights == "level")
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
-        return PARAMETERS if self.slip == "none" else (*PARAMETERS, MU)
+        heights = () if self.heights == "level" else HEIGHTS
+        return (*PARAMETERS, *heights, *(() if self.slip == "none" else (MU,)))
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -175,9 +180,9 @@ class WaistQuadruped(WaistDrawing, HybridModel):
             hip, knee = joint_angles(x[i], z[i], m.link_length, m.bends[i])
             angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
         # pitched so that fore and hind feet are at one height
-        fore = m.front_hip_x + p.x_c_fore
-        pitch = jnp.arctan2(p.H_hind - p.H_fore, fore + m.body_distance + m.rear_hip_x - p.x_c_hind)
-        height = p.H_fore * jnp.cos(pitch) + fore * jnp.sin(pitch)
+        fore, (fore_depth, hind_depth) = m.front_hip_x + p.x_c_fore, self._depths(p)
+        pitch = jnp.arctan2(hind_depth - fore_depth, fore + m.body_distance + m.rear_hip_x - p.x_c_hind)
+        height = fore_depth * jnp.cos(pitch) + fore * jnp.sin(pitch)
         turn = jnp.cos(0.5 * pitch), zero, jnp.sin(0.5 * pitch), zero
         q = jnp.concatenate([jnp.stack([zero, zero, height, *turn]), jnp.stack(angles)])
         # compression of the ground by the body's weight
@@ -307,7 +312,14 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def failed(self, params: Params, state: State) -> jax.Array:
         """Whether the body is too low, tilted or twisted."""
-        return fallen(state.q, params.H_fore)
+        return fallen(state.q, self._depths(params)[0])
+
+    def _depths(self, p: Params) -> tuple[jax.Array, jax.Array]:
+        """Depths (m) of the extreme positions of fore and hind feet below their bodies' centres of mass."""
+        m = p.mechanics
+        if m.front_hip_z is None or m.rear_hip_z is None:
+            return p.H_fore, p.H_hind
+        return p.H_fore - m.front_hip_z, p.H_hind - m.rear_hip_z
 
     def period(self, params: Params) -> jax.Array:
         return TWO_PI / params.omega

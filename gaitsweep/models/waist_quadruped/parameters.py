@@ -65,6 +65,25 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
     )  # fmt: skip
 
 
+# Where hips and the waist's axis are not level with the centres of mass.
+HEIGHTS = (
+    _positive("body_height", "m", "height of each body", 0.05, "h_B", _SEARCH),
+    *_of_body("height", "m", "height", "body_height", "h"),
+    *(
+        Quantity(
+            f"{body}_hip_z",
+            "m",
+            f"hips above the centre of mass of the {body} body",
+            default,
+            symbol=rf"z_\mathrm{{hip,{body[0].upper()}B}}",
+            source=_SEARCH,
+        )
+        for body, default in (("front", 0.0), ("rear", "front_hip_z"))
+    ),
+    Quantity(
+        "waist_z", "m", "axis of the waist above the centres of mass", 0.0, symbol="z_w", source=_SEARCH
+    ),
+)
 # Where feet slip.
 MU = _positive("mu", "1", "coefficient of friction between feet and ground", 1.0, r"\mu", "")
 PARAMETERS = (

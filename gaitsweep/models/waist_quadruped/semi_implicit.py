@@ -9,7 +9,6 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +39,10 @@ STEPS_TO_RATE = 1.25
 class WaistBody(abc.ABC):
     """The rigid-body dynamics of the quadruped: positions of the feet, a step, and values of a row."""
 
-    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
+    @property
+    def compiled_of(self) -> tuple[str, ...]:
+        """The parameters that `on_host` needs."""
+        return ()
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """As `Model.on_host`."""
