@@ -22,10 +22,10 @@ from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.job.plan import inside, must
-from gaitsweep.kinds import RUN_KINDS, Ramp
+from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic, unknown_field
 from gaitsweep.kinds.diagnostics import Path as FieldPath
-from gaitsweep.kinds.part import Part
+from gaitsweep.kinds.part import Part, kind_of
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.shipped import job_file
 
@@ -181,25 +181,31 @@ def read_measure(
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
     fields = {key: each for key, each in value.items() if key in own}
     if "run" in fields and "run" in own:
-        if (ramp := _read_ramp(fields["run"], (*path, "run"), wrong)) is None:
+        if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
             return None
-        fields["run"] = ramp
+        fields["run"] = run
     return read_part(part, fields, path, wrong)
 
 
-def _read_ramp(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Ramp | None:
-    """The run of a measure of ramps; what is wrong with it is added to `wrong`."""
-    if isinstance(value, Ramp):
+def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
+    """The run that a measure of this kind has of its own; what is wrong with it is added to `wrong`."""
+    if isinstance(value, measure.runs):
         return value
+    kinds = {kind_of(run): run for run in measure.runs}
     if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields. {near_miss.allowing(Owner('', Ramp).fields)}"
+        text = f"is {found(value)}, but takes fields, kind among them: {' or '.join(kinds)}."
         wrong.append(Diagnostic(path, text))
         return None
-    if "kind" in value and value["kind"] != "ramp":
-        text = f"is {found(value['kind'])}, but a measure that has a run of its own takes ramp."
+    kind = value.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
+    if not isinstance(kind, str) or kind not in kinds:
+        said = "is missing" if kind is None else f"is {found(kind)}"
+        text = f"{said}, but the run of a measure ({kind_of(measure)}) is {' or '.join(kinds)}."
         wrong.append(Diagnostic((*path, "kind"), text))
         return None
-    return read_part(Ramp, value, path, wrong)
+    if value.get("refine") is not None:
+        wrong.append(Diagnostic((*path, "refine"), "has no place in the run of a measure: take it out."))
+        return None
+    return read_part(kinds[kind], value, path, wrong)
 
 
 def read_part(part: type[Part], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:

@@ -17,6 +17,7 @@ from gaitsweep.contract import Model, Status, Verdict
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
+from gaitsweep.kinds import FixedTime, Settle
 from gaitsweep.kinds.numbers import CountOrZero, InvalidValue, Text, checked, read_real, read_text
 from gaitsweep.kinds.part import Part
 from gaitsweep.kinds.run_kind import RunKind
@@ -82,6 +83,7 @@ class Measure(Part):
     """A number that is measured of a set of constants."""
 
     on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows
+    runs: ClassVar[tuple[type[RunKind], ...]] = ()  # what may be done with its rows, if it says so itself
 
     at: At = Field(description="parameters and starts of its rows by name; lists multiply")
 
@@ -113,6 +115,21 @@ class Measure(Part):
         None where all is well.
         """
         return None
+
+
+class RowMeasure(Measure):
+    """A number that is measured of the last records of rows."""
+
+    runs: ClassVar[tuple[type[RunKind], ...]] = (Settle, FixedTime)
+
+    run: Annotated[
+        Settle | FixedTime | None,
+        WithJsonSchema({"anyOf": [Settle.model_json_schema(), FixedTime.model_json_schema()]}),
+    ] = Field(default=None, description="settle or fixed_time with its fields; by default the job's own run")
+
+    @property
+    def own_run(self) -> RunKind | None:
+        return self.run
 
 
 def _read_gaits(value: Any) -> tuple[str, ...]:
@@ -155,7 +172,7 @@ _AMONG: Any = Field(
 )
 
 
-class Value(Measure):
+class Value(RowMeasure):
     """The mean of a column over rows, that of angles on the circle; no value if one of them is not sound."""
 
     kind: Literal["value"] = Field(description="value: a column of a row's last record")
@@ -191,7 +208,7 @@ class Value(Measure):
         return wrong_column(self.of_, columns) or _wrong_ranges(self.among, columns)
 
 
-class Edge(Measure):
+class Edge(RowMeasure):
     """Where rows leave a gait: the middle between the last hold that has it and the first that has not.
 
     Holds are read in the order written; the first has to have the gait.
@@ -221,7 +238,7 @@ class Edge(Measure):
         return wrong_gait(self.gait, model.gaits)
 
 
-class Share(Measure):
+class Share(RowMeasure):
     """The share of rows that end in a gait; failed rows have none."""
 
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
@@ -246,7 +263,7 @@ class Share(Measure):
         return _wrong_ranges(self.among, columns)
 
 
-class Order(Measure):
+class Order(RowMeasure):
     """The least step between the medians of a column in successive groups of gaits: above 0 in their order.
 
     A group that no sound row shows leaves it without a value.
@@ -283,7 +300,7 @@ class Order(Measure):
         return wrong_column(self.of_, columns)
 
 
-class Prominence(Measure):
+class Prominence(RowMeasure):
     """How far a column falls between both ends of a list and rises again: its least value's prominence.
 
     It is the smaller of the largest values on the two sides of the least inner value, less that value:
@@ -322,7 +339,7 @@ class Prominence(Measure):
         return wrong_column(self.of_, columns)
 
 
-class Failures(Measure):
+class Failures(RowMeasure):
     """The share of rows that fail: fall, diverge, stall."""
 
     kind: Literal["failures"] = Field(description="failures: the share of rows that fall or fail otherwise")

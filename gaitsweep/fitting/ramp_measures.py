@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, WithJsonSchema
@@ -20,7 +20,7 @@ from gaitsweep.fitting.measures import (
     wrong_column,
     wrong_gait,
 )
-from gaitsweep.kinds import Ramp
+from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.kinds.numbers import Count, CountOrZero, Text
 
 _SUFFIX = "_n"
@@ -35,6 +35,8 @@ class Crossings(NamedTuple):
 
 class RampMeasure(Measure):
     """A number that is measured of rows in which a parameter moves."""
+
+    runs: ClassVar[tuple[type[RunKind], ...]] = (Ramp,)
 
     run: Annotated[Ramp, WithJsonSchema(Ramp.model_json_schema())] = Field(
         description="the ramp of its rows, as a job's run: kind, parameter, path, rate, initial_dwell"

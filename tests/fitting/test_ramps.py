@@ -248,10 +248,10 @@ def test_the_share_of_a_sequence(gaits: str, share: float) -> None:
     ("change", "sentence"),
     [
         ({"run": None}, "run is missing: the ramp of its rows"),
-        ({"run": "ramp"}, 'run is "ramp", but takes fields. Allowed: kind, parameter'),
+        ({"run": "ramp"}, 'run is "ramp", but takes fields, kind among them: ramp.'),
         (
             {"run": {**RAMP, "kind": "settle"}},
-            'run.kind is "settle", but a measure that has a run',
+            'run.kind is "settle", but the run of a measure (transition) is ramp.',
         ),
         ({"run": {**RAMP, "rat": 1.0}}, "run.rat is not a field of run; did you mean rate?"),
         ({"run": {**RAMP, "rate": -1.0}}, "run.rate is -1, but must be above 0"),

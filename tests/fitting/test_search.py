@@ -112,6 +112,23 @@ def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
     assert_frame_equal(short, stored.table.iloc[:16])
 
 
+def test_measures_may_have_a_run_of_their_own(tmp_path: Path) -> None:
+    """Early launches are those of the toy's geometric series; late ones have come to rest."""
+    short = {"run": {"kind": "fixed_time", "duration": 6.0}, "at": {"mass": 1, "launch_1": 1.0}, "error": 1}
+    targets = {
+        "early": {"kind": "value", "of": "launch_1", "wanted": SPEED, **short},
+        "launches": {"kind": "value", "of": "cycles", "wanted": 3, **short},
+        "hops": {"kind": "share", "gait": "hop", "wanted": 1, **short},
+        **TOY["search"]["targets"],
+    }
+    found = gs.search(job(targets=targets, method="sobol", budget=16), tmp_path / "out").table
+    last = found["kick"] / (1.0 - RESTITUTION)
+    assert found["launches"].nunique() > 2
+    early = last + RESTITUTION ** found["launches"] * (1.0 - last)
+    np.testing.assert_allclose(found["early"], early, rtol=1e-9)
+    np.testing.assert_allclose(found["speed"], last, rtol=1e-6)
+
+
 def test_workers_of_a_client_send_the_rows_here() -> None:
     distributed = pytest.importorskip("distributed")
     fields = job(budget=32, finalists=0)
@@ -336,6 +353,20 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
         (
             {"at": {"mass": {"linspace": [1, 2, 200]}, "preload": {"linspace": [1, 2, 200]}}},
             "search.targets.speed.at makes 40000 rows of a set, but a measure takes 10000 at most",
+        ),
+        ({"run": "settle"}, 'run is "settle", but takes fields, kind among them: settle or fixed_time.'),
+        (
+            {"run": {"duration": 1}},
+            "run.kind is missing, but the run of a measure (value) is settle or fixed",
+        ),
+        (
+            {"run": {"kind": "ramp"}},
+            'run.kind is "ramp", but the run of a measure (value) is settle or fixed_',
+        ),
+        ({"run": {"kind": "fixed_time", "duraton": 1}}, "duraton is not a field of run; did you mean dura"),
+        (
+            {"run": {"kind": "settle", "refine": "boundary"}},
+            "run.refine has no place in the run of a measure",
         ),
         (EDGE | {"at": {"mass": 1}}, "search.targets.speed.at has mass, which an edge takes as a list"),
         (EDGE | {"at": {"mass": [1, 3, 2]}}, "has mass, which an edge takes as a list that rises or falls"),
