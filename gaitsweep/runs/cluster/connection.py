@@ -258,7 +258,8 @@ class LocalWorkers(Connection):
             "memory_limit": 0,
             "dashboard_address": f"{_LOOPBACK}:0",
             "local_directory": self._scratch.name,
-            "silence_logs": logging.ERROR,
+            # a heartbeat may meet the scheduler while it closes, at the end
+            "silence_logs": logging.CRITICAL,
             "resources": _resources(),
         }
         cards = _cards()
