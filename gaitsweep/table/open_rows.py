@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from gaitsweep.table.parts import UNREADABLE, DamagedPart, on_one_line
+from gaitsweep.table.parts import UNREADABLE, DamagedPart, on_one_line, readable
 
 # Arrays by name, (n,) or (n, k): `row`, the number of the row in the table; `kept`, the number of its
 # samples; `samples` (sum of kept, width); and other results.
@@ -57,7 +57,7 @@ def read_open(data: bytes, job_hash: str, n_rows: int) -> dict[str, np.ndarray]:
         DamagedPart: they cannot be decoded, or belong to another job or table.
     """
     try:
-        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+        file = pq.ParquetFile(readable(data), page_checksum_verification=True)
         table = file.read()
         said: dict[str, Any] = json.loads((table.schema.metadata or {})[_KEY])
         rows: dict[str, np.ndarray] = {}

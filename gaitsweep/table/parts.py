@@ -193,7 +193,7 @@ def read_records(
     """
     try:
         file = pq.ParquetFile(
-            pa.BufferReader(data), read_dictionary=list(footer.categories), page_checksum_verification=True
+            readable(data), read_dictionary=list(footer.categories), page_checksum_verification=True
         )
         table = file.read(None if columns is None else list(dict.fromkeys(["row", *columns])))
         # parts of older versions have no units: without metadata all parts have one schema
@@ -205,6 +205,17 @@ def read_records(
     if not np.array_equal(each, np.arange(start, stop)):
         raise DamagedPart(f"its rows are not {start} to {stop - 1}, each of them in its place")
     return table
+
+
+def readable(data: bytes) -> pa.BufferReader:
+    """A reader of a copy of the bytes in Arrow's own memory.
+
+    Arrow's threads may let go of it after the last read has returned. If it were Python's memory and Python had
+    ended meanwhile, the process would abort.
+    """
+    own = pa.allocate_buffer(len(data))
+    np.frombuffer(own, np.uint8)[:] = np.frombuffer(data, np.uint8)
+    return pa.BufferReader(own)
 
 
 # errors of the parquet reader and the JSON reader for damaged bytes

@@ -33,7 +33,7 @@ from gaitsweep.table import (
     load_parts,
     parts,
 )
-from gaitsweep.table.parts import part_bytes
+from gaitsweep.table.parts import part_bytes, readable
 
 
 def test_a_new_directory_is_filled_and_loaded(tmp_path: Path) -> None:
@@ -431,6 +431,15 @@ WRITER = textwrap.dedent("""
             directory.update_manifest(last=number)
     print("done", flush=True)
 """)
+
+
+def test_arrow_reads_memory_of_its_own() -> None:
+    """Its threads may hold a part longer than Python lives: then memory of Python's would abort the process."""
+    data = bytes(range(256))
+    before = sys.getrefcount(data)
+    reader = readable(data)
+    assert sys.getrefcount(data) == before
+    assert reader.read() == data
 
 
 def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:
