@@ -210,8 +210,8 @@ def read_records(
 def readable(data: bytes) -> pa.BufferReader:
     """A reader of a copy of the bytes in Arrow's own memory.
 
-    Arrow's threads may let go of it after the last read has returned. If it were Python's memory and Python had
-    ended meanwhile, the process would abort.
+    Arrow's threads may let go of it after the last read has returned. If it were Python's memory and Python
+    had ended meanwhile, the process would abort.
     """
     own = pa.allocate_buffer(len(data))
     np.frombuffer(own, np.uint8)[:] = np.frombuffer(data, np.uint8)

@@ -434,7 +434,7 @@ WRITER = textwrap.dedent("""
 
 
 def test_arrow_reads_memory_of_its_own() -> None:
-    """Its threads may hold a part longer than Python lives: then memory of Python's would abort the process."""
+    """Its threads may hold a part longer than Python lives, when memory of Python's aborts the process."""
     data = bytes(range(256))
     before = sys.getrefcount(data)
     reader = readable(data)
