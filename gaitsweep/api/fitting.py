@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import tempfile
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
-from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job_file, refuse_beside_a_job
+from gaitsweep.api.fits import given_job, in_directory, in_memory
+from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job, refuse_beside_a_job
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.search import Found, run_search
-from gaitsweep.fitting.search_job import SearchJob, load_search, read_search
+from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.kinds import Settle
 from gaitsweep.kinds.part import plain
 from gaitsweep.runs.progress import Progress, progress_lines
-from gaitsweep.runs.result import cluster_of, refuse_of_session
+from gaitsweep.runs.result import refuse_of_session
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -95,18 +94,13 @@ def search(
     asked |= {"side_by_side": side_by_side, "start": begin, "first": first, "first_within": first_within}
     asked |= {"known": known, "seed": seed, "finalists": finalists}
     fields = {"run": run, "params": params, "numerics": numerics}
-    if isinstance(model, Mapping) or is_job_file(model):
+    if is_job(model):
         refuse_beside_a_job(model, {**asked, **fields, "start": start, "engine": engine, **values})
-        if not isinstance(model, Mapping):
-            job = load_search(model, overrides)
-        elif overrides:
-            raise ArgumentError("overrides are for a job file: change the mapping instead.")
-        else:
-            job = read_search(model, Path.cwd())
-        return _in_directory(job, out, progress, client)
+        job = given_job(model, overrides, load_search, read_search)
+        return in_directory(run_search, job, out, progress, client)
     if overrides:
         raise ArgumentError("overrides are for a job file: give the values as keywords.")
-    assert not isinstance(model, Path)  # it was read
+    assert not isinstance(model, Path | Mapping)  # it was read
     fields |= {"run": Settle() if run is None else run, "start": start if begin is None else None}
     fields["engine"] = {"name": engine} if isinstance(engine, str) else engine
     written = fields_without_axes(model, values, "free", **fields)
@@ -114,14 +108,6 @@ def search(
     job = read_search({**written, "search": plain(search_field)}, Path.cwd())
     if out is not None:
         refuse_of_session(written["model"])
-        return _in_directory(job, out, progress, client)
-    cluster = None if client is None else cluster_of(client, collect=True)
-    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        found = run_search(job, folder, progress=progress, tell=warnings.warn, cluster=cluster)
-    del found.table.attrs["path"]
+        return in_directory(run_search, job, out, progress, client)
+    found = in_memory(run_search, job, progress, client)
     return dataclasses.replace(found, path=None, figures=())
-
-
-def _in_directory(job: SearchJob, out: str | Path | None, progress: Progress, client: Client | None) -> Found:
-    cluster = None if client is None else cluster_of(client)
-    return run_search(job, out, progress=progress, tell=warnings.warn, cluster=cluster)

@@ -118,9 +118,9 @@ def fields_of(
     }
 
 
-def is_job_file(model: object) -> TypeGuard[str | Path]:
-    """Whether this is the path of a job file, or the name of a shipped one, and no model."""
-    if isinstance(model, Path):
+def is_job(model: object) -> TypeGuard[str | Path | Mapping[str, Any]]:
+    """Whether this is a job, by its file, the name of a shipped one or its fields, and no model."""
+    if isinstance(model, Path | Mapping):
         return True
     return isinstance(model, str) and (model.endswith((".yaml", ".yml")) or model.startswith(BUILTIN))
 

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import tempfile
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
-from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job_file, refuse_beside_a_job
+from gaitsweep.api.fits import given_job, in_directory, in_memory
+from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job, refuse_beside_a_job
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.sensitivity import Sensitivity, run_sensitivity
-from gaitsweep.fitting.sensitivity_job import SensitivityJob, load_sensitivity, read_sensitivity
+from gaitsweep.fitting.sensitivity_job import load_sensitivity, read_sensitivity
 from gaitsweep.kinds import Settle
 from gaitsweep.kinds.part import plain
 from gaitsweep.runs.progress import Progress, progress_lines
-from gaitsweep.runs.result import cluster_of, refuse_of_session
+from gaitsweep.runs.result import refuse_of_session
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -73,20 +72,15 @@ def sensitivity(
         TableError, RunError: as for `gaitsweep.run`.
     """
     progress = progress_lines("sets") if progress is None else progress
-    if isinstance(model, Mapping) or is_job_file(model):
+    if is_job(model):
         given = {"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed}
         given |= {"run": run, "params": params, "start": start, "numerics": numerics, "engine": engine}
         refuse_beside_a_job(model, {**given, "verify": verify, **values})
-        if not isinstance(model, Mapping):
-            job = load_sensitivity(model, overrides)
-        elif overrides:
-            raise ArgumentError("overrides are for a job file: change the mapping instead.")
-        else:
-            job = read_sensitivity(model, Path.cwd())
-        return _in_directory(job, out, progress, client)
+        job = given_job(model, overrides, load_sensitivity, read_sensitivity)
+        return in_directory(run_sensitivity, job, out, progress, client)
     if overrides:
         raise ArgumentError("overrides are for a job file: give the values as keywords.")
-    assert not isinstance(model, Path)  # it was read
+    assert not isinstance(model, Path | Mapping)  # it was read
     fields = fields_without_axes(
         model,
         values,
@@ -105,16 +99,5 @@ def sensitivity(
     )
     if out is not None:
         refuse_of_session(fields["model"])
-        return _in_directory(job, out, progress, client)
-    cluster = None if client is None else cluster_of(client, collect=True)
-    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        found = run_sensitivity(job, folder, progress=progress, tell=warnings.warn, cluster=cluster)
-    del found.table.attrs["path"]
-    return dataclasses.replace(found, path=None)
-
-
-def _in_directory(
-    job: SensitivityJob, out: str | Path | None, progress: Progress, client: Client | None
-) -> Sensitivity:
-    cluster = None if client is None else cluster_of(client)
-    return run_sensitivity(job, out, progress=progress, tell=warnings.warn, cluster=cluster)
+        return in_directory(run_sensitivity, job, out, progress, client)
+    return dataclasses.replace(in_memory(run_sensitivity, job, progress, client), path=None)

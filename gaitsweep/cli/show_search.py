@@ -62,8 +62,7 @@ def outcome(found: Found) -> str:
     constants = [
         (
             each.name,
-            _word(each.best),
-            f"{_word(each.low)} to {_word(each.high)}",
+            *each.words,
             f"{100 * each.spread:.0f} %",
             each.verdict,
         )
@@ -84,10 +83,6 @@ def outcome(found: Found) -> str:
     )
     lines += [f"Figure: {figure}" for figure in found.figures]
     return "\n".join(lines)
-
-
-def _word(value: Any) -> str:
-    return f"{value:.5g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -46,6 +46,15 @@ class Constant:
             return "free"
         return "pinned" if self.sets >= FEWEST else "too few sets to say"
 
+    @property
+    def words(self) -> tuple[str, str]:
+        """The best value, and the near-best ones from the least to the largest."""
+        best, low, high = (
+            f"{each:.5g}" if isinstance(each, int | float) and not isinstance(each, bool) else str(each)
+            for each in (self.best, self.low, self.high)
+        )
+        return best, f"{low} to {high}"
+
 
 @dataclasses.dataclass(frozen=True)
 class NearBest:
@@ -64,7 +73,11 @@ class NearBest:
         which = (
             f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
         )
-        lines = [f"  {each.name}: {_span(each)}" for each in self.constants] if len(self.best) else []
+        lines = [
+            f"  {each.name}: best {each.words[0]}, {each.words[1]} ({each.verdict})"
+            for each in self.constants
+            if len(self.best)
+        ]
         return "\n".join([f"NearBest: {which}", *lines])
 
     def summary(self) -> dict[str, Any]:
@@ -97,15 +110,6 @@ def near_best(table: pd.DataFrame, search: Search) -> NearBest:
     chosen = sound.iloc[np.flatnonzero(near)]
     constants = tuple(_constant(name, free, sound, chosen) for name, free in search.free.items())
     return NearBest(chosen, int(fits.sum()), constants)
-
-
-def _span(constant: Constant) -> str:
-    """The near-best values of a constant in words."""
-    best, low, high = (
-        f"{each:.5g}" if isinstance(each, float) else str(each)
-        for each in (constant.best, constant.low, constant.high)
-    )
-    return f"best {best}, {low} to {high} ({constant.verdict})"
 
 
 def _constant(name: str, free: Free, sound: pd.DataFrame, chosen: pd.DataFrame) -> Constant:

@@ -420,6 +420,15 @@ def test_a_really_full_disk(tmp_path: Path) -> None:
         subprocess.run(["umount", "-l", str(tmp_path)], check=True)
 
 
+def test_arrow_reads_memory_of_its_own() -> None:
+    """Its threads may hold a part longer than Python lives, when memory of Python's aborts the process."""
+    data = bytes(range(256))
+    before = sys.getrefcount(data)
+    reader = readable(data)
+    assert sys.getrefcount(data) == before
+    assert reader.read() == data
+
+
 WRITER = textwrap.dedent("""
     import sys, time
     from pathlib import Path
@@ -431,15 +440,6 @@ WRITER = textwrap.dedent("""
             directory.update_manifest(last=number)
     print("done", flush=True)
 """)
-
-
-def test_arrow_reads_memory_of_its_own() -> None:
-    """Its threads may hold a part longer than Python lives, when memory of Python's aborts the process."""
-    data = bytes(range(256))
-    before = sys.getrefcount(data)
-    reader = readable(data)
-    assert sys.getrefcount(data) == before
-    assert reader.read() == data
 
 
 def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:

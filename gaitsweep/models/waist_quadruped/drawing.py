@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
-from types import SimpleNamespace
 
 import numpy as np
 
-from gaitsweep.models.waist_quadruped.mechanics import HEIGHTS, LIMBS, displacements, factors, mjcf
+from gaitsweep.models.waist_quadruped.mechanics import LIMBS, displacements, factors, mjcf, sizes_of
 from gaitsweep.skeleton import Limb, LimbLook, Skeleton
 
 NAMES = ("right fore", "left fore", "right hind", "left hind")
@@ -29,7 +28,7 @@ def scaled_mjcf(values: Mapping[str, float]) -> str:
     Args:
         values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
     """
-    of = SimpleNamespace(**{**dict.fromkeys(HEIGHTS), **values})
+    of = sizes_of(values)
     moved, centre = displacements(of, np.array)
     _, sizes = factors(of, np.array)
     root = ElementTree.fromstring(mjcf())

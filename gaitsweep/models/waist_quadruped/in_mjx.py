@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -13,12 +12,13 @@ import numpy as np
 
 from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.models.waist_quadruped.mechanics import (
-    HEIGHTS,
+    HEIGHT_NAMES,
     LIMBS,
     WaistMechanics,
     displacements,
     factors,
     mjcf,
+    sizes_of,
 )
 from gaitsweep.models.waist_quadruped.semi_implicit import WaistBody
 from gaitsweep.models.waist_quadruped.state import State
@@ -37,7 +37,7 @@ _TABLE_1 = {
     **{f"{body}_hip_y": 0.05 for body in ("front", "rear")},
     "body_distance": 0.1,
 }
-_LEVEL = dict(zip(HEIGHTS, (0.05, 0.05, 0.0, 0.0, 0.0), strict=True))
+_LEVEL = dict(zip(HEIGHT_NAMES, (0.05, 0.05, 0.0, 0.0, 0.0), strict=True))
 
 
 class WaistMjxBody(WaistBody):
@@ -52,7 +52,7 @@ class WaistMjxBody(WaistBody):
 
     @property
     def compiled_of(self) -> tuple[str, ...]:
-        return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHTS)
+        return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHT_NAMES)
 
     def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         return variants(self.level).on_host(values)
@@ -93,7 +93,7 @@ def variants(level: bool) -> Variants:
     from gaitsweep.dynamics.mjx.variants import Variants, rescale
 
     def edit(spec: Any, values: Mapping[str, float]) -> None:
-        of = SimpleNamespace(**{**dict.fromkeys(HEIGHTS), **values})
+        of = sizes_of(values)
         rescale(spec, *factors(of, np.stack))
         hips, centre = displacements(of, np.stack)
         for name, by in hips.items():

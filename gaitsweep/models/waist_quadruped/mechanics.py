@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import resources
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -26,7 +27,7 @@ LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
 # Indices in q; those in v, which has no quaternion, are one less.
 WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
 # What a body has of its own where its hips and its waist's axis are not level with the centres of mass.
-HEIGHTS = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
+HEIGHT_NAMES = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
 
 
 @jax.tree_util.register_dataclass
@@ -35,7 +36,8 @@ class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
     `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
-    MJX; it is empty for the tree. `mu` is None where feet do not slip, and HEIGHTS are None in a level body.
+    MJX; it is empty for the tree. `mu` is None where feet do not slip, and the fields of
+    HEIGHT_NAMES are None in a level body.
     """
 
     kappa_w: jax.Array
@@ -269,13 +271,13 @@ def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
     return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
 
 
-def fallen(q: jax.Array, stands: jax.Array) -> jax.Array:
-    """Whether the front body is far below its height in stance (m) or tilted, or the waist is twisted."""
+def fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
+    """Whether the front body is far below its height `standing` (m) or tilted, or the waist is twisted."""
     ahead, side, up, norm = _rises(q)
     rolled = jnp.abs(side) > math.tan(TILTED) * up
     pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
     twisted = jnp.abs(q[WAIST]) > TWISTED
-    return (q[2] < LOW * stands) | rolled | pitched | twisted
+    return (q[2] < LOW * standing) | rolled | pitched | twisted
 
 
 def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
@@ -286,12 +288,17 @@ def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     return ahead, side, up, norm
 
 
+def sizes_of(values: Mapping[str, Any]) -> SimpleNamespace:
+    """A row's masses and lengths by name, as `factors` and `displacements` take them."""
+    return SimpleNamespace(**{**dict.fromkeys(HEIGHT_NAMES), **values})
+
+
 def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """The factors of mass and of size of each body relative to Table I, by name.
 
     Args:
-        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHTS are None
-            in a level body.
+        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHT_NAMES are
+            None in a level body.
         stack: the function that stacks them to an array.
     """
     front, rear = (
@@ -314,8 +321,8 @@ def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str,
     body's frame is at the waist, which is at the end of the front body.
 
     Args:
-        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays; HEIGHTS are None in a
-            level body.
+        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays; HEIGHT_NAMES are None
+            in a level body.
         stack: the function that stacks them to an array (3,).
     """
     front_size, rear_size = of.front_length / 0.1, of.rear_length / 0.1

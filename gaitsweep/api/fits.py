@@ -1,0 +1,57 @@
+"""What `gs.search` and `gs.sensitivity` share: a job that is given whole, and where it is run."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from gaitsweep.errors import ArgumentError
+from gaitsweep.fitting.search import Found
+from gaitsweep.fitting.sensitivity import Sensitivity
+from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.result import cluster_of
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+JobT = TypeVar("JobT")
+FitT = TypeVar("FitT", Found, Sensitivity)
+
+
+def given_job(
+    job: str | Path | Mapping[str, Any],
+    overrides: Sequence[str],
+    load: Callable[[str | Path, Sequence[str]], JobT],
+    read: Callable[[Mapping[str, Any], Path], JobT],
+) -> JobT:
+    """The job in a file, by `load`, or in a mapping of its fields, by `read`.
+
+    Raises:
+        ArgumentError: overrides of a mapping.
+        JobError: what is wrong with the job.
+    """
+    if not isinstance(job, Mapping):
+        return load(job, overrides)
+    if overrides:
+        raise ArgumentError("overrides are for a job file: change the mapping instead.")
+    return read(job, Path.cwd())
+
+
+def in_directory(
+    run: Callable[..., FitT], job: Any, out: str | Path | None, progress: Progress, client: Client | None
+) -> FitT:
+    """What `run` finds of a job, with its table in a directory, `results/NAME` by default."""
+    cluster = None if client is None else cluster_of(client)
+    return run(job, out, progress=progress, tell=warnings.warn, cluster=cluster)
+
+
+def in_memory(run: Callable[..., FitT], job: Any, progress: Progress, client: Client | None) -> FitT:
+    """What `run` finds of a job, with its table in memory; the directory that its `path` names is gone."""
+    cluster = None if client is None else cluster_of(client, collect=True)
+    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+        found = run(job, folder, progress=progress, tell=warnings.warn, cluster=cluster)
+    del found.table.attrs["path"]
+    return found
