@@ -16,26 +16,46 @@ from gaitsweep.version import version
 if TYPE_CHECKING:
     from gaitsweep.claims.reproduce import JobRun
 
+# Of words and of the bars beside them, on white and on the dark scheme's paper: at least 4.5 : 1 each.
 _COLOURS = {
-    ClaimVerdict.reproduced: "#0072B2",
-    ClaimVerdict.not_reproduced: "#D55E00",
-    ClaimVerdict.open_constants: "#B8860B",
-    ClaimVerdict.answered: "#009E73",
-    ClaimVerdict.not_run: "#666666",
+    ClaimVerdict.reproduced: ("#0B5CAD", "#56B4E9"),
+    ClaimVerdict.not_reproduced: ("#A84300", "#FF9D5C"),
+    ClaimVerdict.open_constants: ("#7A5A00", "#E8C15A"),
+    ClaimVerdict.answered: ("#00704E", "#4FD0A5"),
+    ClaimVerdict.not_run: ("#5C636B", "#A7AFB8"),
 }
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
+
+
+def _verdicts(scheme: int) -> str:
+    """A property of CSS for each verdict: 0 light, 1 dark."""
+    return " ".join(f"--{each.name}: {colours[scheme]};" for each, colours in _COLOURS.items())
+
+
+_STYLE = (
+    f"""
+:root {{ color-scheme: light dark; --ink: #1d2125; --faint: #5c636b; --rule: #ccc; --paper: #fff;
+  --code: #f3f3f3; {_verdicts(0)} }}
+@media (prefers-color-scheme: dark) {{
+  :root {{ --ink: #e6e9ed; --faint: #a7afb8; --rule: #4b545d; --paper: #14181c; --code: #20262c;
+    {_verdicts(1)} }}
+}}
+"""
+    + """
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem;
+  color: var(--ink); background: var(--paper); }
+h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid var(--rule); }
 article { border-left: 5px solid var(--colour); padding: .2rem 0 .2rem 1rem; margin: 1.4rem 0; }
 article h3 { font-size: 1rem; margin: 0; } article p { margin: .3rem 0; }
-.verdict { color: var(--colour); font-weight: 700; } .small { color: #555; font-size: .9rem; }
+.verdict { color: var(--colour); font-weight: 700; } .small { color: var(--faint); font-size: .9rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; margin: .3rem 0; }
-dt { color: #555; } dd { margin: 0; overflow-wrap: anywhere; }
-code { background: #f3f3f3; padding: 0 .2rem; overflow-wrap: anywhere; }
-figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { color: #555; }
+dt { color: var(--faint); } dd { margin: 0; overflow-wrap: anywhere; }
+code { background: var(--code); padding: 0 .2rem; overflow-wrap: anywhere; }
+figure { margin: 1rem 0; } img { max-width: 100%; height: auto; background: #fff; }
+figcaption { color: var(--faint); }
 table { border-collapse: collapse; } td { vertical-align: top; padding: .2rem 1rem .2rem 0; }
 @media (max-width: 40rem) { dl { grid-template-columns: 1fr; } dt { margin-top: .3rem; } }
 """
+)
 
 
 def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool) -> str:
@@ -64,7 +84,7 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
 def _head(paper: str, table: pd.DataFrame, quick: bool) -> str:
     found = [ClaimVerdict(each) for each in table["verdict"]]
     lines = "".join(
-        f'<tr style="--colour: {_COLOURS[each]}"><td class="verdict">{html.escape(each.value)}</td>'
+        f'<tr style="--colour: var(--{each.name})"><td class="verdict">{html.escape(each.value)}</td>'
         f"<td>{found.count(each)}</td><td>{html.escape(each.sentence)}</td></tr>"
         for each in ClaimVerdict
     )
@@ -95,7 +115,7 @@ def _claim(claim: dict[str, object]) -> str:
         f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in fields.items() if text
     )
     return (
-        f'<article id="{html.escape(str(claim["id"]))}" style="--colour: {_COLOURS[found]}">'
+        f'<article id="{html.escape(str(claim["id"]))}" style="--colour: var(--{found.name})">'
         f'<h3><span class="verdict">{html.escape(found.value)}</span> {html.escape(str(claim["claim"]))}</h3>'
         f'<dl>{listed}</dl><p class="small"><code>{html.escape(str(claim["command"]))}</code></p></article>'
     )
