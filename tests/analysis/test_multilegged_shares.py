@@ -75,6 +75,19 @@ def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
         plot.draw("gait_shares", some, x="m_b")
 
 
+def test_values_in_equal_ratios_have_logarithmic_axes() -> None:
+    some = table(kappa=[20.0, 80.0, 320.0, 320.0] * 3)
+    some.attrs["job"] = {"vary": {"kappa": {"logspace": [20, 320, 3]}}}
+    direct, *_ = plot.draw("gait_shares", some, x="m_B", y="kappa").axes
+    assert (direct.get_xscale(), direct.get_yscale()) == ("linear", "log")
+    corners = np.asarray(direct.collections[0].get_coordinates())
+    assert corners[:, 0, 1] == pytest.approx([10.0, 40.0, 160.0, 640.0])
+    (axes,) = plot.draw("gait_shares", some, x="kappa").axes
+    assert axes.get_xscale() == "log"
+    places = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
+    assert any(place == pytest.approx(9.8 / 0.4) for place in places)
+
+
 def test_a_map_of_scattered_sets_shows_the_nearest_one() -> None:
     sets = np.random.default_rng(2).uniform([0.3, 20.0], [1.2, 200.0], (60, 2))
     gait = np.where(sets[:, 0] < 0.6, "direct", "source")

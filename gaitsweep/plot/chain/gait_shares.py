@@ -19,7 +19,7 @@ from gaitsweep.analysis.chain.gait_shares import GAITS, existence, springs_of
 from gaitsweep.analysis.chain.gait_shares import gait_shares as shares_of
 from gaitsweep.plot import style
 from gaitsweep.plot.basins.cells import cell_edges, filled, on_grid
-from gaitsweep.plot.columns import axis_label, column, described
+from gaitsweep.plot.columns import axis_label, column, described, is_logarithmic, log_axes
 from gaitsweep.plot.figure_kind import (
     TEXT_COLUMNS,
     AlongAxis,
@@ -88,7 +88,8 @@ def gait_shares(
         shares = shares_of(table)
         drawn = None
         for axes, gait in zip(panels, _SHARES, strict=True):
-            drawn = _map(axes, shares, x, y, gait)
+            log_axes(axes, table, x=x, y=y)
+            drawn = _map(axes, shares, x, y, gait, (is_logarithmic(table, x), is_logarithmic(table, y)))
             axes.set_title(gait if gait in GAITS else "none of these")
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
@@ -101,16 +102,23 @@ def gait_shares(
     return figure
 
 
-def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
+def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str, logs: tuple[bool, bool]) -> Any:
     """Cells if the sets form a grid, averaged over a cell's sets; else the fraction of the nearest set."""
     look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
     across, up = np.unique(shares[x]), np.unique(shares[y])
-    if len(shares) >= 0.5 * len(across) * len(up) and on_grid(across) and on_grid(up):
+    if (
+        len(shares) >= 0.5 * len(across) * len(up)
+        and on_grid(across, log=logs[0])
+        and on_grid(up, log=logs[1])
+    ):
         cells = shares.pivot_table(index=y, columns=x, values=gait, aggfunc="mean")
-        across, up = filled(across), filled(up)
+        across, up = filled(across, log=logs[0]), filled(up, log=logs[1])
         cells = cells.reindex(index=up, columns=across).to_numpy(float)
-        return axes.pcolormesh(cell_edges(across), cell_edges(up), cells, **look)
+        edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
+        return axes.pcolormesh(*edges, cells, **look)
     points = shares[[x, y]].to_numpy(float)
+    axes.plot(*points.T, ".", ms=1.0, mew=0, color="white", zorder=2, rasterized=True)  # the sets themselves
+    points[:, logs] = np.log(points[:, logs])
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
     middles = (np.arange(_PLACES) + 0.5) / _PLACES
     places = np.stack(np.meshgrid(middles, middles), axis=-1)
@@ -118,7 +126,7 @@ def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str) -> Any:
     # points far from every set stay empty
     known = np.where(away < 3.0 / np.sqrt(len(points)), shares[gait].to_numpy(float)[nearest], np.nan)
     edges = np.linspace(0.0, 1.0, _PLACES + 1)[:, None] * size + low
-    axes.plot(*points.T, ".", ms=1.0, mew=0, color="white", zorder=2, rasterized=True)  # the sets themselves
+    edges[:, logs] = np.exp(edges[:, logs])
     return axes.pcolormesh(edges[:, 0], edges[:, 1], known, **look)
 
 
@@ -127,6 +135,7 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
         axes = figure.subplots()
         axes.set_xlabel(described(table, x))
         axes.set_ylabel("share of starts")
+        log_axes(axes, table, x=x)
         if not len(table):
             style.message(axes, "no rows yet")
             return figure
@@ -156,7 +165,7 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     if has_profile(table):
         return
     low, high = axes.get_xlim(), axes.get_ylim()
-    along = np.linspace(*low, 401)
+    along = _along(low, 401, axes.get_xscale())
     sets = pd.DataFrame({x: along})
     values = parameters_of(table, sets)
     for name, draw in ((x, axes.axvline), *(((y, axes.axhline),) if y else ())):
@@ -179,12 +188,18 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
     axes.set_ylim(high)
 
 
+def _along(limits: tuple[float, float], number: int, scale: str) -> np.ndarray:
+    """Places of an axis, evenly spread on the page."""
+    return (np.geomspace if scale == "log" else np.linspace)(*limits, number)
+
+
 def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) -> None:
     """The limits of existence of each gait; other parameters as in the job, or as in Table 1."""
     low, high = axes.get_xlim(), axes.get_ylim()
     # parameters are above zero, where a figure's margin may not be
-    along = np.linspace(max(low[0], 1e-3 * low[1]), low[1], 241 if y is None else 161)
-    up = np.linspace(max(high[0], 1e-3 * high[1]), high[1], 161) if y else np.zeros(1)
+    above = [(max(limits[0], 1e-3 * limits[1]), limits[1]) for limits in (low, high)]
+    along = _along(above[0], 241 if y is None else 161, axes.get_xscale())
+    up = _along(above[1], 161, axes.get_yscale()) if y else np.zeros(1)
     grid = np.stack([each.ravel() for each in np.meshgrid(along, up)], axis=1)
     sets = pd.DataFrame(grid[:, : 2 if y else 1], columns=[x, y] if y else [x])
     L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
@@ -196,7 +211,7 @@ def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) ->
     else:
         drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
         for turn in np.flatnonzero(np.diff(there[0].astype(int))):
-            at, step = 0.5 * (along[turn] + along[turn + 1]), along[1] - along[0]
+            at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
             if min(abs(at - each) for each in drawn) > step:  # not drawn twice for two gaits or conditions
                 axes.axvline(at, zorder=0, **_EXACT)
     axes.set_xlim(low)
