@@ -36,6 +36,8 @@ def search(
     first: Sequence[str] | None = None,
     first_within: float | None = None,
     known: Sequence[Mapping[str, Any] | str] | None = None,
+    known_best: int | None = None,
+    width: float | None = None,
     seed: int | None = None,
     finalists: int | None = None,
     run: BaseModel | Mapping[str, Any] | None = None,
@@ -65,7 +67,9 @@ def search(
         side_by_side: batches that run at a time.
         first, first_within: targets that are measured first, and how many reading errors a set may miss
             them by to be measured further.
-        known: sets that are measured before all others, by their constants or by a config.
+        known: sets that are measured before all others: their constants, a config, or the result directory
+            of an earlier search, of which the `known_best` best are taken (64 by default).
+        width: standard deviation with which cma begins, a share of the ranges, .2 by default.
         seed: of all that is drawn, 0 by default.
         finalists: the best sets, which are measured again at half the step; 8 by default.
         run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
@@ -92,7 +96,8 @@ def search(
     begin = None if isinstance(start, Mapping) else start
     asked = {"free": free, "targets": targets, "method": method, "budget": budget, "population": population}
     asked |= {"side_by_side": side_by_side, "start": begin, "first": first, "first_within": first_within}
-    asked |= {"known": known, "seed": seed, "finalists": finalists}
+    asked |= {"known": known, "known_best": known_best, "width": width, "seed": seed}
+    asked |= {"finalists": finalists}
     fields = {"run": run, "params": params, "numerics": numerics}
     if is_job(model):
         refuse_beside_a_job(model, {**asked, **fields, "start": start, "engine": engine, **values})

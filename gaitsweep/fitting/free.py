@@ -87,15 +87,16 @@ class Free(Part):
             least, most = math.ceil(self.low), math.floor(self.high)
             return np.minimum(least + np.floor(share * (most - least + 1)), most).astype(float)
         if self.log:
-            return np.exp(math.log(self.low) + share * math.log(self.high / self.low))
+            value = np.exp(math.log(self.low) + share * math.log(self.high / self.low))
+            return np.clip(value, self.low, self.high)  # rounding goes past the ends
         return self.low + share * (self.high - self.low)
 
     def written(self, values: Sequence[Any]) -> list[Any]:
-        """Values as the job writes them: a table has choices of structure as text."""
+        """Values as the job writes them: a table has choices of structure as text. Others stay as they are."""
         if self.choices is None:
             return list(values)
         by_text = {str(choice): choice for choice in self.choices}
-        return [value if value in self.choices else by_text[str(value)] for value in values]
+        return [value if value in self.choices else by_text.get(str(value), value) for value in values]
 
     def column(self, values: Sequence[Any]) -> np.ndarray:
         """The values (n,) of a table as `at` gives them."""

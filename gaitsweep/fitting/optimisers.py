@@ -60,6 +60,7 @@ def optimiser(
     together: int,
     seed: int,
     known: np.ndarray | None = None,
+    width: float | None = None,
 ) -> Optimiser:
     """The optimiser of a search.
 
@@ -71,12 +72,15 @@ def optimiser(
         together: points that are usually asked for at a time.
         seed: of all that is drawn.
         known: points (m, constants) that are given first.
+        width: standard deviation with which strategies of `cma` begin, a share of the ranges.
     """
     sobol = Sobol(dimension, seed, known)
     if method == "sobol":
         return sobol
     if method == "cma":
-        return Restarts(sobol, max(start, 0 if known is None else len(known)), together, seed)
+        return Restarts(
+            sobol, max(start, 0 if known is None else len(known)), together, seed, width or _WIDTH
+        )
     return Front(sobol, targets, seed)
 
 
@@ -149,7 +153,7 @@ class Restarts:
     Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed.
     """
 
-    def __init__(self, sobol: Sobol, start: int, together: int, seed: int) -> None:
+    def __init__(self, sobol: Sobol, start: int, together: int, seed: int, width: float) -> None:
         dimension = sobol.dimension
         self._least = 4 + int(3 * np.log(dimension))
         self._first = min(max(together, self._least), _MOST_A_DIMENSION * dimension)
@@ -163,6 +167,7 @@ class Restarts:
         self._strategies: dict[int, _Strategy] = {}
         self._asked: deque[list[tuple[int, int, np.ndarray]]] = deque()
         self._number = 0
+        self._width = width
         self._doublings = 0
         self._spent = {"small": 0, "large": 0}
 
@@ -197,12 +202,12 @@ class Restarts:
     def _begin(self) -> None:
         """Begin a strategy: a large one where the small ones have had more points, else a small one."""
         if self._spent["large"] <= self._spent["small"]:
-            size, width, regime = self._first * 2**self._doublings, _WIDTH, "large"
+            size, width, regime = self._first * 2**self._doublings, self._width, "large"
             self._doublings = min(self._doublings + 1, 3)
         else:
             share = self._rng.random() ** 2
             size = int(self._least * (0.5 * self._first * 2**self._doublings / self._least) ** share)
-            width, regime = _WIDTH * 10.0 ** (-2.0 * self._rng.random()), "small"
+            width, regime = self._width * 10.0 ** (-2.0 * self._rng.random()), "small"
         self._spent[regime] += size
         middle = heapq.heappop(self._begun)[2] if self._begun else self._rng.random(self._dimension)
         seed = int(self._rng.integers(2**63))

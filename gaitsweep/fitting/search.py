@@ -185,6 +185,7 @@ class _Search:
             together,
             job.choice.seed,
             job.known_points(),
+            job.choice.width,
         )
         self.known = pd.DataFrame()  # the sets that are on disk
         self.best = np.inf

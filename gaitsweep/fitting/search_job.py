@@ -6,7 +6,8 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,6 +25,7 @@ from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_fie
 from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.kinds.part import Part, plain
 from gaitsweep.runs.prepare import Prepared
+from gaitsweep.table import TableError, load
 
 # Columns of a search's table beside constants and targets.
 _COLUMNS = ("row", "generation", "score", "status", "why")
@@ -69,8 +71,17 @@ class Choice(Part):
     )
     known: list[dict[str, Any] | Text] = Field(
         default=[],
-        description="sets that are measured before all others: constants by name, or a config that has them; "
-        "one that they do not name has the job's own value, or the model's default",
+        description="sets that are measured before all others: constants by name, a config that has them, or "
+        "the result directory of an earlier search, of which the best are taken; a constant that they do not "
+        "name has the job's own value, or the model's default",
+    )
+    known_best: Count = Field(
+        default=64, description="sets that are taken of each earlier search in `known`, the best first"
+    )
+    width: Positive | None = Field(
+        default=None,
+        description="standard deviation with which the strategies of cma begin, a share of the ranges, .2 by "
+        "default; a small one stays near `known` sets",
     )
     seed: Seed = Field(default=0, description="seed of all that is drawn")
     finalists: CountOrZero = Field(
@@ -219,6 +230,11 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
     if read.choice.first_within is not None and not read.choice.first:
         text = "has no meaning without search.first, the targets that are measured first."
         wrong.append(Diagnostic(("search", "first_within"), text))
+    if read.choice.width is not None and (read.choice.method != "cma" or read.choice.width > 1.0):
+        text = f"is {read.choice.width:g}, but is a share of the ranges, at most 1."
+        if read.choice.method != "cma":
+            text = f"has no meaning for the method {read.choice.method}: it is cma's."
+        wrong.append(Diagnostic(("search", "width"), text))
     if read.choice.method == "nsga3" and len(read.counted) == 1:
         text = "is nsga3, which needs two targets or more that count: take cma."
         wrong.append(Diagnostic(("search", "method"), text))
@@ -240,20 +256,50 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
     for place, given in enumerate(search.choice.known):
         path = ("search", "known", place)
         try:
-            values = fit.own_values(given)
+            for name, each in _sets_of(given, search, fit.folder):
+                values = fit.own_values(each)
+                outside = [
+                    f"{name}has {constant} at {found(values[constant])}, {why}"
+                    for constant, free in search.free.items()
+                    if (why := free.outside(values[constant])) is not None
+                ]
+                wrong.extend(Diagnostic(path, text) for text in outside)
+                sets.append(values)
+                if outside and name:  # one set of an earlier search shows which range is too narrow
+                    break
         except JobError as error:
             wrong.extend(Diagnostic(path, f"is refused: {each}") for each in error.diagnostics)
-            continue
-        for name, each in search.free.items():
-            if (outside := each.outside(values[name])) is not None:
-                wrong.append(Diagnostic(path, f"has {name} at {found(values[name])}, {outside}"))
-        sets.append(values)
+        except TableError as error:
+            wrong.append(Diagnostic(path, f"is refused: {error}"))
     if not wrong and len(sets) > search.choice.budget:
         text = f"has {len(sets)} sets, but the budget is {search.choice.budget}."
         wrong.append(Diagnostic(("search", "known"), text))
     if wrong:
         raise JobError(wrong)
     return tuple(sets)
+
+
+def _sets_of(
+    given: Mapping[str, Any] | str, search: Search, folder: Path
+) -> Iterator[tuple[str, Mapping[str, Any] | str]]:
+    """The sets that an entry of `known` stands for, each with its name in an earlier search, or ''.
+
+    Raises:
+        TableError: a directory that is no result of a search.
+    """
+    if not isinstance(given, str) or not (directory := folder / given).is_dir():
+        yield "", given
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a search that was stopped has sets too
+        table = load(directory)
+    if not {"score", "generation"} <= set(table):
+        raise TableError(f"{given} is not the result of a search: its table has no score.")
+    constants = [name for name in search.free if name in table]
+    best = table.sort_values("score", kind="stable").drop_duplicates(constants)
+    for _, row in best.head(search.choice.known_best).iterrows():
+        values = {name: search.free[name].written([row[name]])[0] for name in constants}
+        yield f"row {row['row']} of {given} ", values
 
 
 def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic]) -> dict[str, Target]:

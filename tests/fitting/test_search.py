@@ -7,6 +7,7 @@ import errno
 import inspect
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -686,6 +687,29 @@ def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:
     assert read_search(job(known=["own.yaml"]), tmp_path).written != search.written
 
 
+def test_known_sets_may_be_the_best_of_an_earlier_search(tmp_path: Path) -> None:
+    earlier = run_search(read_search(job(method="sobol", budget=32), tmp_path), tmp_path / "earlier").table
+    search = read_search(job(known=["earlier"], known_best=3, width=0.02), tmp_path)
+    best = earlier.sort_values("score").head(3)
+    names = list(search.free)
+    assert [[each[name] for name in names] for each in search.known] == best[names].to_numpy().tolist()
+    # a narrow strategy stays near the best of them
+    after = run_search(search, tmp_path / "after").table["kick"][48:64]
+    low, high = search.free["kick"].ends
+    assert np.std(after) / (high - low) < 0.04
+    # what it takes is part of the job: the earlier search may go
+    shutil.rmtree(tmp_path / "earlier")
+    written = yaml.safe_load((tmp_path / "after" / "job.yaml").read_text())
+    assert read_search(written, tmp_path).known == search.known
+
+
+def test_a_width_is_of_cma_and_a_share(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match=r"search.width has no meaning for the method sobol: it is cma's"):
+        read_search(job(method="sobol", width=0.1), tmp_path)
+    with pytest.raises(JobError, match=r"search.width is 2, but is a share of the ranges, at most 1"):
+        read_search(job(width=2), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("known", "sentence"),
     [
@@ -693,6 +717,7 @@ def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:
         ([{"kic": 1.0}], r"search.known\[0\] is refused: kic is not free here; did you mean kick\?"),
         (["none.yaml"], r"search.known\[0\] is refused: config names .*none.yaml"),
         ([3], "search.known"),
+        (["."], r"search.known\[0\] is refused: .* is no result directory"),
         ([{"kick": 1.0}] * 401, "search.known has 401 sets, but the budget is 400."),
     ],
 )
