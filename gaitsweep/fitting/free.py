@@ -92,7 +92,7 @@ class Free(Part):
         return self.low + share * (self.high - self.low)
 
     def written(self, values: Sequence[Any]) -> list[Any]:
-        """Values as the job writes them: a table has choices of structure as text. Others stay as they are."""
+        """Values as the job writes them: a table has choices of structure as text."""
         if self.choices is None:
             return list(values)
         by_text = {str(choice): choice for choice in self.choices}
