@@ -182,7 +182,7 @@ def _tasks(dask_scheduler: Any) -> list[str]:
 
 
 def _until_no_task(client: Any) -> None:
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 10.0
     while left := client.run_on_scheduler(_tasks):
         assert time.monotonic() < deadline, left
         time.sleep(0.05)
@@ -207,8 +207,9 @@ def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
 
 
 def test_ctrl_c_stops_the_blocks_that_are_under_way(client: Any, tmp_path: Path) -> None:
-    """They would take minutes each; workers are free again before one could have ended."""
+    """They would take minutes; workers are free again within seconds."""
     job = gs.Job(**{**JOB, "run": {"kind": "fixed_time", "duration": 2000.0}, "numerics": {"dt": 2e-5}})
+    began = time.monotonic()
 
     def stop(done: int, total: int, rate: float, fraction: float, note: str) -> None:
         if all(client.run(lambda dask_worker: dask_worker.state.executing_count).values()):
@@ -216,11 +217,12 @@ def test_ctrl_c_stops_the_blocks_that_are_under_way(client: Any, tmp_path: Path)
 
     with pytest.raises(KeyboardInterrupt):
         gs.run(job, tmp_path / "out", progress=stop, client=client)
-    deadline = time.monotonic() + 60.0  # a block's own time is minutes
+    deadline = time.monotonic() + 20.0
     while any(client.run(lambda dask_worker: dask_worker.state.executing_count).values()):
         assert time.monotonic() < deadline, "a worker goes on"
         time.sleep(0.1)
     assert not list((tmp_path / "out" / "table").iterdir())
+    assert time.monotonic() - began < 60.0
 
 
 def test_a_second_client_is_refused_by_the_name_of_the_first(client: Any, tmp_path: Path) -> None:
