@@ -141,7 +141,9 @@ def test_the_schema_has_the_search(capsys: Capture) -> None:
 def test_the_schema_takes_the_shipped_fits(capsys: Capture) -> None:
     assert main(["schema"]) == 0
     reader = jsonschema.Draft202012Validator(json.loads(capsys.readouterr().out))
-    files = sorted([*SWEEPS.glob("*_search.yaml"), *SWEEPS.glob("*_sensitivity.yaml")])
+    files = sorted(
+        [*SWEEPS.glob("*_search.yaml"), *SWEEPS.glob("*_front.yaml"), *SWEEPS.glob("*_sensitivity.yaml")]
+    )
     assert len(files) >= 3
     for file in files:
         assert not list(reader.iter_errors(yaml.safe_load(file.read_text())))

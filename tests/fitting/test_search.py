@@ -678,6 +678,12 @@ def test_a_known_set_needs_no_start_that_the_measures_set(tmp_path: Path) -> Non
     assert 0.72 <= known["beta"] <= 0.88
 
 
+@pytest.mark.parametrize("file", sorted(SWEEPS.glob("*_front.yaml")), ids=lambda file: file.stem)
+def test_known_sets_of_the_shipped_fronts_lie_in_their_ranges(file: Path) -> None:
+    search = load_search(file)
+    assert len(search.known) == len(search.choice.known)
+
+
 def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:
     (tmp_path / "own.yaml").write_text("model: toy_model:Toy\nparams: {kick: 0.7, stiffness: 5}\n")
     search = read_search(job(known=["own.yaml"]), tmp_path)
