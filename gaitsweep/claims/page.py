@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from gaitsweep.claims.verdict import ClaimVerdict
-from gaitsweep.runs.report import document, figure_of
+from gaitsweep.runs.report import SCHEMES, document, figure_of
 from gaitsweep.version import version
 
 if TYPE_CHECKING:
@@ -32,14 +32,8 @@ def _verdicts(scheme: int) -> str:
 
 
 _STYLE = (
-    f"""
-:root {{ color-scheme: light dark; --ink: #1d2125; --faint: #5c636b; --rule: #ccc; --paper: #fff;
-  --code: #f3f3f3; {_verdicts(0)} }}
-@media (prefers-color-scheme: dark) {{
-  :root {{ --ink: #e6e9ed; --faint: #a7afb8; --rule: #4b545d; --paper: #14181c; --code: #20262c;
-    {_verdicts(1)} }}
-}}
-"""
+    SCHEMES
+    + f":root {{ {_verdicts(0)} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {_verdicts(1)} }} }}"
     + """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem;
   color: var(--ink); background: var(--paper); }

@@ -20,13 +20,18 @@ from gaitsweep.runs.self_check_report import advice, sentence
 from gaitsweep.runs.status_sentences import status_sentence
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
-_STYLE = """
+# Colours of a page by name, light and dark.
+SCHEMES = """
 :root { color-scheme: light dark; --ink: #1d2125; --faint: #5c636b; --line: #e3e6ea; --rule: #ccc;
   --paper: #fff; --code: #f5f6f8; --edge: #333; --link: #0b5cad; --warning: #B00020; }
 @media (prefers-color-scheme: dark) {
   :root { --ink: #e6e9ed; --faint: #a7afb8; --line: #2e343a; --rule: #4b545d; --paper: #14181c;
     --code: #20262c; --edge: #d5dade; --link: #56B4E9; --warning: #ff8f8a; }
 }
+"""
+_STYLE = (
+    SCHEMES
+    + """
 body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
   color: var(--ink); background: var(--paper);
   max-width: 62rem; margin: 0 auto 3rem; padding: 0 1rem; }
@@ -55,6 +60,7 @@ figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #f
   .facts th { border: 0; padding-bottom: 0; font-size: .85rem; color: var(--faint); }
 }
 """
+)
 _NOT_READ = "not read"  # of records without a gait
 # Reasons that are shown where sets of constants failed.
 _REASONS = 5
