@@ -53,6 +53,7 @@ def run_rows(
     drive: Any = None,
     engine: str = "xla",
     on: str | None = None,
+    varied: frozenset[str] = frozenset(),
 ) -> BlockResult:
     """Run one row for each element of the starts; the results of all blocks as one."""
     n = max(np.size(v) for v in starts.values())
@@ -73,6 +74,7 @@ def run_rows(
         values=lambda a, b: ({k: v[a:b] for k, v in held.items()}, {k: v[a:b] for k, v in begin.items()}),
         drive=drive,
         engine=engine,
+        varied=varied,
     )
     blocks: dict[int, BlockResult] = {}
     sweep(work, range(-(-n // work.block)), blocks.__setitem__)

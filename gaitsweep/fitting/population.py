@@ -272,6 +272,8 @@ class Population:
             block=_BLOCK,
             lanes=_lanes(ready, rows.size),
             values=values,
+            # batches differ in what happens to be equal in all of their rows
+            varied=frozenset(constants).union(*(dict(each) for each in self._conditions)),
         )
         blocks: dict[int, pd.DataFrame] = {}
 

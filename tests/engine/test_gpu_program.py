@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from toy_model import Toy
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cuda
 from gaitsweep.engine.kernel.c_source import TYPES, C, function, stored
+from gaitsweep.engine.kernel.dependence import dependent
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import statements
@@ -180,3 +182,45 @@ def test_constants_that_differ_between_rows(on_card: Any) -> None:
     width = alike.samples.shape[1]
     np.testing.assert_array_equal(*(r.samples.reshape(20, -1, width)[:19] for r in (alike, mixed)))
     assert np.any(alike.last[19] != mixed.last[19])
+
+
+def test_sweeps_that_vary_the_same_constants_share_a_kernel(
+    on_card: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether their rows happen to be alike or not; the numbers are those of a kernel of their own."""
+    running: dict[frozenset[str], set[str]] = {}
+
+    class Card(cuda.Card):  # the fixture's
+        def module(self, source: str, *, contraction: bool = True) -> Any:
+            if "KERNEL void run" in source:
+                running[varied].add(source)
+            return super().module(source, contraction=contraction)
+
+    monkeypatch.setattr(cuda, "Card", Card)
+    recorder, starts = CrossingRecorder(Toy(), crossings=4), {"launch_1": np.full(8, 1.3)}
+    found = {}
+    for varied in (frozenset[str](), frozenset({"kick"})):
+        running[varied] = set()
+        for other in (1.0, 1.2):
+            kicks = np.array([1.0, other, other, 1.0] * 2)
+            options: dict[str, Any] = {"params": {"kick": kicks}, "numerics": NUMERICS, "lanes": 4}
+            found[varied, other] = on_card(Toy(), recorder, starts, varied=varied, **options)
+    assert [len(sources) for sources in running.values()] == [2, 1]
+    for other in (1.0, 1.2):
+        same(*(found[varied, other] for varied in running))
+
+
+def test_constants_that_depend_on_what_varies() -> None:
+    """Through a function that is compiled by itself too."""
+
+    @jax.jit
+    def inner(x: Any) -> Any:
+        return 2 * x
+
+    def constants(values: Any, starts: Any) -> Any:
+        return {"a": inner(values["x"]), "b": values["y"] * 3, "c": jnp.ones(()), "d": starts["x"] + 1}
+
+    shape = jax.ShapeDtypeStruct((), jnp.float64)
+    given = ({"x": shape, "y": shape}, {"x": shape})
+    assert dependent(constants, given, {"y"}) == [False, True, False, False]
+    assert dependent(constants, given, {"x"}) == [True, False, False, True]

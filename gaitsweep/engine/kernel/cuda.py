@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
+import jax
 import numpy as np
 
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers
-from gaitsweep.engine.kernel.chunk import Chunk
+from gaitsweep.engine.kernel.dependence import dependent
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
@@ -20,6 +22,23 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 def _running(kernel: Kernel, varying: frozenset[int]) -> str:
     """The source of the kernel that advances trajectories."""
     return gpu_program.running(kernel.chunk, varying, kernel.title)
+
+
+@lru_cache(maxsize=16)
+def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
+    """The slots of a trajectory's constants that depend on parameters with these names."""
+    if not names:
+        return frozenset()
+
+    def constants(values: Values, starts: Values) -> Any:
+        held, *_ = kernel.lane.open(values, starts)
+        return held
+
+    leaves = jax.tree.leaves(kernel.chunk.held)
+    found = dependent(constants, kernel.given, names)
+    return frozenset(
+        leaf.first + i for leaf, there in zip(leaves, found, strict=True) if there for i in range(leaf.size)
+    )
 
 
 class CudaLanes(KernelLanes):
@@ -37,7 +56,7 @@ class CudaLanes(KernelLanes):
         self._put, self._collect, self._trajectory = (
             module.get_kernel(name) for name in ("put", "collect", "trajectory")
         )
-        self._steady = Steady(self.chunk)
+        self._steady = Steady(varying_slots(self.kernel, spec.varied))
         n_slots, size, width = self.chunk.n_slots, self.size, self.chunk.width
         self._slots = Numbers(self.card, (n_slots, size))
         self._kept = Numbers(self.card, (BUFFER, size, width))
@@ -99,11 +118,14 @@ class CudaLanes(KernelLanes):
 
 
 class Steady:
-    """Detects which constants of trajectories are equal in all rows."""
+    """Detects which constants of trajectories are equal in all rows.
 
-    def __init__(self, chunk: Chunk) -> None:
-        self.chunk = chunk
-        self.varying: frozenset[int] = frozenset()
+    Args:
+        varying: slots that count as different from the start.
+    """
+
+    def __init__(self, varying: frozenset[int] = frozenset()) -> None:
+        self.varying = varying
         self._first: np.ndarray | None = None
 
     def differs(self, constants: np.ndarray) -> bool:

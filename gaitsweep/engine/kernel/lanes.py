@@ -25,11 +25,16 @@ CACHE_LINE = 64  # bytes, also the size of the widest vector
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Kernel:
-    """The scalar program of a chunk, and the function that opens rows; equal to none but itself."""
+    """The scalar program of a chunk, and the function that opens rows; equal to none but itself.
+
+    `given` are the shapes of a row's parameters and initial conditions.
+    """
 
     chunk: Chunk
     open: Any
     title: str
+    lane: OneLane
+    given: tuple[Any, Any]
 
 
 @lru_cache(maxsize=16)
@@ -45,7 +50,7 @@ def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDr
     starts = {q.name: scalar for q in model.initial_conditions} | {SHARE: scalar}
     chunk = chunk_of(lane, values, starts)
     title = f"{model.name}, {type(recorder).__name__}, {lane.numerics.method}"
-    return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title)
+    return Kernel(chunk, jax.jit(jax.vmap(partial(_open, lane))), title, lane, (values, starts))
 
 
 def _open(lane: OneLane, values: Any, starts: Any) -> Any:

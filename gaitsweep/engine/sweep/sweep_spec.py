@@ -18,7 +18,9 @@ class SweepSpec:
     `values(first, last)` returns the parameters and the initial conditions of rows first..last-1, arrays of
     that length by name; `drive` returns the parameters at a time from a row's values, for ramps and
     staircases; `engine` is xla or kernel; `block` is the number of rows in a block, `lanes` that of lanes on
-    each device. The initial conditions may contain `SHARE`, the factor on a row's step lengths.
+    each device. The initial conditions may contain `SHARE`, the factor on a row's step lengths. `varied` are
+    names of parameters that may differ between rows even where those of this sweep do not: sweeps that vary
+    the same ones share a kernel of a GPU, whatever their rows are.
     """
 
     model: Model
@@ -31,6 +33,7 @@ class SweepSpec:
     values: Callable[[int, int], tuple[Values, Values]]
     drive: Callable[..., Params] | None = None
     engine: str = "xla"
+    varied: frozenset[str] = frozenset()
 
 
 @dataclasses.dataclass(frozen=True)
