@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Model
+from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
 from gaitsweep.engine.propose import METHODS, refusal
@@ -218,13 +219,8 @@ def _deciding(model: Model, numerics: Numerics, plan: Plan) -> list[str]:
         return [x for x in found if x is not None]
 
     number = jax.ShapeDtypeStruct((), jnp.float64)
-    jaxpr = jax.make_jaxpr(one)(dict.fromkeys(names, number)).jaxpr
-    reached = {var for var in jaxpr.outvars if not hasattr(var, "val")}
-    for equation in reversed(jaxpr.eqns):
-        if reached & set(equation.outvars):
-            reached |= {var for var in equation.invars if not hasattr(var, "val")}
-    # the inputs come in the order of a dict's keys, which JAX sorts
-    return [name for name, var in zip(sorted(names), jaxpr.invars, strict=True) if var in reached]
+    deciding = frozenset[str]().union(*dependences(one, dict.fromkeys(names, number)))
+    return sorted(deciding)
 
 
 def _from_spectrum(plan: Plan, numerics: Numerics, steps: RowSteps) -> np.ndarray:

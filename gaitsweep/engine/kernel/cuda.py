@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers
-from gaitsweep.engine.kernel.dependence import dependent
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, Values
@@ -35,9 +35,12 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
         return held
 
     leaves = jax.tree.leaves(kernel.chunk.held)
-    found = dependent(constants, kernel.given, names)
+    found = dependences(constants, *kernel.given)
     return frozenset(
-        leaf.first + i for leaf, there in zip(leaves, found, strict=True) if there for i in range(leaf.size)
+        leaf.first + i
+        for leaf, mine in zip(leaves, found, strict=True)
+        if mine & names
+        for i in range(leaf.size)
     )
 
 

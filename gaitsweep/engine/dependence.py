@@ -1,0 +1,34 @@
+"""On which of its arguments each result of a function depends, read off its program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+from jax.extend.core import Literal
+
+
+def dependences(function: Callable[..., Any], *given: Any) -> list[frozenset[str]]:
+    """The names of the arguments on which each array that a function returns depends.
+
+    A result of a function that is compiled by itself, or of a branch, counts as dependent on all arguments of
+    that.
+
+    Args:
+        function: of mappings of arrays by name.
+        given: shapes and dtypes of its arguments, each a mapping.
+    """
+    program = jax.make_jaxpr(function)(*given).jaxpr
+    paths = [path for path, _ in jax.tree_util.tree_flatten_with_path(given)[0]]
+    names = {
+        variable: frozenset({path[-1].key}) for variable, path in zip(program.invars, paths, strict=True)
+    }
+
+    def of(*atoms: Any) -> frozenset[str]:
+        known = (names.get(atom, frozenset()) for atom in atoms if not isinstance(atom, Literal))
+        return frozenset[str]().union(*known)
+
+    for equation in program.eqns:
+        names.update(dict.fromkeys(equation.outvars, of(*equation.invars)))
+    return [of(atom) for atom in program.outvars]
