@@ -97,6 +97,8 @@ class Card:
         device = self.use()
         self._architecture = f"sm_{device.arch}"
         self._stream = device.create_stream()
+        # a thread that waits for a stream keeps a core busy, which other sweeps on this machine need
+        self._reached = device.create_event(core.EventOptions(blocking_sync=True))
         self._pinned = core.LegacyPinnedMemoryResource()
 
     def use(self) -> Any:
@@ -131,8 +133,9 @@ class Card:
             raise RuntimeError(f"{size} bytes could not be copied to or from a GPU: {failed.name}.")
 
     def wait(self) -> None:
-        """Wait for all that was launched and copied."""
-        self._stream.sync()
+        """Wait for all that was launched and copied; the thread sleeps meanwhile."""
+        self._stream.record(self._reached)
+        self._reached.sync()
 
     def module(self, source: str, *, contraction: bool = True) -> Any:
         """The kernels of a source, compiled now or loaded from the cache."""
