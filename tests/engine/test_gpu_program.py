@@ -28,6 +28,7 @@ from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.sweep import engines
 from gaitsweep.models.multilegged.model import Multilegged
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
@@ -134,6 +135,33 @@ def test_sweeps_thread_by_thread(on_card: Any) -> None:
     recorder, starts = CrossingRecorder(Toy(), crossings=12), {"launch_1": LAUNCH}
     one = on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=7)
     same(one, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=3, devices=2, block=5))
+
+
+def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lanes that have ended take no thread, so that the others fill whole warps."""
+    launched: list[int] = []
+
+    class Card(cuda.Card):  # the fixture's
+        def threads(self, kernel: Any) -> int:
+            return 64
+
+        def launch(self, kernel: Any, threads: int, *args: Any) -> None:
+            if len(args) == 6:  # those of `run`
+                launched.append(threads)
+            super().launch(kernel, threads, *args)
+
+    def run() -> Any:
+        # rows end one after the other
+        params = {"stiffness": np.geomspace(1.0, 64.0, 16)}
+        starts, recorder = {"launch_1": np.full(16, 1.3)}, CrossingRecorder(Toy(), crossings=20)
+        return on_card(Toy(), recorder, starts, params=params, numerics=NUMERICS, lanes=32)
+
+    of_three = run()
+    monkeypatch.setattr(cuda, "Card", Card)
+    monkeypatch.setattr(engines, "KERNEL_POLLS_PER_CHUNK", {"gpu": 1})
+    same(of_three, run())
+    assert max(launched) == 8  # two groups
+    assert min(launched) < 8
 
 
 def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:

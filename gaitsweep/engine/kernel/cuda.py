@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from gaitsweep.contract import Status
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers
@@ -66,6 +67,7 @@ class CudaLanes(KernelLanes):
         self._output = Numbers(self.card, (max(len(self._seen) * size, n_slots),))
         self._turn = Numbers(self.card, (2,))
         self._filling = Numbers(self.card, (size, gpu_program.filling_width(self.chunk)))
+        self._running = np.zeros(size, bool)
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._turn)
         self.card.wait()
 
@@ -78,6 +80,7 @@ class CudaLanes(KernelLanes):
         super().fill(params, starts, fresh)
         self._filling.to_card(self._staged.size)
         self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
+        self._running |= fresh
         first = gpu_program.FILLING
         if self._steady.differs(self._staged[:, first : first + self.chunk.first_of_carry]):
             lane, n_slots = int(self._staged[0, 0]), self.chunk.n_slots
@@ -101,8 +104,14 @@ class CudaLanes(KernelLanes):
         self._placed += lanes.size
 
     def advance(self, polls: int) -> None:
-        """Start to advance running lanes; `card.wait` waits for the end."""
-        self.card.launch(self.run, self.at_a_time, self._slots, self._kept, self.size, self._turn, polls)
+        """Start to advance running lanes; `card.wait` waits for the end.
+
+        There is a thread for each lane that runs. With more threads, lanes would be spread over more warps,
+        and a warp takes as long for one lane as for 32.
+        """
+        threads = min(self.at_a_time, max(1, int(np.count_nonzero(self._running))))
+        given = self._slots, self._kept, self.size, self._turn, polls, threads
+        self.card.launch(self.run, threads, *given)
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Let each thread make up to `polls * POLL_INTERVAL` attempts, of running lanes in turn."""
@@ -112,6 +121,7 @@ class CudaLanes(KernelLanes):
         self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
         output = self.output(lambda slot: seen[self._seen.index(slot)])
+        self._running = output.record.status == Status.running
         # the levels of the buffers that have new rows in some lane
         new = int(output.record.filled.max()) if width else 0
         if new:

@@ -85,8 +85,8 @@ KERNEL void trajectory(const double* S, index n, index i, double* slots) {{
 """
 
 _RUN = """
-KERNEL void run(double* S, double* kept, index n, double* turn, index polls) {{
-    bool running = false, more = true;
+KERNEL void run(double* S, double* kept, index n, double* turn, index polls, index threads) {{
+    bool running = false, more = THREAD < threads;
     index i;
     struct Own own;
     struct Carry carry;
@@ -162,11 +162,12 @@ def _opened(chunk: Chunk) -> int:
 
 
 def running(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """The source of the kernel `run(S, kept, n, turn, polls)`: each thread makes up to `polls` polls.
+    """The source of the kernel `run(S, kept, n, turn, polls, threads)`.
 
-    `S` (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 receives the rows to keep; `turn`
-    (2,) float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of
-    the nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
+    Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
+    (slots, n) float64 has n lanes; `kept` (BUFFER, n, width) float64 receives the rows to keep; `turn` (2,)
+    float64 is the number of lanes taken and the lane taken first; the variable `same` has the values of the
+    nodes `same(chunk, varying)`, as `packed` gives them; `varying` are the slots of constants that differ
     between rows.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
