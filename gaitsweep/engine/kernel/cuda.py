@@ -67,7 +67,7 @@ class CudaLanes(KernelLanes):
         self._output = Numbers(self.card, (max(len(self._seen) * size, n_slots),))
         self._turn = Numbers(self.card, (2,))
         self._filling = Numbers(self.card, (size, gpu_program.filling_width(self.chunk)))
-        self._running = np.zeros(size, bool)
+        self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._turn)
         self.card.wait()
 
@@ -80,7 +80,7 @@ class CudaLanes(KernelLanes):
         super().fill(params, starts, fresh)
         self._filling.to_card(self._staged.size)
         self.card.launch(self._put, count, self._slots, self._kept, self.size, self._filling, count)
-        self._running |= fresh
+        self._under_way |= fresh
         first = gpu_program.FILLING
         if self._steady.differs(self._staged[:, first : first + self.chunk.first_of_carry]):
             lane, n_slots = int(self._staged[0, 0]), self.chunk.n_slots
@@ -109,9 +109,8 @@ class CudaLanes(KernelLanes):
         There is a thread for each lane that runs. With more threads, lanes would be spread over more warps,
         and a warp takes as long for one lane as for 32.
         """
-        threads = min(self.at_a_time, max(1, int(np.count_nonzero(self._running))))
-        given = self._slots, self._kept, self.size, self._turn, polls, threads
-        self.card.launch(self.run, threads, *given)
+        threads = min(self.at_a_time, max(1, int(np.count_nonzero(self._under_way))))
+        self.card.launch(self.run, threads, self._slots, self._kept, self.size, self._turn, polls, threads)
 
     def run_chunk(self, polls: int) -> ChunkOutput:
         """Let each thread make up to `polls * POLL_INTERVAL` attempts, of running lanes in turn."""
@@ -121,7 +120,7 @@ class CudaLanes(KernelLanes):
         self.card.launch(self._collect, size, self._slots, size, self._turn, self._output)
         seen = self._output.from_card(len(self._seen) * size).reshape(-1, size)
         output = self.output(lambda slot: seen[self._seen.index(slot)])
-        self._running = output.record.status == Status.running
+        self._under_way = output.record.status == Status.running
         # the levels of the buffers that have new rows in some lane
         new = int(output.record.filled.max()) if width else 0
         if new:
