@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
+from scipy.integrate import solve_ivp
 from sweeping import complete, run_rows, scalars
 
 from gaitsweep.contract import Status
@@ -73,16 +74,18 @@ def observed(
         ({}, {"late_reset": 0.0, "fore_knees": 0.0}),
         ({"damping": "rate_error"}, {"sigma_1": 0.2, "sigma_2": 0.12, "hind_knees": 1.0}),
         ({"heights": "given"}, {**HEIGHTS, **HIPS, "hind_knees": 1.0}),
+        ({"slip": "coulomb"}, {"mu": 0.3, "T_slip": 5e-4, **HIPS}),
     ],
-    ids=["ellipse", "sine", "two_cycloids", "parameters", "late_reset", "rate_error", "heights"],
+    ids=["ellipse", "sine", "two_cycloids", "parameters", "late_reset", "rate_error", "heights", "slip"],
 )
 def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], params: dict[str, float]) -> None:
     """Three cycles of the loop written from the model's page alone, with events located in both.
 
-    Neither locates the kinks of `clamp` and `D_rising`; damping by the error of rates is stiffer.
+    Neither locates the kinks of `clamp`, `D_rising` and the cone of friction; damping by the error of rates is
+    stiffer.
     """
-    model, near = WaistQuadruped(**structure), 1e-6 if structure.get("damping") is None else 1e-5
-    near = 1e-5 if "clamp" in params else near
+    model = WaistQuadruped(**structure)
+    near = 1e-5 if {"clamp", "mu"} & set(params) or "damping" in structure else 1e-6
     found = observed(model, {**QUICK, **params}, 3, Numerics(dt=2e-5, method="rk4"))
     values = {name: float(value[0]) for name, value in complete(model, {**QUICK, **params}, 1).items()}
     words = {name: word for name, word in structure.items() if name != "heights"}
@@ -102,8 +105,9 @@ def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], param
         ({"swing": "ellipse"}, {}),
         ({}, {**HIPS, **POSTURE, **GROUND, **RESET}),
         ({"damping": "rate_error"}, {"sigma_1": 0.2, "sigma_2": 0.12}),
+        ({"slip": "coulomb"}, {"mu": 0.3}),
     ],
-    ids=["ellipse", "parameters", "rate_error"],
+    ids=["ellipse", "parameters", "rate_error", "slip"],
 )
 def test_small_steps_tend_to_located_events(structure: dict[str, str], params: dict[str, float]) -> None:
     """The error of semi-implicit Euler at a quarter of the step is below half of it: first order."""
@@ -266,43 +270,69 @@ def test_the_grounds_vertical_spring_and_damper_are_its_own() -> None:
 
 def test_no_force_leaves_the_cone_of_friction() -> None:
     """Within the cone the anchor stays; beyond it the force is mu times the load, in its old direction."""
-    m, rng = scalars(WaistQuadruped(slip="coulomb"), mu=0.6).mechanics, np.random.default_rng(0)
+    stick = scalars(MODEL).mechanics
+    slip, rng = scalars(WaistQuadruped(slip="coulomb"), mu=0.6).mechanics, np.random.default_rng(0)
     slipped = 0
     for _ in range(25):
         at = np.c_[rng.normal(0.0, 5e-4, (4, 2)), rng.uniform(-1e-3, 2e-4, 4)]
-        speed, anchors, contact = rng.normal(0.0, 0.03, (4, 3)), np.zeros((4, 2)), np.ones(4, bool)
-        where = [jnp.asarray(one) for one in (at, speed, anchors, contact)]
-        stuck = np.stack([force.force for force in m.ground_forces(*where)])
-        moved = m.slid(*where)
-        found = np.stack([force.force for force in m.ground_forces(*where[:2], moved, where[3])])
+        where = [jnp.asarray(one) for one in (at, rng.normal(0.0, 0.03, (4, 3)))]
+        held = jnp.zeros((4, 2)), jnp.ones(4, bool)
+        stuck = np.stack([force.force for force in stick.ground_forces(*where, *held)])
+        found = np.stack([force.force for force in slip.ground_forces(*where, *held)])
         load, along = np.maximum(stuck[:, 2], 0.0), np.hypot(*stuck[:, :2].T)
         np.testing.assert_array_equal(found[:, 2], stuck[:, 2])
         np.testing.assert_allclose(np.hypot(*found[:, :2].T), np.minimum(along, 0.6 * load), atol=1e-12)
         np.testing.assert_allclose(found[:, 0] * stuck[:, 1], found[:, 1] * stuck[:, 0], atol=1e-10)
-        np.testing.assert_array_equal(moved[along <= 0.6 * load], 0.0)
-        # an anchor slides against its force, by as much as the spring gives way: friction takes energy
-        work = np.sum(found[:, :2] * np.array(moved), axis=1)
-        lost = 0.6 * load * np.maximum(along - 0.6 * load, 0.0) / 3.6e4
-        np.testing.assert_allclose(work, -lost, atol=1e-12)
+        creep = np.array(slip.creep(*where, *held))
+        np.testing.assert_array_equal(creep[along <= 0.6 * load], 0.0)
+        # an anchor that has crept for T_slip, with all else at rest, leaves spring and damper on the cone
+        moved = jnp.asarray(creep * float(slip.T_slip or 0.0)), held[1]
+        after = np.stack([force.force for force in stick.ground_forces(*where, *moved)])
+        np.testing.assert_allclose(after, found, atol=1e-12)
+        # it slides against the force: friction takes energy
+        assert np.all(np.sum(found[:, :2] * creep, axis=1) <= 0.0)
         slipped += int(np.sum(along > 0.6 * load))
     assert 20 < slipped < 95
 
 
 def test_a_foot_that_is_pulled_down_has_no_friction() -> None:
     m = scalars(WaistQuadruped(slip="coulomb")).mechanics
-    up = jnp.array([[1e-3, 0.0, -1e-6]] * 4)
-    moved = m.slid(up, jnp.array([[0.0, 0.0, 1.0]] * 4), jnp.zeros((4, 2)), jnp.ones(4, bool))
-    np.testing.assert_allclose(moved, up[:, :2], atol=1e-15)  # the damper pulls
+    up = jnp.array([[1e-3, 0.0, -1e-6]] * 4), jnp.array([[0.0, 0.0, 1.0]] * 4)  # the damper pulls
+    forces = m.ground_forces(*up, jnp.zeros((4, 2)), jnp.ones(4, bool))
+    np.testing.assert_array_equal([force.force[:2] for force in forces], 0.0)
+    assert all(force.force[2] < 0.0 for force in forces)
 
 
-def test_slip_is_for_fixed_steps() -> None:
+@pytest.mark.parametrize("push", [2.0, 18.0])
+def test_a_block_slips_where_it_is_pushed_by_more_than_its_friction(push: float) -> None:
+    """Coulomb's law for a mass on a foot with 5 N of load and mu = 1, by SciPy's integrator."""
+    m, mass, load, end = scalars(WaistQuadruped(slip="coulomb"), mu=1.0).mechanics, 0.5, 5.0, 0.05
+    K, D = float(m.K_TL), float(m.D_TL)
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        x, v, anchor = y
+        at, speed = np.array([[x, 0.0, -load / float(m.K_N)]] * 4), np.array([[v, 0.0, 0.0]] * 4)
+        where = jnp.asarray(at), jnp.asarray(speed), jnp.asarray([[anchor, 0.0]] * 4), jnp.ones(4, bool)
+        force = float(m.ground_forces(*where)[0].force[0])
+        return np.array([v, (push + force) / mass, float(m.creep(*where)[0, 0])])
+
+    x, v, anchor = solve_ivp(rates, (0.0, end), np.zeros(3), rtol=1e-8, atol=1e-11, method="LSODA").y[:, -1]
+    if push < load:
+        assert (anchor, x) == (0.0, pytest.approx(push / K, rel=1e-3))
+    else:
+        assert v == pytest.approx((push - load) / mass * end, rel=0.02)
+        # spring and damper are beyond the cone by what moves the anchor at the foot's speed
+        beyond = K * float(scalars(WaistQuadruped(slip="coulomb")).mechanics.T_slip or 0.0) * v
+        assert x - anchor == pytest.approx((load + beyond - D * v) / K, rel=0.05)
+
+
+def test_slip_has_located_events_and_names_of_its_own() -> None:
     job = {
-        "name": "slips", "model": "waist_quadruped", "structure": {"slip": "coulomb"}, "params": {"mu": 0.5},
-        "run": {"kind": "settle"}, "numerics": {"method": "semi_implicit", "dt": 2e-4},
+        "name": "slips", "model": "waist_quadruped", "structure": {"slip": "coulomb"},
+        "params": {"mu": 0.5, "T_slip": 1e-3}, "run": {"kind": "settle"},
     }  # fmt: skip
     assert Job(**job).plan.model == WaistQuadruped(slip="coulomb")
-    with pytest.raises(JobError, match=r"only steps with slip coulomb\. Allowed: semi_implicit"):
-        Job(**{**job, "numerics": {"method": "rk4"}})
+    assert WaistQuadruped(slip="coulomb").recommended.method == "rk4"
     with pytest.raises(JobError, match=r"params\.mu is not"):
         Job(**{**job, "structure": {}})
     with pytest.raises(ValueError, match=r"slip is 'colomb'; did you mean coulomb"):

@@ -25,7 +25,7 @@ HIP, KNEE, WAIST = (7, 9, 12, 14), (8, 10, 13, 15), 11  # in qpos; in qvel one l
 TWO_PI = 2.0 * math.pi
 RELEASE = 1e-7  # m above the ground, where a foot is let go of
 STANCE, EARLY, LATE, BEYOND = range(4)
-Q, V, PHI = slice(0, 16), slice(16, 31), slice(31, 35)
+Q, V, PHI, ANCHOR = slice(0, 16), slice(16, 31), slice(31, 35), slice(35, 43)
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Landing:
 
 
 class Quadruped:
-    """The page's equations with the `values` of its parameters, and the state: y (35,) is q, v, phi."""
+    """The page's equations with the `values` of its parameters, and the state: y (43,) is q, v, phi, anchors."""
 
     def __init__(
-        self, xml: str, values: Mapping[str, float], delta_13: float, swing: str, damping: str
+        self, xml: str, values: Mapping[str, float], delta_13: float, swing: str, damping: str, slip: str
     ) -> None:
         p = self.p = dict(values)
-        self.swing, self.damping = swing, damping
+        self.swing, self.damping, self.slip = swing, damping, slip
         self.bend = [1.0 if p[f"{pair}_knees"] > 0.0 else -1.0 for pair in ("fore", "fore", "hind", "hind")]
         self.x_c, self.H = ([p[f"{name}_fore"]] * 2 + [p[f"{name}_hind"]] * 2 for name in ("x_c", "H"))
         self.model = varied(xml, p)
@@ -67,7 +67,7 @@ class Quadruped:
         self.growing = self.held = True
         self.cycle_began, self.down_since, self.stood, self.touched = 0.0, [0.0] * 4, [0.0] * 4, [0] * 4
         self.LP = [(x, -H) for x, H in zip(self.x_c, self.H, strict=True)]
-        self.y = np.zeros(35)
+        self.y = np.zeros(43)
         self.y[PHI] = phi
         self.y[3] = 1.0
         starts = [self.path(i, 0.0, float(phi[i])) for i in range(4)]
@@ -79,7 +79,7 @@ class Quadruped:
         weight = (p["front_mass"] + p["rear_mass"] + 8.0 * p["link_mass"]) * p["g"]
         self.y[2] -= self.data.site_xpos[self.sites[0]][2] + weight / (4.0 * p["K_N"])
         self.placed(self.y)
-        self.anchor = [self.data.site_xpos[site][:2].copy() for site in self.sites]
+        self.y[ANCHOR] = np.ravel([self.data.site_xpos[site][:2] for site in self.sites])
         self.jacobian = np.zeros((3, 15))
 
     def slope(self, pitch: float) -> float:
@@ -154,21 +154,28 @@ class Quadruped:
             push[HIP[i] - 1] = -p["kappa_1"] * (q[HIP[i]] - hip) - p["sigma_1"] * (v[HIP[i] - 1] - turning[0])
             push[KNEE[i] - 1] = -p["kappa_2"] * (q[KNEE[i]] - knee)
             push[KNEE[i] - 1] -= p["sigma_2"] * (v[KNEE[i] - 1] - turning[1])
+        creep = np.zeros((4, 2))
         for i in range(4):
             if self.contact[i]:
                 J = self.jacobian
                 mujoco.mj_jacSite(m, d, J, None, self.sites[i])
                 sunk = d.site_xpos[self.sites[i]].copy()
-                sunk[:2] -= self.anchor[i]
+                sunk[:2] -= y[35 + 2 * i : 37 + 2 * i]
                 speed = J @ v
                 force = -p["K_TL"] * sunk - p["D_TL"] * speed
                 damper = p["D_N"] * (p["D_rising"] if speed[2] > 0.0 else 1.0)
                 force[2] = -p["K_N"] * sunk[2] - damper * speed[2]
                 if p["clamp"] > 0.0:
                     force[2] = max(force[2], 0.0)
+                if self.slip == "coulomb":
+                    along, most = float(np.linalg.norm(force[:2])), p["mu"] * max(force[2], 0.0)
+                    if along > most:
+                        excess = force[:2] * (1.0 - most / along)
+                        creep[i] = -excess / (p["K_TL"] * p["T_slip"])
+                        force[:2] -= excess
                 push += force @ J
         mujoco.mj_fwdAcceleration(m, d)
-        dy = np.empty(35)
+        dy = np.empty(43)
         dy[:3] = v[:3]
         w, x, y_, z = q[3:7]
         a, b, c = v[3:6]  # in the body's own axes
@@ -181,7 +188,7 @@ class Quadruped:
         dy[3:7] *= 0.5
         dy[7:16] = v[6:]
         dy[V] = d.qacc_smooth
-        dy[PHI] = rate
+        dy[PHI], dy[ANCHOR] = rate, creep.ravel()
         return dy
 
     def phase_rates(self, phi: list[float]) -> list[float]:
@@ -226,7 +233,7 @@ class Quadruped:
                 else:
                     self.stood[i] += self.time - self.down_since[i]
                 if self.contact[i] and not (self.segment[i] == STANCE and self.p["anchor_kept"] > 0.0):
-                    self.anchor[i] = self.data.site_xpos[self.sites[i]][:2].copy()
+                    self.y[35 + 2 * i : 37 + 2 * i] = self.data.site_xpos[self.sites[i]][:2]
             before = self.segment[i]
             if fired[i] and before in (STANCE, BEYOND):
                 self.segment[i], self.lifted[i] = EARLY, False
@@ -291,6 +298,7 @@ def landings(
     nudge: float = 0.0,
     swing: str = "cycloid",
     damping: str = "joint_rate",
+    slip: str = "none",
 ) -> list[Landing]:
     """Limb 3's first landings, `crossings` of them.
 
@@ -299,12 +307,12 @@ def landings(
         values: each of the model's parameters.
         delta_13: the start, rad; `nudge` is added to the front body's height (m).
         rtol: of the steps, relative to 1 (m, rad, m/s, rad/s).
-        swing, damping: words of the model's structure.
+        swing, damping, slip: words of the model's structure.
 
     Raises:
         Fallen: the body fell first. LateEvent: no event where one was due, or events without end.
     """
-    walker = Quadruped(xml, values, delta_13, swing, damping)
+    walker = Quadruped(xml, values, delta_13, swing, damping, slip)
     walker.y[2] += nudge
     found: list[Landing] = []
     limit = 3.0 * (crossings + 1) * TWO_PI / walker.omega

@@ -36,7 +36,7 @@ class WaistMechanics:
     """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
 
     `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
-    MJX; it is empty for the tree. `mu` is None where feet do not slip, and the fields of
+    MJX; it is empty for the tree. `mu` and `T_slip` are None where feet do not slip, and the fields of
     HEIGHT_NAMES are None in a level body.
     """
 
@@ -70,6 +70,7 @@ class WaistMechanics:
     body_distance: jax.Array
     numbers: dict[str, jax.Array]
     mu: jax.Array | None = None
+    T_slip: jax.Array | None = None
     front_height: jax.Array | None = None
     rear_height: jax.Array | None = None
     front_hip_z: jax.Array | None = None
@@ -146,7 +147,7 @@ class WaistMechanics:
     def ground_forces(
         self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array
     ) -> list[PointForce]:
-        """The force of the ground on each foot, eq. (A8).
+        """The force of the ground on each foot, eq. (A8), within the cone of friction where feet slip.
 
         Args:
             at, speed: positions and velocities of the feet, (4, 3) m and m/s.
@@ -154,29 +155,25 @@ class WaistMechanics:
             contact: whether each foot is on the ground, (4,).
         """
         tree, _ = body()
-        return [
-            PointForce(
-                tree.index(f"lower_{i + 1}"),
-                self._foot(),
-                anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()),
-            )
-            for i in LIMBS
-        ]
+        forces = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
+        if self.mu is not None:
+            forces = [force * jnp.append(carried(force, self.mu) * jnp.ones(2), 1.0) for force in forces]
+        return [PointForce(tree.index(f"lower_{i + 1}"), self._foot(), forces[i]) for i in LIMBS]
 
-    def slid(self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array) -> jax.Array:
-        """The anchors (4, 2), m, after feet whose forces exceed the friction cone have slipped.
+    def creep(self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array) -> jax.Array:
+        """Velocities (4, 2), m/s, of the touchdown points of slipping feet; arguments as for `ground_forces`.
 
-        Arguments as for `ground_forces`. An anchor follows its foot until the force along the ground is `mu`
-        times the force normal to it; a force that pulls the foot down carries no friction.
+        The point follows its foot until spring and damper are on the cone of friction: it does 1 - 1/e of the
+        way in `T_slip`.
         """
         assert self.mu is not None
-        feet = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
-        force = jnp.stack(feet)
-        along, normal = jnp.hypot(force[:, 0], force[:, 1]), jnp.maximum(force[:, 2], 0.0)
-        limit = self.mu * normal
-        share = jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
-        slid = at[:, :2] + (share[:, None] * force[:, :2] + self.D_TL * speed[:, :2]) / self.K_TL
-        return jnp.where((along > limit)[:, None], slid, anchors)
+        assert self.T_slip is not None
+        rates = []
+        for i in LIMBS:
+            force = anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground())
+            beyond = 1.0 - carried(force, self.mu)
+            rates.append(-beyond * force[:2] / (self.K_TL * self.T_slip))
+        return jnp.stack(rates)
 
     def _ground(self) -> tuple[jax.Array, ...]:
         """Springs (3,) N/m and dampers (3,) N s/m of the ground along x, y, z, `D_rising` and `clamp`."""
@@ -221,6 +218,15 @@ def anchored_force(
     least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
     force = jnp.stack([force[0], force[1], jnp.maximum(force[2], least)])
     return jnp.where(contact, force, 0.0)
+
+
+def carried(force: jax.Array, mu: jax.Array | float) -> jax.Array:
+    """The share of the force along the ground that friction `mu` carries, 1 within the cone.
+
+    A force (3,), N, that pulls the foot down has no load, so that it carries none.
+    """
+    along, limit = jnp.hypot(force[0], force[1]), mu * jnp.maximum(force[2], 0.0)
+    return jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
 
 
 def joint_angles(

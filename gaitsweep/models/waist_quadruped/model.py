@@ -43,7 +43,7 @@ from gaitsweep.models.waist_quadruped.mechanics import (
     joint_angles,
     tilt,
 )
-from gaitsweep.models.waist_quadruped.parameters import HEIGHTS, MU, OBSERVABLES, PARAMETERS, SIGNALS
+from gaitsweep.models.waist_quadruped.parameters import FRICTION, HEIGHTS, OBSERVABLES, PARAMETERS, SIGNALS
 from gaitsweep.models.waist_quadruped.rhythm import (
     after_events,
     anchors,
@@ -83,7 +83,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     )
     swing: str = _word("cycloid", "curve of the desired foot in swing", SWINGS)
     damping: str = _word("joint_rate", "rate that joints are damped by: their own, or its error", DAMPINGS)
-    slip: str = _word("none", "feet slip by Coulomb friction mu (fixed steps), or never", SLIPS)
+    slip: str = _word("none", "feet slip by Coulomb friction mu, or never", SLIPS)
     heights: str = _word(
         "level", "hips and the waist's axis: level with the centres of mass, or given", HEIGHT_CHOICES
     )
@@ -119,7 +119,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         heights = () if self.heights == "level" else HEIGHTS
-        return (*PARAMETERS, *heights, *(() if self.slip == "none" else (MU,)))
+        return (*PARAMETERS, *heights, *(() if self.slip == "none" else FRICTION))
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
@@ -218,7 +218,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     @property
     def located(self) -> bool:
-        return self.body == "tree" and self.slip == "none"
+        return self.body == "tree"
 
     def flow(self, params: Params, state: State) -> Rates:
         p, s, m = params, state, params.mechanics
@@ -227,11 +227,13 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         forces = m.ground_forces(*m.feet(s.q, s.v), s.anchor, s.contact)
         held = jnp.where(s.held, p.K_hold, 0.0)
         desired = desired_velocities(p, s, held) if p.damping == "rate_error" else None
+        slip = {} if m.mu is None else {"anchor": m.creep(*m.feet(s.q, s.v), s.anchor, s.contact)}
         return {
             "q": q_rate,
             "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z, desired), forces),
             "phi": phase_rates(p, s, held),
             "clock": jnp.ones_like(s.clock),
+            **slip,
         }
 
     @property
@@ -240,7 +242,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
         rate, damping = fastest_motion(params)
-        return rate[None], damping[None]
+        slip = params.mechanics.T_slip
+        if slip is None:
+            return rate[None], damping[None]
+        return jnp.stack([rate, 1.0 / slip]), jnp.stack([damping, jnp.ones_like(damping)])
 
     def in_steps(self) -> SemiImplicit:
         return SemiImplicit(self._mover)

@@ -85,7 +85,11 @@ HEIGHTS = (
     ),
 )
 # Where feet slip.
-MU = _positive("mu", "1", "coefficient of friction between feet and ground", 1.0, r"\mu", "")
+FRICTION = (
+    _positive("mu", "1", "coefficient of friction between feet and ground", 1.0, r"\mu", ""),
+    _positive("T_slip", "s", "time in which the touchdown point of a slipping foot follows it", 2e-4,
+              r"T_\mathrm{slip}", ""),
+)  # fmt: skip
 PARAMETERS = (
     _positive("f", "Hz", "stiffness of the waist, as a frequency", 2.6, "f", "Aoi 2011, eq. (8)"),
     Quantity("beta", "1", "duty factor", 0.75, low=0.5, high=1.0, open_ends=True, symbol=r"\beta",

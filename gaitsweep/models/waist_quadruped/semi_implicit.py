@@ -113,8 +113,10 @@ class SemiImplicit(FixedStepDynamics):
         s = after_events(p, dataclasses.replace(s, anchor=anchor), now, landing, over, since)
         on_line = path.line(*landing, path.done(s.phi))
         x, z = jnp.where(now.lands, on_line[0], x), jnp.where(now.lands, on_line[1], z)
-        if m.mu is not None:
-            s = dataclasses.replace(s, anchor=m.slid(at, speed, s.anchor, s.contact))
+        if m.T_slip is not None:
+            # exact for a force that stays: no step is too long for it
+            slid = -jnp.expm1(-dt / m.T_slip) * m.T_slip * m.creep(at, speed, s.anchor, s.contact)
+            s = dataclasses.replace(s, anchor=s.anchor + slid)
 
         # in the step in which delta_13 is released, it is held for a share of the step
         share = jnp.where(s.held, jnp.minimum((p.T_hold - s.clock) / dt, 1.0), 0.0)
