@@ -81,8 +81,8 @@ def observed(
 def test_landings_are_those_of_a_loop_in_mujoco(structure: dict[str, str], params: dict[str, float]) -> None:
     """Three cycles of the loop written from the model's page alone, with events located in both.
 
-    Neither locates the kinks of `clamp`, `D_rising` and the cone of friction; damping by the error of rates is
-    stiffer.
+    Neither locates the kinks of `clamp`, `D_rising` and the cone of friction; damping by the error of rates
+    is stiffer.
     """
     model = WaistQuadruped(**structure)
     near = 1e-5 if {"clamp", "mu"} & set(params) or "damping" in structure else 1e-6

@@ -43,7 +43,7 @@ class Landing:
 
 
 class Quadruped:
-    """The page's equations with the `values` of its parameters, and the state: y (43,) is q, v, phi, anchors."""
+    """The page's equations with its parameters' `values`, and the state: y (43,) is q, v, phi, anchors."""
 
     def __init__(
         self, xml: str, values: Mapping[str, float], delta_13: float, swing: str, damping: str, slip: str
