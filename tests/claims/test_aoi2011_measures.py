@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 from hysteresis_tables import CENTRE, FOLD, map_table, settle_table, staircase_table
 
+import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.measures import aoi2011 as measures
 from gaitsweep.claims.measures.general import default_values, ratio_of_medians
@@ -110,6 +113,42 @@ def test_lags_of_touchdowns(broken: float) -> None:
     table = trace((0.0, np.pi, 2.0, 2.0 + np.pi), broken)
     found = measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
     np.testing.assert_allclose(found, [np.pi, 2.0, np.pi], atol=0.03)
+
+
+def test_lags_are_given_on_the_turn_asked_for() -> None:
+    """Foot 2 is .1 rad ahead of foot 1: -.1 rad near 0, and 2 pi - .1 without."""
+    table = trace((0.1, 0.0, 2.0, 3.0))
+    for near, wanted in (([0.0], -0.1), (None, 2.0 * np.pi - 0.1)):
+        found = measures.touchdown_lags(table, row=0, pairs=[[1, 2]], near=near)
+        np.testing.assert_allclose(found, [wanted], atol=0.03)
+
+
+def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
+    table = trace((0.0, np.pi, 2.0, 2.0 + np.pi))
+    t = table["t"].to_numpy()
+    table["contact_3"] = (np.mod(t, 0.4) < 0.1) | ((np.mod(t, 0.4) > 0.16) & (np.mod(t, 0.4) < 0.32))
+    with pytest.raises(AnalysisError, match="Foot 3 of row 0 does not touch down once a cycle"):
+        measures.touchdown_lags(table, row=0, pairs=[[1, 3]])
+
+
+def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
+    """A body turned by .01 rad moves its hind feet by .01 times their distance from the axis, r^2 = x^2 + y^2."""
+    wide = {"rear_hip_y": {"values": [0.05, 0.09]}}
+    run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}
+    table = gs.run(
+        gs.Job(name="wide", model="waist_quadruped", vary=wide, run=run, verify=0), tmp_path / "out"
+    ).table
+    table[[f"contact_{i}" for i in range(1, 5)]] = 1.0
+    table[[f"q_{i}" for i in range(16)]] = 0.0
+    turned = table["t"] > 0.05
+    table["q_3"], table["q_6"] = np.where(turned, np.cos(0.005), 1.0), np.where(turned, np.sin(0.005), 0.0)
+    moved = []
+    for row in (0, 1):
+        part = table[table["row"] == row]
+        part.attrs = table.attrs
+        moved.append(measures.foot_slip(part, take="max"))
+    squares = (np.array(moved) / (2.0 * np.sin(0.005))) ** 2
+    assert squares[1] - squares[0] == pytest.approx(0.09**2 - 0.05**2, rel=1e-9)
 
 
 def test_way_and_slip() -> None:

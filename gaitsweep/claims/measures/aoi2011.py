@@ -32,6 +32,7 @@ from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import defaults, records, value
 from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import turned
+from gaitsweep.job.stored import stored_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.models.waist_quadruped.foot_path import LATE
@@ -42,6 +43,9 @@ from gaitsweep.models.waist_quadruped.state import State
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
 _BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
+_ONCE = (
+    0.2  # largest change of the time between two touchdowns, as a share, of a foot that lands once a cycle
+)
 
 
 # ---- constants and equations -----------------------------------------------------------------------------
@@ -310,9 +314,11 @@ def _first_middle(points: pd.DataFrame, without: str) -> float:
 
 
 @measure
-def kinds_of_fixed_points(table: pd.DataFrame, *, observable: str, parameter: str, at: float) -> list[str]:
+def kinds_of_fixed_points(
+    table: pd.DataFrame, *, observable: str, parameter: str, at: float, bandwidth: float | None = None
+) -> list[str]:
     """Kinds of the fixed points of the return map at a value of the parameter, in order of the observable."""
-    found = return_map.fixed_points(table, observable, parameter)
+    found = return_map.fixed_points(table, observable, parameter, bandwidth)
     here = np.flatnonzero(np.isclose(found[parameter].to_numpy(float), at))
     order = here[np.argsort(found["value"].to_numpy(float)[here])]
     return ["stable" if found["stable"].iloc[k] else "unstable" for k in order]
@@ -320,10 +326,16 @@ def kinds_of_fixed_points(table: pd.DataFrame, *, observable: str, parameter: st
 
 @measure
 def stable_until(
-    table: pd.DataFrame, *, observable: str, parameter: str, between: Sequence[float], take: str
+    table: pd.DataFrame,
+    *,
+    observable: str,
+    parameter: str,
+    between: Sequence[float],
+    take: str,
+    bandwidth: float | None = None,
 ) -> float:
     """Largest (`max`) or smallest (`min`) parameter at which the return map has a stable point in a range."""
-    found = return_map.fixed_points(table, observable, parameter)
+    found = return_map.fixed_points(table, observable, parameter, bandwidth)
     low, high = between
     value, stable = found["value"].to_numpy(float), found["stable"].to_numpy(bool)
     mine = found[parameter].to_numpy(float)[stable & (value >= low) & (value <= high)]
@@ -333,9 +345,11 @@ def stable_until(
 
 
 @measure
-def share_with_unstable_between(table: pd.DataFrame, *, observable: str, parameter: str) -> float:
+def share_with_unstable_between(
+    table: pd.DataFrame, *, observable: str, parameter: str, bandwidth: float | None = None
+) -> float:
     """Share of the parameter values with two stable fixed points that have an unstable one between (1)."""
-    found = return_map.fixed_points(table, observable, parameter)
+    found = return_map.fixed_points(table, observable, parameter, bandwidth)
     several = [
         [bool(stable) for stable in here.sort_values("value")["stable"]]
         for _, here in found.groupby(parameter)
@@ -472,11 +486,13 @@ def sideways_share(table: pd.DataFrame) -> float:
 def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
     """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances."""
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
-    m = _params().mechanics
-    feet = jax.jit(jax.vmap(lambda q: m.feet(q, jnp.zeros(15))[0]))
+    plan = stored_job(table.attrs).plan
     moved = []
-    for _, part in table.groupby("row"):
+    for row, part in table.groupby("row"):
         part = part.sort_values("t")
+        values, _ = plan.values(int(str(row)), int(str(row)) + 1)
+        mechanics = plan.model.params({name: jnp.asarray(each[0]) for name, each in values.items()}).mechanics
+        feet = jax.jit(jax.vmap(lambda q, m=mechanics: m.feet(q, jnp.zeros(15))[0]))
         at = np.asarray(feet(jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
         for i in LIMBS:
             down = part[f"contact_{i + 1}"].to_numpy(float) > 0.5
@@ -489,25 +505,38 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
 
 @measure
 def touchdown_lags(
-    table: pd.DataFrame, *, row: int, pairs: Sequence[Sequence[int]], window: Sequence[float] | None = None
+    table: pd.DataFrame,
+    *,
+    row: int,
+    pairs: Sequence[Sequence[int]],
+    window: Sequence[float] | None = None,
+    near: Sequence[float] | None = None,
 ) -> list[float]:
-    """Phase (rad, 0 to 2 pi) by which foot i of each pair [i, j] touches down before foot j.
+    """Phase (rad) by which foot i of each pair [i, j] touches down before foot j.
 
     Args:
         table: a trace.
         row: its row.
         pairs: numbers of feet.
         window: begin and end of the time that is used, s.
+        near: for each pair, the middle of the turn in which its phase is given, rad; pi without it.
+
+    Raises:
+        AnalysisError: a foot touches down less or more than once a cycle.
     """
     if window is not None:
         t = table["t"].to_numpy(float)
         table = table.loc[(t >= window[0]) & (t <= window[1])]
     found = []
-    for i, j in pairs:
+    for (i, j), middle in zip(pairs, near or [math.pi] * len(pairs), strict=True):
         first, second = _touchdowns(table, row, i), _touchdowns(table, row, j)
         cycle = float(np.median(np.diff(first)))
+        for foot, times in ((i, first), (j, second)):
+            if np.max(np.abs(np.diff(times) / cycle - 1.0)) > _ONCE:
+                raise AnalysisError(f"Foot {foot} of row {row} does not touch down once a cycle.")
         after = second[:, None] - first[None, :]
-        found.append(mean_direction(TURN * (after / cycle).ravel()))
+        lag = mean_direction(TURN * (after / cycle).ravel())
+        found.append(middle + float(wrapped_difference(lag - middle)))
     return found
 
 

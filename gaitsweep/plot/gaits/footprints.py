@@ -235,7 +235,7 @@ def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
 
 
 def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) -> float | None:
-    """The mean time between touchdowns of a leg without stumbles; None if no leg has two touchdowns."""
+    """The mean time between touchdowns of a leg without stumbles; None if there is no such leg."""
     of_legs = [np.diff(starts[starts > beginning]) for starts, _ in stances]
     gaps = np.concatenate(of_legs)
     if not len(gaps):
@@ -245,6 +245,8 @@ def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) 
         several = [each for each in of_legs if len(each) > 1]
         gaps = min(several, key=lambda each: each.std() / each.mean(), default=gaps)
         usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
+        if usual.mean() < _REGULAR:
+            return None
     return float(gaps[usual].mean())
 
 
