@@ -132,7 +132,7 @@ def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
 
 
 def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
-    """A body turned by .01 rad moves its hind feet by .01 times their distance from the axis, r^2 = x^2 + y^2."""
+    """A body turned by .01 rad moves its hind feet by .01 times their distance from the axis."""
     wide = {"rear_hip_y": {"values": [0.05, 0.09]}}
     run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}
     table = gs.run(
