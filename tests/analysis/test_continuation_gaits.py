@@ -153,7 +153,8 @@ def test_gaits_of_the_quadruped_are_lost_where_holds_lose_them(
 ) -> None:
     """The last stable point of a branch lies in the interval in which holds of 120 s lose its gait.
 
-    Holds are simulated forward, with no derivative: sweeps/waist_quadruped_edges.yaml and _beta_edges.yaml.
+    Holds are simulated forward, with no derivative: sweeps/waist_quadruped_2_edges.yaml and
+    _2_beta_edges.yaml.
     """
     points, _ = quadruped.settled({"delta_13": delta_13}, {**fixed, parameter: begin}, 60)
     within = {"f": (2.0, 3.2), "beta": (0.745, 0.756)}[parameter]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import yaml
 from sweeping import scalars
 from toy_model import Toy, flight_time
 
@@ -294,3 +296,31 @@ def test_jacobian_of_the_quadruped() -> None:
     before = mapping.difference(approach[0].at, found.points.at[:1])[0, 0]
     after = mapping.difference(mapping.images(approach[0], {}).points.at, found.points.at[:1])[0, 0]
     assert abs(after / before - trot.real) < 1e-3
+
+
+@pytest.mark.slow
+def test_jacobian_where_feet_slip() -> None:
+    """Trot, walk and pace of `configs/aoi2011.yaml` at f = 2.6: against central differences, 3e-6 of the norm.
+
+    A foot begins and ends to slip without an event, so that the map has kinks: differences must stay between
+    them, 1e-8 apart. The slow multiplier is that of the settling.
+    """
+    shipped = yaml.safe_load((Path(__file__).parents[2] / "configs" / "aoi2011.yaml").read_text())
+    model, constants = WaistQuadruped(**shipped["structure"]), tuple(shipped["params"].items())
+    mapping = BatchedReturnMap(model, constants, numerics=Numerics(dt=1e-4))
+    points, way = mapping.settled({"delta_13": np.array([3.07, 2.74, 0.52])}, {}, 120)
+    assert np.all(way == ReturnStatus.crossed)
+    found = newton(mapping, points, {})
+    assert found.converged.all()
+    # the model's page
+    np.testing.assert_allclose(found.points.at[:, 0], [3.066, 2.739, 0.523], atol=1e-3)
+    expected = differences(mapping, found.points, {}, 1e-8)
+    for jacobian, by_differences in zip(found.images.jacobian, expected, strict=True):
+        assert off(jacobian, by_differences) < 3e-6
+    slow = multipliers(found.images.jacobian)[:, 0].real
+    # the others, of which return maps over delta_13 alone know nothing, have decayed long before
+    assert np.abs(multipliers(found.images.jacobian)[:, 1]).max() < 0.5
+    early, _ = mapping.settled({"delta_13": np.array([3.1, 2.7, 0.45])}, {}, 70)
+    before = mapping.difference(early.at, found.points.at)[:, 0]
+    after = mapping.difference(mapping.images(early, {}).points.at, found.points.at)[:, 0]
+    np.testing.assert_allclose(after / before, slow, atol=0.02)

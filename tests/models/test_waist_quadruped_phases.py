@@ -15,20 +15,53 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def settled(
-    config: str, places: dict[str, list[float]], folder: Path, tolerance: float = 1e-5
+    config: str,
+    places: dict[str, list[float]],
+    folder: Path,
+    tolerance: float = 1e-5,
+    longest: float = 127.0,
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """The rows of these places with a config's constants, all of which settle, and their Delta_13 (n,)."""
     rows = {
         "name": config,
         "config": str(CONFIGS / f"{config}.yaml"),
         "vary": {"zip": {name: {"values": values} for name, values in places.items()}},
-        "run": {"kind": "settle", "max_cycles": 330, "max_time": 127, "tolerance": tolerance},
+        "run": {"kind": "settle", "max_cycles": int(longest / 0.38), "max_time": longest, "tolerance": tolerance},
         "verify": 0,
     }
     (folder / "job.yaml").write_text(yaml.safe_dump(rows))
     table = gs.run(folder / "job.yaml", folder / "out").table
     assert set(table["status"].astype(str)) == {"settled"}
     return table, np.asarray(np.angle(np.exp(1j * (table["delta_13_end"] - 2.0))) + 2.0)
+
+
+@pytest.mark.slow
+def test_fig_5_and_fig_6_in_one_set(tmp_path: Path) -> None:
+    """Trot, walk and pace at the paper's phases, and both sides of each loss, over f and over beta.
+
+    Within half of the distance that the constants of `aoi2011_2.yaml` have from the paper's phases and losses.
+    """
+    kept_f, lost_f = [2.89, 2.35], [2.95, 2.29]
+    kept_beta, lost_beta = [0.7515, 0.7495], [0.7535, 0.7475]
+    places = {
+        "f": [2.0, 2.6, 2.6, 3.2, *kept_f, *lost_f, 2.6, 2.6, 2.6, 2.6, 2.0, 2.6, 3.2],
+        "beta": [0.75] * 8 + kept_beta + lost_beta + [0.75] * 3,
+        "delta_13": [3.1, 3.1, 2.65, 2.65] + [3.1, 2.65] * 4 + [0.5] * 3,
+    }
+    table, phases = settled("aoi2011", places, tmp_path, longest=400.0)
+    gaits = table["gait"].astype(str).tolist()
+    both = ["trot", "walk"]
+    assert gaits == ["trot", "trot", "walk", "walk", *both, *both[::-1], *both, *both[::-1], *["pace"] * 3]
+    assert np.abs(phases[:2] - 3.1).max() < 0.115
+    assert np.abs(phases[2:4] - 2.7).max() < 0.165
+    assert np.abs(phases[-3:] - 0.6).max() < 0.15
+    over_f = table.iloc[[0, 1, 2, 3]]
+    assert np.abs(over_f["speed_end"] - 0.187).max() < 0.0155
+    assert np.abs(over_f["period_end"] - 0.4).max() < 0.0038
+    # each foot of the walk touches down once a cycle, and stands for the duty factor
+    walks = table.iloc[[2, 3]]
+    assert (walks[[f"touchdowns_{i}_end" for i in range(1, 5)]].to_numpy() == 1).all()
+    assert np.abs(walks[[f"duty_{i}_end" for i in range(1, 5)]].to_numpy() - 0.75).max() < 0.01
 
 
 @pytest.mark.slow
