@@ -121,7 +121,7 @@ def test_too_short_a_row_has_no_gaits_along() -> None:
 
 @pytest.mark.slow
 def test_a_walk_and_a_trot_of_the_quadruped_with_a_waist(tmp_path: Path) -> None:
-    """The first constants found for Aoi et al. 2011: Delta_13 is 2.37 rad in the walk, 2.87 in the trot; left and right in antiphase."""
+    """Delta_13 is 2.37 rad in the walk, 2.87 in the trot; left and right in antiphase."""
     path = ROOT / "sweeps/waist_quadruped_footprints.yaml"
     # its walk is farther from its trot than the paper's is
     config = f"config={ROOT / 'configs/aoi2011_2.yaml'}"

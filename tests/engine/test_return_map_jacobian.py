@@ -300,7 +300,7 @@ def test_jacobian_of_the_quadruped() -> None:
 
 @pytest.mark.slow
 def test_jacobian_where_feet_slip() -> None:
-    """Trot, walk and pace of `configs/aoi2011.yaml` at f = 2.6: against central differences, 3e-6 of the norm.
+    """Trot, walk and pace of `configs/aoi2011.yaml` at f = 2.6: central differences, 3e-6 of the norm.
 
     A foot begins and ends to slip without an event, so that the map has kinks: differences must stay between
     them, 1e-8 apart. The slow multiplier is that of the settling.

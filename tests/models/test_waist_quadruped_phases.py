@@ -26,7 +26,12 @@ def settled(
         "name": config,
         "config": str(CONFIGS / f"{config}.yaml"),
         "vary": {"zip": {name: {"values": values} for name, values in places.items()}},
-        "run": {"kind": "settle", "max_cycles": int(longest / 0.38), "max_time": longest, "tolerance": tolerance},
+        "run": {
+            "kind": "settle",
+            "max_cycles": int(longest / 0.38),
+            "max_time": longest,
+            "tolerance": tolerance,
+        },
         "verify": 0,
     }
     (folder / "job.yaml").write_text(yaml.safe_dump(rows))
@@ -39,7 +44,7 @@ def settled(
 def test_fig_5_and_fig_6_in_one_set(tmp_path: Path) -> None:
     """Trot, walk and pace at the paper's phases, and both sides of each loss, over f and over beta.
 
-    Within half of the distance that the constants of `aoi2011_2.yaml` have from the paper's phases and losses.
+    Within half of the distance that the constants of `aoi2011_2.yaml` have from the paper's.
     """
     kept_f, lost_f = [2.89, 2.35], [2.95, 2.29]
     kept_beta, lost_beta = [0.7515, 0.7495], [0.7535, 0.7475]

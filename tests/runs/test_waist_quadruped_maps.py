@@ -43,8 +43,8 @@ def test_branches_over_beta_end_where_holds_lose_the_gaits(tmp_path: Path) -> No
 def test_the_map_does_not_depend_on_how_long_ago_the_start_let_go(tmp_path: Path) -> None:
     """It does 17.5 cycles after the beginning: from cycle 40, 45 and 50 on, the same map is read.
 
-    Fixed points within .0005 rad, slopes of stable ones within .02. At cycle 17, while it is held, delta_13 is
-    still where it was started, to .1 rad.
+    Fixed points within .0005 rad, slopes of stable ones within .02. At cycle 17, while it is held, delta_13
+    is still where it was started, to .1 rad.
     """
     job = SWEEPS / "waist_quadruped_return_map.yaml"
     changed = ["run.after_cycles=16", "run.crossings=94", "vary.f={values: [2.6]}"]
