@@ -178,10 +178,10 @@ OBSERVABLES = (
     _difference(1, 3),
     _difference(1, 2),
     _difference(3, 4),
-    Quantity("speed", "m/s", "mean forward speed over the last cycle", symbol="v"),
+    Quantity("speed", "m/s", "mean speed along x, the first direction, in the last cycle", symbol="v"),
     Quantity("period", "s", "duration of the last cycle", symbol="T"),
     Quantity(
-        "stride", "m", "distance covered in the last cycle", symbol="S", source="eq. (3)", scale=math.inf
+        "stride", "m", "distance along x in the last cycle", symbol="S", source="eq. (3)", scale=math.inf
     ),
     *(
         Quantity(
