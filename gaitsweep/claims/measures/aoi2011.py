@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from gaitsweep.analysis.circular import mean_direction
+from gaitsweep.analysis.circular import mean_direction, on_line
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges
 from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.analysis.transitions import return_map
@@ -43,9 +43,7 @@ from gaitsweep.models.waist_quadruped.state import State
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
 _BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
-_ONCE = (
-    0.2  # largest change of the time between two touchdowns, as a share, of a foot that lands once a cycle
-)
+_ONCE = 0.2  # share by which the times between touchdowns of a foot that lands once a cycle differ at most
 
 
 # ---- constants and equations -----------------------------------------------------------------------------
@@ -487,13 +485,13 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
     """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances."""
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
     plan = stored_job(table.attrs).plan
+    feet = jax.jit(jax.vmap(lambda m, q: m.feet(q, jnp.zeros(15))[0], in_axes=(None, 0)))
     moved = []
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
         values, _ = plan.values(int(str(row)), int(str(row)) + 1)
         mechanics = plan.model.params({name: jnp.asarray(each[0]) for name, each in values.items()}).mechanics
-        feet = jax.jit(jax.vmap(lambda q, m=mechanics: m.feet(q, jnp.zeros(15))[0]))
-        at = np.asarray(feet(jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
+        at = np.asarray(feet(mechanics, jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
         for i in LIMBS:
             down = part[f"contact_{i + 1}"].to_numpy(float) > 0.5
             turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
@@ -535,8 +533,8 @@ def touchdown_lags(
             if np.max(np.abs(np.diff(times) / cycle - 1.0)) > _ONCE:
                 raise AnalysisError(f"Foot {foot} of row {row} does not touch down once a cycle.")
         after = second[:, None] - first[None, :]
-        lag = mean_direction(TURN * (after / cycle).ravel())
-        found.append(middle + float(wrapped_difference(lag - middle)))
+        lag = np.asarray(mean_direction(TURN * (after / cycle).ravel()))
+        found.append(float(on_line(lag, middle - math.pi)))
     return found
 
 
