@@ -89,7 +89,8 @@ class FitJob:
 
         Args:
             given: constants by name, or a config that has them; others have the job's own value, or the
-                model's default.
+                model's default. What shapes the model is the job's, whatever the config says, unless it is
+                free.
 
         Raises:
             JobError: a name or a value that the model does not allow, or none where there is no default.
@@ -117,6 +118,10 @@ class FitJob:
         data = copy.deepcopy(self.given)
         if config is not None:
             data["config"] = config
+            # a constant of this structure may be none of the config's
+            data["structure"] = {
+                name: value for name, value in self.spec.structure.items() if name not in self.free
+            }
         # a job needs a value of these, which every measure replaces by its own
         needed = {
             name: points[0]

@@ -693,6 +693,19 @@ def test_a_known_set_may_be_a_config(tmp_path: Path) -> None:
     assert read_search(job(known=["own.yaml"]), tmp_path).written != search.written
 
 
+def test_a_known_config_does_not_shape_the_model() -> None:
+    """Constants that its own structure lacks have the model's default; what both have is the config's."""
+    fields = yaml.safe_load((SWEEPS / "waist_quadruped_front.yaml").read_text())
+    fields["search"]["known"] = ["builtin:aoi2011_ellipse"]
+    del fields["structure"]
+    fields["config"] = "builtin:aoi2011_three_gaits"  # whose heights are given, and those of the other are not
+    (known,) = read_search(fields, SWEEPS).known
+    other = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_ellipse.yaml").read_text())
+    assert other["structure"].get("heights", "level") == "level"
+    assert known["kappa_2"] == other["params"]["kappa_2"]
+    assert (known["front_hip_z"], known["rear_height"]) == (0.0, 0.05)
+
+
 def test_known_sets_may_be_the_best_of_an_earlier_search(tmp_path: Path) -> None:
     earlier = run_search(read_search(job(method="sobol", budget=32), tmp_path), tmp_path / "earlier").table
     search = read_search(job(known=["earlier"], known_best=3, width=0.02), tmp_path)
