@@ -10,10 +10,13 @@ from multilegged_crossings import reference, simulated, wrapped
 from sweeping import run_rows, same
 
 from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers, missing
+from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.models.planar_quadruped import PlanarQuadruped
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 
 pytestmark = pytest.mark.gpu
@@ -22,6 +25,16 @@ pytestmark = pytest.mark.gpu
 def test_what_kernels_need_is_there() -> None:
     """Otherwise `auto` would run everything here on XLA."""
     assert missing() is None
+
+
+def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:
+    """255 of them leave room for two blocks; the compiler's own choice was 32, and a tenth of the speed."""
+    model = PlanarQuadruped()
+    kernel = kernel_of(model, CrossingRecorder(model, crossings=10), Numerics(method="semi_implicit"), None)
+    card = Card(0)
+    source = gpu_program.running(kernel.chunk, range(kernel.chunk.first_of_carry), kernel.title)
+    threads = card.threads(card.module(source).get_kernel("run"))
+    assert threads == 2 * gpu_program.THREADS * card.use().properties.multiprocessor_count
 
 
 def test_crossings_on_a_card_agree_with_solve_ivp() -> None:

@@ -698,7 +698,7 @@ def test_a_known_config_does_not_shape_the_model() -> None:
     fields = yaml.safe_load((SWEEPS / "waist_quadruped_front.yaml").read_text())
     fields["search"]["known"] = ["builtin:aoi2011_ellipse"]
     del fields["structure"]
-    fields["config"] = "builtin:aoi2011_three_gaits"  # whose heights are given, and those of the other are not
+    fields["config"] = "builtin:aoi2011_three_gaits"  # its heights are given
     (known,) = read_search(fields, SWEEPS).known
     other = yaml.safe_load((SWEEPS.parent / "configs" / "aoi2011_ellipse.yaml").read_text())
     assert other["structure"].get("heights", "level") == "level"

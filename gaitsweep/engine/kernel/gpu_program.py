@@ -25,7 +25,8 @@ from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
-# threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps.
+# threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps. Unless it
+# is told that one block at a time is enough, the compiler may choose so few by itself, even 32.
 THREADS = 128
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
 FILLING = 2
@@ -36,7 +37,7 @@ HEAD = f"""#define INFINITE __longlong_as_double(0x7ff0000000000000LL)
 #define NOT_A_NUMBER __longlong_as_double(0x7ff8000000000000LL)
 #define CONSTANT __constant__
 #define PART static __device__ __forceinline__
-#define KERNEL extern "C" __global__ __launch_bounds__({THREADS})
+#define KERNEL extern "C" __global__ __launch_bounds__({THREADS}, 1)
 #define THREAD (blockIdx.x * (index)blockDim.x + threadIdx.x)
 #define NEXT(counter) (index) atomicAdd(counter, 1.0)
 #define ANY(flag) __any_sync(0xffffffffu, flag)
