@@ -140,8 +140,9 @@ class Transition(RampMeasure):
 class GaitSequence(RampMeasure):
     """How many of some gaits follow each other in an order: 1 where all do; the mean over the rows.
 
-    Of a row it is the longest part of the list that occurs in its order, as a share of the list; others may
-    stand between. A row that falls has none.
+    Of a row it is the longest part of the list that occurs in its order, as a share of the list. Others may
+    stand between, unless `only` is set: then it is a share of the gaits that the row shows, if these are
+    more. A row that falls has none.
     """
 
     kind: Literal["sequence"] = Field(
@@ -151,6 +152,7 @@ class GaitSequence(RampMeasure):
     pass_: CountOrZero | None = Field(
         alias="pass", default=None, description="the pass of the path that counts; by default all together"
     )
+    only: bool = Field(default=False, description="gaits between those of the list count against it")
 
     def of_rows(self, rows: Sequence[Sequence[Crossings]], model: Model) -> Measured:
         values = np.array([np.mean([self._share(row) for row in mine]) for mine in rows])
@@ -162,8 +164,10 @@ class GaitSequence(RampMeasure):
         gaits = self._in_pass(row, self.pass_)["gait"]
         names = list(dict.fromkeys(gaits.tolist()))
         codes = np.array([names.index(each) for each in gaits.tolist()], int)
-        seen = [names[code] for code, _, _ in _bouts(codes, self.least)]
-        return _in_order(seen, self.gaits) / len(self.gaits)
+        bouts = [code for code, _, _ in _bouts(codes, self.least)]
+        # what lasts shorter than `least` between two bouts of a gait does not part them
+        seen = [names[code] for code, _ in itertools.groupby(bouts)]
+        return _in_order(seen, self.gaits) / max(len(self.gaits), len(seen) if self.only else 0)
 
     def unit(self, model: Model) -> str:
         return "1"

@@ -81,6 +81,17 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
             "error": 0.1,
             "held_back": True,
         },
+        # it goes back to the right in the end, which counts against a list without it
+        "only": {
+            "kind": "sequence",
+            "run": RAMP,
+            "gaits": ["right", "left"],
+            "only": True,
+            "at": {"x_0": 1.0},
+            "wanted": 1.0,
+            "error": 0.1,
+            "held_back": True,
+        },
         # at rest, in the same batch of sets: where x = sqrt(a) for r = 0
         "rest": {"kind": "value", "of": "x", "at": {"x_0": 1.0, "r": 0.0}, "wanted": 1.0, "error": 0.05},
     }
@@ -103,6 +114,7 @@ def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     np.testing.assert_allclose(table["rest"], np.sqrt(table["a"]), atol=1e-4)
     # the start at -1 is left of the fold at r = 2 (a/3)^(3/2), above .3 there: no right at first
     assert table.loc[table["a"] > 0.9, "order"].to_numpy() == pytest.approx(0.5 * (1.0 + 2.0 / 3.0))
+    assert table["only"].to_numpy() == pytest.approx(2.0 / 3.0)
     assert found.near.best["a"].iloc[0] == pytest.approx(1.0, abs=0.02)
     assert found.finalists is not None
     np.testing.assert_allclose(found.finalists["down_half"], found.finalists["down"], atol=1e-3)
