@@ -7,14 +7,13 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Model
-from gaitsweep.job.stored import stored_job
+from gaitsweep.job.stored import row_params, stored_job
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.plot.limbs import limb_colours
@@ -102,14 +101,13 @@ def read_motion(directory: str | Path, row: int) -> Motion:
         raise PlotError(f"Row {row} of {directory} recorded no motion: it ended as {status}.")
     parameters, _ = rows.values(row, row + 1)
     values = {name: float(value[0]) for name, value in parameters.items()}
-    params = {name: jnp.asarray(value[0]) for name, value in rows.model.on_host(parameters).items()}
     set_to = [written(table, name, part[name].iloc[0]) for name in rows.names if name in part.columns]
     return Motion(
         model=rows.model,
         values=values,
         t=part["t"].to_numpy(float),
         signals={name: part[name].to_numpy(float) for name in names},
-        period=float(rows.model.period(rows.model.params(params))),
+        period=float(rows.model.period(row_params(rows, row))),
         title=f"{rows.model.name}, row {row}{': ' if set_to else ''}{', '.join(set_to[:_NAMED])}",
     )
 

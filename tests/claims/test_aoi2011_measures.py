@@ -151,6 +151,19 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
     assert squares[1] - squares[0] == pytest.approx(0.09**2 - 0.05**2, rel=1e-9)
 
 
+def test_slip_goes_on_through_a_bounce(tmp_path: Path) -> None:
+    """Feet on a body at .01 m/s, down for 1 s but for 40 ms, slip by .01 m; but for 80 ms, by half of it."""
+    run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}
+    ran = gs.run(gs.Job(name="bounce", model="waist_quadruped", run=run, verify=0), tmp_path / "out").table
+    t = np.linspace(0.0, 1.0, 1001)
+    for break_, wanted in ((0.04, 0.01), (0.08, 0.005)):
+        columns = {f"q_{i}": np.zeros_like(t) for i in range(16)} | {"q_0": 0.01 * t, "q_3": np.ones_like(t)}
+        down = (np.abs(t - 0.5) > 0.5 * break_).astype(float)
+        table = pd.DataFrame({"row": 0, "t": t, **columns, **{f"contact_{i}": down for i in range(1, 5)}})
+        table.attrs = ran.attrs
+        assert measures.foot_slip(table) == pytest.approx(wanted, rel=0.1)
+
+
 def test_way_and_slip() -> None:
     """Along a line with a sway of one cycle no way aside is left; on a circle it is the sagitta's share."""
     t = np.arange(0.0, 4.0, 1e-2)

@@ -32,7 +32,7 @@ from gaitsweep.claims.measure import measure
 from gaitsweep.claims.measures.general import defaults, records, value
 from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import turned
-from gaitsweep.job.stored import stored_job
+from gaitsweep.job.stored import row_params, stored_job
 from gaitsweep.models.waist_quadruped import WaistQuadruped
 from gaitsweep.models.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.models.waist_quadruped.foot_path import LATE
@@ -43,7 +43,8 @@ from gaitsweep.models.waist_quadruped.state import State
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
 _BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
-_ONCE = 0.2  # share by which the times between touchdowns of a foot that lands once a cycle differ at most
+# largest relative deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
+_ONCE = 0.2
 
 
 # ---- constants and equations -----------------------------------------------------------------------------
@@ -482,21 +483,22 @@ def sideways_share(table: pd.DataFrame) -> float:
 
 @measure
 def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
-    """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances."""
+    """Distance (m) that a foot moves along the ground in a stance: `median` or `max` of all stances.
+
+    A foot that bounces is still in its stance; where it is off the ground counts for nothing.
+    """
     require(table, "row", "t", *(f"q_{i}" for i in range(16)))
     plan = stored_job(table.attrs).plan
     feet = jax.jit(jax.vmap(lambda m, q: m.feet(q, jnp.zeros(15))[0], in_axes=(None, 0)))
     moved = []
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
-        values, _ = plan.values(int(str(row)), int(str(row)) + 1)
-        mechanics = plan.model.params({name: jnp.asarray(each[0]) for name, each in values.items()}).mechanics
+        t, mechanics = part["t"].to_numpy(float), row_params(plan, int(str(row))).mechanics
         at = np.asarray(feet(mechanics, jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
         for i in LIMBS:
             down = part[f"contact_{i + 1}"].to_numpy(float) > 0.5
-            turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
-            for first, last in zip(turns[::2], turns[1::2], strict=True):
-                ground = at[first:last, i, :2]
+            for first, last in _stances(t, down):
+                ground = at[first:last, i, :2][down[first:last]]
                 moved.append(float(np.max(np.linalg.norm(ground - ground[0], axis=1))))
     return float(np.max(moved) if take == "max" else np.median(moved))
 
@@ -543,9 +545,23 @@ def _touchdowns(table: pd.DataFrame, row: int, foot: int) -> np.ndarray:
     require(table, "row", "t", f"contact_{foot}")
     part = table.loc[table["row"].to_numpy() == row].sort_values("t")
     t, down = part["t"].to_numpy(float), part[f"contact_{foot}"].to_numpy(float) > 0.5
-    lands = np.flatnonzero(~down[:-1] & down[1:]) + 1
-    lifts = np.flatnonzero(down[:-1] & ~down[1:]) + 1
-    swung = [at for at in lands if (before := lifts[lifts < at]).size and t[at] - t[before[-1]] > _BROKEN]
-    if len(swung) < 2:
+    # without its lift-off before it, the first stance is not known to begin with a touchdown
+    lands = _stances(t, down)[1:, 0]
+    if len(lands) < 2:
         raise AnalysisError(f"Foot {foot} of row {row} has fewer than two touchdowns.")
-    return t[swung]
+    return t[lands]
+
+
+def _stances(t: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """First sample of each stance and the first after it, (n, 2); breaks up to `_BROKEN` are part of it.
+
+    Args:
+        t: times of the samples (k,), s.
+        down: whether the foot is on the ground (k,).
+    """
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
+    lands, lifts = turns[::2], turns[1::2]
+    swings = t[lands[1:]] - t[lifts[:-1]] > _BROKEN
+    first, last = np.ones(len(lands), bool), np.ones(len(lands), bool)
+    first[1:], last[:-1] = swings, swings
+    return np.stack([lands[first], lifts[last]], axis=1)
