@@ -302,8 +302,8 @@ def test_jacobian_of_the_quadruped() -> None:
 def test_jacobian_where_feet_slip() -> None:
     """Trot, walk and pace of `configs/aoi2011.yaml` at f = 2.6: central differences, 3e-6 of the norm.
 
-    A foot begins and ends to slip without an event, so that the map has kinks: differences must stay between
-    them, 1e-8 apart. The slow multiplier is that of the settling.
+    A foot starts and stops slipping without an event, so that the map has kinks: differences must stay
+    between them, 1e-8 apart. The slow multiplier is that of the settling.
     """
     shipped = yaml.safe_load((Path(__file__).parents[2] / "configs" / "aoi2011.yaml").read_text())
     model, constants = WaistQuadruped(**shipped["structure"]), tuple(shipped["params"].items())
@@ -312,7 +312,7 @@ def test_jacobian_where_feet_slip() -> None:
     assert np.all(way == ReturnStatus.crossed)
     found = newton(mapping, points, {})
     assert found.converged.all()
-    # the model's page
+    # docs/waist_quadruped.md has the first two, rounded
     np.testing.assert_allclose(found.points.at[:, 0], [3.066, 2.739, 0.523], atol=1e-3)
     expected = differences(mapping, found.points, {}, 1e-8)
     for jacobian, by_differences in zip(found.images.jacobian, expected, strict=True):
