@@ -70,7 +70,8 @@ def test_the_sequence_of_gaits_in_each_pass() -> None:
     assert measures.share_in_order(table, order=order, by="gait") == 0.5
     assert measures.share_in_order(table, order=families[::-1], falling=True) == 1.0
     assert measures.share_in_order(table, order=["trot", "walk"], falling=True, at="end") == 1.0
-    assert measures.share_with_ends(table, begin="L-walk", end="L-walk") == 0.5
+    assert measures.share_up_and_down(table, up=order, down=order[::-1]) == 0.5
+    assert measures.share_up_and_down(table, up=order, down=order) == 0.0
     assert measures.gallops_by_their_canter_or_trot(table) == 1.0
     beginning = ["RT-gallop", "R-canter"]
     assert measures.share_in_order(table, order=beginning, falling=True, by="gait", at="begin") == 1.0

@@ -15,7 +15,6 @@ from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
 from gaitsweep.claims.measures.fukuoka2015 import share_in_order
 from gaitsweep.expression import evaluate
-from gaitsweep.models.planar_quadruped.nine_gaits import family
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"
 # The steady speeds without feedback over sigma that the ramps follow, m/s.
@@ -133,42 +132,26 @@ def test_the_trot_pitches_twice_a_stride_when_slow_and_once_when_fast(tmp_path: 
 
 
 @pytest.mark.slow
-def test_from_an_l_walk_to_the_gallop_of_a_natural_canter(tmp_path: Path) -> None:
-    """Fig. 4a with the supplement's network (Fukuoka et al. 2015), from starts that nothing was fitted on."""
-    table = _table(tmp_path, "ramp_fit", "vary.zip={seed: [200, 201, 202, 203], pair: [0, 1, 0, 1]}")
-    table = table.loc[table["pass"] == 0]
-    found = gait_bouts(gaits_along(table), by="gait", least=3)
-    found["family"] = [family(gait) for gait in found["gait"]]
-    for _, mine in found.loc[found["family"].isin(["walk", "trot", "canter", "gallop"])].groupby("row"):
-        steady = mine.loc[mine["speed_begin"] > 0.28]
-        gaits = list(dict.fromkeys(steady["gait"]))
-        assert gaits[:2] == ["L-walk", "trot"]
-        assert gaits[-1] in ("RT-gallop", "LT-gallop")
-        trot = steady.loc[steady["gait"] == "trot"]
-        assert trot["speed_begin"].iloc[0] < 1.1 < trot["speed_end"].iloc[-1]
-        canters = steady.loc[steady["family"] == "canter"]
-        assert set(canters["gait"]) <= {"R-canter", "L-canter"}
-        assert canters["speed_begin"].between(1.7, 2.3).all()
-    assert (found["family"] == "canter").sum() >= 3
+@pytest.mark.parametrize("dt", [1e-3, 5e-4])
+def test_the_gaits_of_fig_4_up_and_down_at_one_body(tmp_path: Path, dt: float) -> None:
+    """Bouts of three strides and more (Fukuoka et al. 2015): in 8 of 8 starts but for a canter on the way up.
 
-
-@pytest.mark.slow
-def test_from_an_l_walk_up_to_canter_or_gallop_and_down_to_a_d_walk(tmp_path: Path) -> None:
-    """The two walks of Fig. 4 at one body (Fukuoka et al. 2015), from starts that nothing was fitted on."""
-    table = _table(tmp_path, "up_and_down", "vary.zip={seed: [200, 201, 202, 203], pair: [0, 1, 0, 1]}")
-    along, first = gaits_along(table), []
-    for row in range(4):
-        mine = along.loc[along["row"] == row]
+    Rounding decides about single starts: of twelve others one or two differ in each pass.
+    """
+    along = gaits_along(_table(tmp_path, "transitions", f"numerics={{method: semi_implicit, dt: {dt}}}"))
+    along = along.loc[along["gait"].astype(str) != "unsteady"]
+    begins, ends, whole = 0, 0, 0
+    for _, mine in along.groupby("row"):
         up, down = (gait_bouts(mine.loc[mine["pass"] == way], by="gait", least=3) for way in (0, 1))
-        names = [str(gait) for gait in up["gait"]]
-        first.append(names[0])
-        assert 0 < names.index("D-walk") < names.index("trot")
-        assert {family(gait) for gait in names[names.index("trot") :]} & {"canter", "gallop"}
+        rising, falling = ([str(gait) for gait in bouts["gait"]] for bouts in (up, down))
         trot = up.loc[up["gait"] == "trot"]
-        assert trot["speed_begin"].iloc[0] < 1.1 < trot["speed_end"].iloc[0]
-        falling = [str(gait) for gait in down["gait"]]
-        assert falling[-1] == "D-walk"
-        assert falling[-2] == "trot"
-        assert {family(gait) for gait in falling} & {"canter", "gallop"}
-    # one start may not have settled within the dwell
-    assert first.count("L-walk") >= 3
+        begins += (
+            rising[:2] == ["L-walk", "trot"] and trot["speed_begin"].iloc[0] < 1.1 < trot["speed_end"].iloc[0]
+        )
+        lead = falling[0][0]
+        ends += falling == [f"{lead}T-gallop", f"{lead}-canter", "trot", "D-walk"]
+        lead = rising[-1][0]
+        whole += rising == ["L-walk", "trot", f"{lead}-canter", f"{lead}T-gallop"]
+    assert begins >= 6
+    assert ends >= 6
+    assert whole >= 4

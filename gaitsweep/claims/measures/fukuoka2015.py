@@ -127,10 +127,16 @@ def share_in_order(
 
 
 @measure
-def share_with_ends(table: pd.DataFrame, *, begin: str, end: str, where: str | None = None) -> float:
-    """Share of the rows of a ramp whose first gait, as it rises, and last gait are these (1)."""
-    up, down = (_sequences(records(table, where), falling, "gait") for falling in (False, True))
-    return float(np.mean([(up[row][0], down[row][-1]) == (begin, end) for row in up.keys() & down.keys()]))
+def share_up_and_down(
+    table: pd.DataFrame, *, up: Sequence[str], down: Sequence[str], where: str | None = None
+) -> float:
+    """Share of the rows of a ramp with one order of gaits as it rises and one as it falls (1).
+
+    Rows whose first lead is a left one count as their mirror images.
+    """
+    rising, falling = (_sequences(records(table, where), way, "right") for way in (False, True))
+    rows = rising.keys() & falling.keys()
+    return float(np.mean([rising[row] == list(up) and falling[row] == list(down) for row in rows]))
 
 
 @measure
