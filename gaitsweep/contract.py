@@ -172,7 +172,11 @@ class Jumps(abc.ABC):
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: jax.Array, /) -> State:
-        """The state after the events `fired` (a bool for each event); only a jump changes the modes."""
+        """The state after the events `fired` (a bool for each event); only a jump changes the modes.
+
+        Events that are located in time jump one at a time, in the order of the guards; after each jump the guards
+        are looked at again. Events of a scheme of steps jump together.
+        """
 
     @abc.abstractmethod
     def section(self, params: Params, before: State, fired: jax.Array, /) -> jax.Array:
@@ -369,6 +373,15 @@ class HybridModel(Model):
 
     def in_steps(self) -> FixedStepDynamics | None:
         """The model's own fixed-step scheme, for `numerics.method: semi_implicit`; None: it has none."""
+        return None
+
+    @property
+    def longest_chain(self) -> int | None:
+        """The most jumps at one instant; a row with more ends as `event_stall`.
+
+        None: 4 for each guard and 4 more. A model in which guards may jump more often at an instant (cells that
+        fire each other in turn) gives its own number.
+        """
         return None
 
     @abc.abstractmethod

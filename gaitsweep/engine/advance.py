@@ -6,8 +6,14 @@ a scalar kernel, and each trajectory has a time and a step of its own.
 An event is located by a bracket. Its near end is the state itself (every accepted step moves it forward),
 its far end is the shortest step known to fire a guard. The next trial is where the secant through both
 ends crosses zero (regula falsi with the Illinois weights, which keep both ends moving), and the jump is
-applied at the first trial past the root by less than the event tolerance: the far side of the bracket,
-where the guard has changed sign and the mode that the jump sets is already armed.
+applied at a trial past the root by a quarter of the event tolerance to a whole one: the far side of the
+bracket, where the guard has changed sign and the mode that the jump sets is already armed. The distance from
+the root is above rounding, so guards whose roots are the same instant fire in the same trial.
+
+Guards that fire in the same trial jump one at a time, in the order of the guards, each in an attempt of zero
+length. After each jump the others are looked at again: one that is below zero by then does not jump. Each
+has its own derivative of the event time. Guards that a jump causes follow, again in their order. A crossing
+of the section halts the trajectory when the guards that fired in the same trial have jumped.
 """
 
 from __future__ import annotations
@@ -29,10 +35,9 @@ from gaitsweep.engine.rarity import rarely, usually
 # crossing is lost and no crossing has to be copied.
 GOING, CROSSING, TIME, FINISHED, FAILED = 0, 1, 2, 3, 4
 
-# Jumps at one instant, for each guard, beyond which the row is stalled: far above any physical chain of
-# events.
-CHAIN_LIMIT = 4
-# Steps shorter than this (s) do not end a chain of jumps.
+# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of events.
+JUMPS_A_GUARD = 4
+# Steps shorter than this share of the nominal period do not end a chain of jumps.
 CHAIN_STEP = 1e-9
 # A guard's value before a step is limited to this multiple of its value after it: a model may disarm a guard
 # by a large negative number, with which the secant would locate nothing.
@@ -41,6 +46,11 @@ STEEPEST = 1e9
 # before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
 SECANT_TRIALS = 24
 PATIENT_TRIALS = 60
+# Least distance of an event's trial from the root, as a share of the tolerance.
+LEAST_LATE = 0.25
+# The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps to a
+# small number above zero looks nearer to its root by the secant than it is.
+LARGEST_LATE = 4.0
 # Step control: the safety factor of a step, the smallest factor by which a failed step is shortened, and the
 # smallest step as a share of the longest, which is accepted with any error (a state that diverges is then
 # reported as diverged).
@@ -56,12 +66,14 @@ class Carry:
 
     `t` is the time (s); `h` the next step (s); `h_max` its upper bound (s), which grows after an event;
     `near` the guards at the state; `far` the shortest step known to fire (infinite unless an event is being
-    located) and `far_guards` the guards there, also >= 0 for guards that fired before at the same instant;
-    `weight` the Illinois weight of the end that was kept (above zero: the near end, below: the far end);
+    located) and `far_guards` the guards there; at an instant with jumps it is >= 0 for all guards that have
+    fired, and infinite for those that have jumped or were caused by a jump; `weight` the Illinois weight of the end that was kept (above zero: the near end, below: the far end);
     `trials` the attempts to locate this event; `chain` the jumps at this instant; `attempts` their total
-    number; `stop` the time (s) at which to halt; `halt` the reason why the trajectory waits. Constants of the
-    trajectory: `dt` its longest step (s), `share` the factor on that step, by which tolerances are finer as
-    well.
+    number; `closed` whether the section was crossed at this instant, before other guards that wait for their
+    jump, and `shift` the time (s) of their events after that crossing: zero, but for its derivative; `stop`
+    the time (s) at which to halt; `halt` the reason why the trajectory waits. Constants of the trajectory: `dt`
+    its longest step (s), `share` the factor on that step, by which tolerances are finer as well, and `unit`
+    the nominal period (s), the unit of the tolerance on event times.
     """
 
     state: State
@@ -75,10 +87,13 @@ class Carry:
     trials: jax.Array
     chain: jax.Array
     attempts: jax.Array
+    closed: jax.Array
+    shift: jax.Array
     stop: jax.Array
     halt: jax.Array
     dt: jax.Array
     share: jax.Array
+    unit: jax.Array
 
 
 Advance = Callable[[Params, Carry], Carry]
@@ -107,6 +122,8 @@ def start(
     near = model.guards(params, state) if isinstance(model, HybridModel) else jnp.zeros((0,), jnp.float64)
     zero = jnp.zeros((), near.dtype)
     count = jnp.zeros((), jnp.int32)
+    # a tolerance in time does not depend on the parameters as the trajectory does
+    unit = jax.lax.stop_gradient(model.period(params))
     return Carry(
         state=state,
         t=zero,
@@ -119,10 +136,13 @@ def start(
         trials=count,
         chain=count,
         attempts=jnp.zeros((), jnp.int64),
+        closed=jnp.zeros((), bool),
+        shift=zero,
         stop=zero + stop,
         halt=count,
         dt=zero + dt,
         share=zero + share,
+        unit=zero + unit,
     )
 
 
@@ -139,7 +159,8 @@ def advance(
     Args:
         model: a hybrid or a stepped model.
         numerics: step, method and tolerances.
-        drive: for a ramp, the parameters at a time (s); an attempt uses those at its middle.
+        drive: for a ramp, the parameters at a time (s): a step's flow has those at its middle, its guards and
+            jumps those at its end.
         sensitivities: include the derivative of event times in forward-mode derivatives: each event time is
             corrected to first order, t_e - g/g', by a term of value zero.
         worked_out: the step and the rates at its beginning and end, if they are computed beforehand.
@@ -171,7 +192,7 @@ def _advance_hybrid(
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype, dt = carry.t.dtype, carry.dt
         # a tolerance below the resolution of time would never be met in float32
-        finest = jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
+        finest = carry.unit * jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
         # if a guard rises so slowly that rounding hides the event, no bracket of that width fires: after
         # two rounds of location the tolerance grows
         impatience = jnp.maximum(carry.trials - PATIENT_TRIALS, 0).astype(dtype)
@@ -180,6 +201,7 @@ def _advance_hybrid(
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
+        there = params if drive is None else drive(params, carry.t + h)
         if method.adaptive:
             trial, error = propose(here, carry.state, h)
             change = _fitting_change(error, carry, trial, numerics)
@@ -187,25 +209,39 @@ def _advance_hybrid(
             taken = (change >= CAUTION) | (h <= LEAST_SHARE * dt)
         else:
             trial, change, taken = propose(here, carry.state, h), None, jnp.asarray(True)
-        guards = model.guards(here, trial)
+        guards = model.guards(there, trial)
         fired = guards >= 0.0
         failed = rarely(going & ~taken)
-        short = rarely(h <= CHAIN_STEP)
+        short = rarely(h <= CHAIN_STEP * carry.unit)
         still = short & (h == 0.0)
         slopes = guard_slopes(model, here, carry.state, flow(here, carry.state))
         hidden = rarely(going & taken & ~short & may_hide(carry.near, slopes, guards, h))
         again = failed | hidden
-        hit = rarely(going & jnp.any(fired) & ~again)
+        # guards that fired in the same trial as the last jump and have not jumped yet
+        waiting = still & fired & (carry.far_guards >= 0.0) & (carry.far_guards < jnp.inf)
+        # a crossing is recorded before the events that its jumps cause
+        leaves = rarely(carry.closed & ~jnp.any(waiting))
+        hit = rarely(going & jnp.any(fired) & ~again & ~leaves)
         on = going & ~hit & ~again
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
-        below, above = _first_to_fire(
-            jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
-        )
+        far_guards = jnp.where(carry.far < jnp.inf, carry.far_guards, 0.0)
+        below, above = _first_to_fire(jnp.where(hit, carry.near, guards), jnp.where(hit, guards, far_guards))
         late = h - h * _share(below, above)
-        land = hit & (late <= tolerance)
+        arrives = flow_after(there, trial)
+        speed = guard_slopes(model, there, trial, arrives)
+        past = jnp.any(fired & (carry.near < 0.0) & (guards > LARGEST_LATE * tolerance * speed))
+        # once the bracket is as short as the tolerance, the rates need not be trusted
+        astray = hit & (late <= tolerance) & past & (h > tolerance)
+        early = hit & (late < LEAST_LATE * tolerance) & ~still & ~astray & (h < room)
+        early = early & (carry.trials <= SECANT_TRIALS) & (h < carry.far)
+        land = hit & (late <= tolerance) & ~astray & ~early
 
         bracket = _next_bracket(carry, h, still, guards, on, hit, land)
+        bracket["trials"] = jnp.where(astray, jnp.maximum(bracket["trials"], SECANT_TRIALS + 1), bracket["trials"])
         guess = _guess(bracket, below, above, tolerance)
+        # the trial is past the root by rounding: the next one is past it by half the tolerance
+        bracket["far"] = jnp.where(early, jnp.minimum(h + 0.5 * tolerance, carry.far), bracket["far"])
+        guess = jnp.where(early, jnp.minimum(bracket["far"], room), guess)
         locating = bracket["far"] < jnp.inf
         # a step shortened by a stop or an event does not limit the next step
         if change is None:
@@ -217,22 +253,33 @@ def _advance_hybrid(
             h_max, next_h = _controlled(method, carry, dt, h, change, failed, land, hit, locating, guess)
         # an event that may begin and end within the step is searched in its first half
         h_max, next_h = jnp.where(hidden, carry.h_max, h_max), jnp.where(hidden, 0.5 * h, next_h)
+        # an event that a jump caused follows the crossing at the same instant
+        next_h = jnp.where(leaves, 0.0, next_h)
 
-        end = trial
+        # one guard jumps in an attempt
+        jumping = _first_of(jnp.where(jnp.any(waiting), waiting, fired))
+        bracket["far_guards"] = jnp.where(land & (jumping | (still & fired & ~waiting)), jnp.inf, bracket["far_guards"])
+        remaining = jnp.any(fired & ~jumping & (waiting | ~still))
+        end, shift = trial, carry.shift
         t = carry.t + h
         if sensitivities:
             # an event caused by a jump has no root of its own: it happens at the time of that jump
-            rooted = fired & (carry.near < 0.0) & (h > 0.0) & land
-            end, t = _implicit_event_time(model, here, trial, flow_after(here, trial), t, guards, rooted)
-        after = model.jump(here, end, fired)
-        closed = land & model.section(here, trial, fired)
-        timed = rarely(on & (h >= room))
+            rooted = jumping & (waiting | ((carry.near < 0.0) & (h > 0.0))) & land
+            end, later = _implicit_event_time(trial, arrives, guards, speed, rooted)
+            # a crossing is read at its own time
+            end = move(end, arrives, jnp.where(leaves, -shift, 0.0))
+            t = t + later - jnp.where(leaves, shift, 0.0)
+            shift = jnp.where(leaves, 0.0, shift + jnp.where(carry.closed, later, 0.0))
+        after = model.jump(there, end, jumping)
+        crossed = carry.closed | (land & model.section(there, trial, jumping))
+        closed = crossed & ((land & ~remaining) | leaves)
+        timed = rarely(on & (h >= room) & ~leaves)
 
         chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
         halt = jnp.where(closed, CROSSING, jnp.where(timed, TIME, GOING))
         if method.adaptive:
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
-            down = (on | land) & model.failed(here, select(land, after, end))
+            down = (on | land) & model.failed(there, select(land, after, end))
             halt = jnp.where(down, FAILED, halt)
         halt = halt.astype(carry.halt.dtype)
         # a waiting lane, or one whose step is rejected, keeps its state
@@ -243,10 +290,13 @@ def _advance_hybrid(
             h_max=jnp.where(going, h_max, carry.h_max),
             chain=jnp.where(going, chain, carry.chain),
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
+            closed=jnp.where(going, crossed & ~closed, carry.closed),
+            shift=shift,
             stop=carry.stop,
             halt=jnp.where(going, halt, carry.halt),
             dt=carry.dt,
             share=carry.share,
+            unit=carry.unit,
             **bracket,
         )
 
@@ -351,7 +401,7 @@ def _next_bracket(
     trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
     waits = ~(on | hit)
     # guards that fired earlier at this instant stay marked beside those that fire now: see `fired_last`
-    told = ~hit | (carry.far_guards >= jnp.where(still, 0.0, jnp.inf))
+    told = ~hit | (still & (carry.far_guards >= 0.0))
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),
@@ -377,28 +427,27 @@ def _guess(
 
 
 def _implicit_event_time(
-    model: HybridModel,
-    params: Params,
-    trial: State,
-    rates: Rates,
-    t: jax.Array,
-    guards: jax.Array,
-    rooted: jax.Array,
+    trial: State, rates: Rates, guards: jax.Array, speed: jax.Array, rooted: jax.Array
 ) -> tuple[State, jax.Array]:
-    """State and time at the event, with the derivative of the event time.
+    """State at the event, and the shift (s) of its time: zero, with the derivative of the event time.
 
-    g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that fires; of several
-    at once (`rooted`) the one that came first counts.
+    g(x(t)) = 0 along every neighbouring trajectory, so dt = -dg/g' for the guard that jumps (`rooted`).
     """
     if guards.size == 0:
-        return trial, t
-    speed = guard_slopes(model, params, trial, rates)
+        return trial, jnp.zeros(())
     speed = jnp.where(rooted & (speed != 0.0), speed, 1.0)
-    age = jnp.where(rooted, jax.lax.stop_gradient(guards) / speed, -jnp.inf)
-    first = jnp.arange(guards.size) == jnp.argmax(age)
     drift = (guards - jax.lax.stop_gradient(guards)) / speed
-    shift = -jnp.sum(jnp.where(first & rooted, drift, 0.0))
-    return move(trial, rates, shift), t + shift
+    shift = -jnp.sum(jnp.where(rooted, drift, 0.0))
+    return move(trial, rates, shift), shift
+
+
+def _first_of(flags: jax.Array) -> jax.Array:
+    """The first flag that is set, alone."""
+    found, first = jnp.zeros((), bool), []
+    for i in range(flags.size):
+        first.append(flags[i] & ~found)
+        found = found | flags[i]
+    return jnp.stack(first) if first else flags
 
 
 def _advance_stepped(model: FixedStepDynamics, numerics: Numerics, drive: Drive | None) -> Advance:
@@ -431,9 +480,10 @@ def select(condition: jax.Array, yes: Any, no: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def stalled(carry: Carry) -> jax.Array:
-    """Whether jumps follow each other at one instant without end."""
-    return carry.chain > CHAIN_LIMIT * (carry.near.size + 1)
+def stalled(model: Model, carry: Carry) -> jax.Array:
+    """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
+    longest = model.longest_chain if isinstance(model, HybridModel) else None
+    return carry.chain > (JUMPS_A_GUARD * (carry.near.size + 1) if longest is None else longest)
 
 
 def fired_last(carry: Carry) -> jax.Array:

@@ -101,13 +101,13 @@ class PoincareReturn:
     def ended(self, trajectory: ReturnState) -> jax.Array:
         """Whether the return has ended, by a crossing or otherwise."""
         carry = trajectory.carry
-        return (carry.halt != GOING) | stalled(carry) | (carry.attempts > trajectory.limit)
+        return (carry.halt != GOING) | stalled(self.model, carry) | (carry.attempts > trajectory.limit)
 
     def status(self, trajectory: ReturnState) -> jax.Array:
         """The `ReturnStatus` of a return that has ended."""
         carry = trajectory.carry
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in [carry.t, *float_leaves(carry.state)]]))
-        stuck = stalled(carry) | (carry.attempts > trajectory.limit)
+        stuck = stalled(self.model, carry) | (carry.attempts > trajectory.limit)
         missed = jnp.where(
             stuck,
             ReturnStatus.stalled,

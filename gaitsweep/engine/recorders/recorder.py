@@ -178,7 +178,7 @@ class Recorder(abc.ABC):
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
         endless = carry.attempts > self.max_attempts(params, dt)
         status = jnp.where(endless, Status.step_limit, Status.running)
-        status = jnp.where(stalled(carry), Status.event_stall, status)
+        status = jnp.where(stalled(self.model, carry), Status.event_stall, status)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         return jnp.where(jnp.any(jnp.isnan(flat)), Status.not_a_number, status).astype(jnp.int32)
