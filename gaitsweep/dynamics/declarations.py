@@ -114,7 +114,10 @@ class Reading:
 
 
 class Event:
-    """A declared event; see `event`. `jump` is the decorator of what the event does to the state."""
+    """A declared event; see `event`.
+
+    `jump` is the decorator of what the event does to the state, `rest` that of how a body comes to rest at it.
+    """
 
     def __init__(
         self,
@@ -127,6 +130,7 @@ class Event:
         self.function, self.name, self.is_section = function, name, is_section
         self.during, self.rising = during, rising
         self.effect: Callable[..., Any] | None = None
+        self.resting: Callable[..., Any] | None = None
 
     def jump(self, function: Callable[..., Any], /) -> Event:
         """Decorator of the function (params, state) -> state that the event applies."""
@@ -135,21 +139,29 @@ class Event:
         self.effect = function
         return self
 
+    def rest(self, function: Callable[..., Any], /) -> Event:
+        """Decorator of the function (params, state) -> state by which a body comes to rest after the jump.
+
+        It is applied where the body would be back on a surface within 1e-9 of the nominal period. It sets a mode in
+        which the event is not possible (`during`) and `flow` holds the body; another event ends that mode.
+        """
+        if self.resting is not None:
+            raise TypeError(f"The event {self.name!r} has two functions of rest; write one.")
+        self.resting = function
+        return self
+
     @property
     def guard_names(self) -> tuple[str, ...]:
-        """The names of its guards."""
-        if not self.rising:
-            return (self.name,)
-        again = (f"{self.name}, without having left",) if self.effect is not None else ()
-        return (self.name, f"{self.name}, armed again", *again)
+        """The names of its guards: its crossing, and its return below the surface."""
+        return (self.name, self.name) if self.rising else (self.name,)
 
     def within(self, state: Any) -> jax.Array:
         """Whether the modes of a state allow the event."""
         return jnp.asarray(True if self.during is None else self.during(state))
 
     def happens(self, fired: jax.Array) -> jax.Array:
-        """Whether it happens, by its guards' flags: its surface is crossed, or met without being left."""
-        return fired[0] | fired[2] if fired.shape[0] == 3 else fired[0]
+        """Whether it happens, by its guards' flags."""
+        return fired[0]
 
 
 def _quantity(unit: str, meaning: str, *others: Any, **more: Any) -> Quantity:
@@ -276,11 +288,14 @@ def event(
 ) -> Callable[[Callable[..., jax.Array]], Event]:
     """Declare a function (params, state) -> number as the guard of an event.
 
-    The event happens where the function rises through zero. After that it is armed again when the function
-    is negative beyond its rounding error, so neither its own jump nor a start on the surface fires it. Where
-    its jump has turned the state back, and the function rises beyond its rounding error without having been
-    negative, it happens again: bounces too short to be seen end as `event_stall` where they accumulate.
-    Several events of one instant apply their jumps in the order of their declaration.
+    The event happens where the function rises through zero. A state on the surface (within the errors of
+    rounding and of the location of events) is judged by the flow: one that the flow takes below zero arms the event,
+    and one that it takes through zero has just crossed the surface. A start on the surface that moves through it
+    has crossed it too, unless the event's jump turns it back: such an impact happens at t = 0. Bounces that
+    become too short to be seen end as `event_stall` where they accumulate, or in a state of `rest`.
+
+    Events of one instant jump one at a time, in the order of their declaration. One whose function an earlier
+    jump has brought below zero does not jump.
 
     Args:
         name: what happens, in a few words: "foot lands". Rows that it stalls are told by it.

@@ -18,12 +18,16 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
-from gaitsweep.dynamics.event_surface import EventSurface, flat
+from gaitsweep.dynamics.event_surface import Arming, EventSurface, flat
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
-# The fields of a state that say which of its events are armed, and which have turned back at their surface.
-ARMED, TURNED = "armed", "turned"
+# The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
+ARMING = "arming"
+# Crossings of a surface in succession, each without having left it, beyond which bounces have accumulated.
+MOST_RETURNS = 8
+# A body rests where it would return to a surface within this share of the nominal period.
+_RESTING = 1.0e-9
 
 
 def _record(model: type, name: str, fields: Any) -> type:
@@ -216,7 +220,7 @@ class DeclaredModel(Declared, HybridModel):
 
     @classmethod
     def _other_fields(cls) -> list[str]:
-        return [ARMED, TURNED] if cls._armed() else []
+        return [ARMING] if cls._armed() else []
 
     @classmethod
     def _refuse_contradictions(cls) -> None:
@@ -234,14 +238,31 @@ class DeclaredModel(Declared, HybridModel):
     def init(self, params: Any, start: Values, /) -> Any:
         fields = self._started(start)
         events = self._armed()
-        if not events:
-            return self.complete(params, self.State(**fields))
-        fields[ARMED] = fields[TURNED] = jnp.zeros(len(events), bool)
-        state = self.complete(params, self.State(**fields))
-        found = _Surfaces(self, params, state)
-        armed = jnp.stack([found.of(each).armed_at_start for each in events])
-        turned = jnp.stack([found.turns_back(each) for each in events])
-        return state.replace(armed=armed, turned=turned)
+        if events:
+            shape = (len(events),)
+            fields[ARMING] = Arming(jnp.zeros(shape, bool), jnp.zeros(shape), jnp.zeros(shape, jnp.int32))
+        return self._begun(params, self.complete(params, self.State(**fields)))
+
+    def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
+        """The state with its events armed by where it lies and moves.
+
+        With `crossed`, a state on the surface of a section is just behind its crossing.
+        """
+        seen = _Surfaces(self, params, state)
+        unit = self.period(params)
+        modes = []
+        for each in self._armed():
+            surface, rate = seen.of(each), seen.rate(each)
+            turned = False if crossed and each.is_section else self._turned(each, params, state)
+            band = surface.band(jnp.zeros(()), unit, rate) if crossed else surface.rounding
+            modes.append(surface.begun(band, rate, turned))
+        return state.replace(arming=_stacked(modes)) if modes else state
+
+    def _turned(self, event: Event, params: Any, state: Any) -> jax.Array | bool:
+        """Whether the jump of an event turns a state on its surface back."""
+        if event.effect is None:
+            return False
+        return _Surfaces(self, params, event.effect(self, params, state)).rate(event) <= 0.0
 
     def complete(self, params: Any, state: Any, /) -> Any:
         """The state with those variables set that follow from the others, at t = 0 and on the section.
@@ -252,47 +273,76 @@ class DeclaredModel(Declared, HybridModel):
         return state
 
     def guards(self, params: Any, state: Any, /) -> jax.Array:
-        found = _Surfaces(self, params, state)
+        seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
-        place = 0
-        for each in self._events():
-            if each.rising:
-                surface, armed = found.of(each), state.armed[place]
-                values = [*surface.guards(armed)]
-                if each.effect is not None:
-                    # a body whose bounces have become too small to be seen would fall through the ground
-                    values.append(jnp.where(state.turned[place] & ~armed, surface.above, -1.0))
-                place += 1
-            else:
+        for place, each in self._places():
+            if place is None:
                 values = [jnp.asarray(each.function(self, params, state))]
+            else:
+                mode = _at(state.arming, place)
+                crossing, returned = seen.of(each).guards(mode)
+                # a body whose bounces have accumulated stays where it is, until its row ends
+                values = [jnp.where(mode.returns > MOST_RETURNS, 1.0, crossing), returned]
             guards += [jnp.where(each.within(state), value, -1.0) for value in values]
         return jnp.stack(guards) if guards else jnp.zeros((0,))
+
+    def _places(self) -> Iterator[tuple[int | None, Event]]:
+        """Each event with its place among those that are armed."""
+        armed = self._armed()
+        for each in self._events():
+            yield (armed.index(each) if each.rising else None), each
 
     @property
     def guard_names(self) -> tuple[str, ...]:
         return tuple(name for each in self._events() for name in each.guard_names)
 
     def jump(self, params: Any, state: Any, fired: jax.Array, /) -> Any:
-        before = state
+        after = state
         for each, flags in self._flags(fired):
             if each.effect is not None:
-                after = each.effect(self, params, state)
                 happens = each.happens(flags)
-                state = jax.tree.map(lambda new, old, f=happens: jnp.where(f, new, old), after, state)
-        found = _Surfaces(self, params, state)
-        armed: list[jax.Array] = []
-        turned: list[jax.Array] = []
-        for each, flags in self._flags(fired):
-            if not each.rising:
-                continue
-            place = len(armed)
-            still = EventSurface.armed_after(before.armed[place], flags)
+                if each.rising:
+                    happens = happens & (_at(state.arming, self._armed().index(each)).returns <= MOST_RETURNS)
+                after = _where(happens, each.effect(self, params, after), after)
+        if not self._armed():
+            return after
+        return self._rearmed(params, state, after, fired)
+
+    def _rearmed(self, params: Any, before: Any, after: Any, fired: jax.Array) -> Any:
+        """The state `after` a jump, with its events armed; a body that would not leave a surface rests."""
+        unit = self.period(params)
+        was, now = _Surfaces(self, params, before), _Surfaces(self, params, after)
+        flags = dict(self._flags(fired))
+        events = self._armed()
+        late = jnp.max(
+            jnp.stack([jnp.where(flags[e][0], was.of(e).late(was.rate(e), unit), 0.0) for e in events])
+        )
+        modes = []
+        for place, each in enumerate(events):
+            surface, rate, mode = now.of(each), now.rate(each), _at(before.arming, place)
+            band = surface.band(late, unit, was.rate(each), rate)
+            crossed, returned = flags[each]
+            new = surface.jumped(mode, crossed, returned, band, rate, each.effect is not None)
             if each.during is not None:
-                begins = each.within(state) & ~each.within(before)
-                still = jnp.where(begins, found.of(each).armed_at_start, still)
-            armed.append(still)
-            turned.append(jnp.where(each.happens(flags), found.turns_back(each), before.turned[place]))
-        return state.replace(armed=jnp.stack(armed), turned=jnp.stack(turned)) if armed else state
+                begins = each.within(after) & ~each.within(before)
+                new = _where(begins, surface.begun(band, rate, self._turned(each, params, after)), new)
+            modes.append(new)
+        armed = _stacked(modes)
+        if not any(each.resting for each in self._events()):
+            return after.replace(arming=armed)
+        # a state on the surface of an event with a jump, which would be back within no time
+        bounces = [
+            each.within(after) & armed.armed[k] & (armed.level[k] > 0.0) & now.returns_soon(each, unit)
+            for k, each in enumerate(events)
+            if each.effect is not None
+        ]
+        soon = jnp.any(jnp.stack(bounces)) | jnp.any(armed.returns > MOST_RETURNS)
+        after = after.replace(arming=armed)
+        for each in self._events():
+            if each.resting is not None:
+                rests = each.happens(flags[each]) & soon
+                after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
+        return after
 
     def section(self, params: Any, before: Any, fired: jax.Array, /) -> jax.Array:
         closed = jnp.zeros((), bool)
@@ -302,7 +352,7 @@ class DeclaredModel(Declared, HybridModel):
         return closed
 
     def chart(self) -> Chart | None:
-        return _SectionCoordinates(self) if self.section_coordinates else None
+        return _SectionCoordinates(self)
 
 
 class _Surfaces:
@@ -323,20 +373,56 @@ class _Surfaces:
             )
         return self._seen[event]
 
-    def turns_back(self, event: Event) -> jax.Array:
-        """Whether a state on the surface of an event with a jump does not go on through it."""
-        return jnp.zeros((), bool) if event.effect is None else self.of(event).turns_back(self._rates)
+    def rate(self, event: Event) -> jax.Array:
+        """The rate of the height of an event's surface along the flow."""
+        return self.of(event).rate(self._rates)
+
+    def returns_soon(self, event: Event, unit: jax.Array) -> jax.Array:
+        """Whether a state that leaves the surface of an event downwards is back within a share of a period."""
+        model, params, state = self._model, self._params, self._state
+
+        def rate(point: Any) -> jax.Array:
+            return _Surfaces(model, params, state.replace(**point)).rate(event)
+
+        along = jax.tree.unflatten(
+            jax.tree.structure(self._point), jax.tree.leaves(_split(self._rates, self._point))
+        )
+        speed, acceleration = jax.jvp(rate, (self._point,), (along,))
+        return (acceleration > 0.0) & (-2.0 * speed <= acceleration * _RESTING * unit)
 
     @functools.cached_property
     def _rates(self) -> jax.Array:
         """The rates of the variables in the order of a point (n,)."""
         rates = self._model.flow(self._params, self._state)
-        return flat({name: rates.get(name, jnp.zeros_like(x)) for name, x in self._point.items()})
+        along = {name: rates.get(name, jnp.zeros_like(x)) for name, x in self._point.items()}
+        return flat({name: jnp.broadcast_to(along[name], x.shape) for name, x in self._point.items()})
+
+
+def _split(numbers: jax.Array, like: Any) -> Any:
+    """The numbers (n,) as a pytree of the shapes of another."""
+    leaves, structure = jax.tree.flatten(like)
+    first, found = 0, []
+    for leaf in leaves:
+        found.append(numbers[first : first + leaf.size].reshape(leaf.shape))
+        first += leaf.size
+    return jax.tree.unflatten(structure, found)
+
+
+def _where(condition: jax.Array, yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _at(armed: Arming, place: int) -> Arming:
+    return jax.tree.map(lambda each: each[place], armed)
+
+
+def _stacked(modes: list[Arming]) -> Arming:
+    return jax.tree.map(lambda *each: jnp.stack(each), *modes)
 
 
 @dataclasses.dataclass(frozen=True)
 class _SectionCoordinates(Chart):
-    """The chart of `section_coordinates`: the variables themselves."""
+    """The chart of `section_coordinates`, the variables themselves; of all variables where there are none."""
 
     model: DeclaredModel
 
@@ -355,7 +441,9 @@ class _SectionCoordinates(Chart):
             last = first + each.size(self.model)
             fields[name] = at[first:last].reshape(each.shape(self.model))
             first = last
-        return self.model.complete(params, modes.replace(**fields))
+        state = self.model.complete(params, modes.replace(**fields))
+        return self.model._begun(params, state, crossed=True)
 
     def _variables(self) -> list[tuple[str, Variable]]:
-        return [(name, self.model.declarations[name]) for name in self.model.section_coordinates]
+        every = self.model._named(Variable)
+        return [(name, every[name]) for name in self.model.section_coordinates or every]

@@ -1,4 +1,4 @@
-"""The surface on which an event happens in one direction: its guards, and the mode that arms it."""
+"""The surface on which an event happens in one direction, as seen from one state."""
 
 from __future__ import annotations
 
@@ -11,19 +11,40 @@ import jax.numpy as jnp
 
 # Multiple of the rounding error of a height within which a point counts as on the surface.
 _RESOLUTIONS = 16.0
+# Times (in nominal periods) by which an event may be located late: at least, and at most where the height at
+# its jump is that of a crossing. The band of a surface is what its height changes by in `_BAND` such times.
+_LATE = 1.0e-12
+LATEST = 1.0e-6
+_BAND = 8.0
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Arming:
+    """The mode of one event: whether it is armed, and from which height on it happens.
+
+    `armed`: it happens where the height rises through `level`. The level is 0, except for a state that a jump has
+    left on the surface, or within rounding of it: it is then above the state, so that the residue of the last
+    location fires nothing, and a body whose bounces have become too small to be seen does not fall through. A
+    level below 0 makes the event happen at once. Not `armed`: the event is armed where the height falls below
+    the level, 0 or less. `returns` is the number of crossings in succession without having been below 0.
+    """
+
+    armed: jax.Array
+    level: jax.Array
+    returns: jax.Array
 
 
 @dataclasses.dataclass(frozen=True)
 class EventSurface:
-    """The surface where a function of the state is zero, seen from a point, and crossed where it rises.
+    """The surface where a function of the state, the height, is zero; it is crossed where the height rises.
 
-    A model has a mode `armed` (a bool) in its state, initially `armed_at_start`. It appends `guards` to its
-    own guards, and calls `armed_after` in its jump and `crossed` in its section with the two flags of these
-    guards. The surface is armed only while the state is below it. So a start on the surface is not a
-    crossing, every crossing in the direction of the function's gradient is found once, and none in the other
-    direction. A state within rounding error of the surface counts as on it.
+    A state is on the surface if its height is zero within its rounding error and within the error of the
+    location of events. What happens there follows from the flow: a state that the flow takes below arms the
+    event; one that it takes through the surface has crossed it.
 
-    `height` is the function at the point, `rounding` the error of this number, `normal` (n,) its gradient.
+    `height` is the function at the state, `rounding` the error of this number, `normal` (n,) its gradient, and
+    `rate` its time derivative along the flow.
     """
 
     height: jax.Array
@@ -43,40 +64,89 @@ class EventSurface:
         size = jnp.sum(jnp.abs(terms)) + jnp.abs(jnp.sum(terms) - height)
         # the smallest float: if all terms are zero, the point is on the surface
         rounding = _RESOLUTIONS * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny
-        return cls(height, rounding, normal)
+        return cls(height, jax.lax.stop_gradient(rounding), normal)
 
-    @property
-    def armed_at_start(self) -> jax.Array:
-        """Whether a start at the point is below the surface, and so arms it."""
-        return self.below >= 0.0
-
-    def guards(self, armed: jax.Array) -> jax.Array:
+    def guards(self, mode: Arming) -> jax.Array:
         """The guards (2,): the crossing while armed, else the return below the surface."""
-        return jnp.stack([jnp.where(armed, self.height, -1.0), jnp.where(armed, -1.0, self.below)])
+        above = jnp.where(mode.armed, 0.0, mode.level) - self.height - self.rounding
+        returned = jnp.where(mode.armed & (mode.level <= 0.0), -1.0, above)
+        return jnp.stack([jnp.where(mode.armed, self.height - mode.level, -1.0), returned])
 
-    @staticmethod
-    def armed_after(armed: jax.Array, fired: jax.Array) -> jax.Array:
-        """The mode `armed` after the guards `fired` (2,)."""
-        return (armed | fired[1]) & ~fired[0]
+    def rate(self, rates: jax.Array) -> jax.Array:
+        """The time derivative of the height at the rates (n,) of a point."""
+        return jnp.sum(self.normal * rates)
 
-    @staticmethod
-    def crossed(fired: jax.Array) -> jax.Array:
-        """Whether the guards `fired` (2,) include the crossing."""
-        return fired[0]
+    def late(self, rate: jax.Array, unit: jax.Array) -> jax.Array:
+        """The time (s) since the crossing; 0 where a jump, not the flow, has brought the state above.
+
+        `rate` is that of the height, `unit` the nominal period (s).
+        """
+        passed = jnp.where(rate > 0.0, self.height, 0.0) / jnp.where(rate > 0.0, rate, 1.0)
+        return jnp.where(passed <= LATEST * unit, passed, 0.0)
+
+    def band(self, late: jax.Array, unit: jax.Array, *rates: jax.Array) -> jax.Array:
+        """The largest height of a state on the surface after a jump that was `late` (s).
+
+        `rates` are those of the height before and after the jump.
+        """
+        change = sum(jnp.abs(rate) for rate in rates)
+        return self.rounding + _BAND * jnp.maximum(late, _LATE * unit) * change
+
+    def begun(self, band: jax.Array, rate: jax.Array, turned: jax.Array | bool) -> Arming:
+        """The mode of an event that begins to be possible at this state.
+
+        On the surface, a state that the flow takes through it has just crossed it, except where the jump of the
+        event would turn it back (`turned`): an impact happens at once.
+        """
+        below = self.height < -self.rounding
+        on = ~below & (self.height <= band)
+        leaves = on & (rate <= 0.0)
+        strikes = on & (rate > 0.0) & turned
+        least = jnp.minimum(self.height, 0.0)
+        level = jnp.where(leaves, self._beyond, jnp.where(strikes | ~below, least, 0.0))
+        return _mode(below | leaves | strikes, level)
+
+    def jumped(
+        self,
+        mode: Arming,
+        crossed: jax.Array,
+        returned: jax.Array,
+        band: jax.Array,
+        rate: jax.Array,
+        impact: bool,
+    ) -> Arming:
+        """The mode after a jump, from that before it.
+
+        Args:
+            mode: the mode before the jump.
+            crossed, returned: whether the guards of this event have fired.
+            band: see `band`.
+            rate: that of the height after the jump.
+            impact: whether the event has a jump of its own, so that a state without a rate stays on the surface.
+        """
+        on = jnp.abs(self.height) <= band
+        leaves = on & ((rate <= 0.0) if impact else (rate < 0.0))
+        stays = self.height >= -self.rounding
+        # a crossing ends the armed state, unless the jump has taken the state below or turned it back
+        armed = jnp.where(crossed, leaves | (self.height < -band), mode.armed | leaves)
+        least = jnp.where(crossed, jnp.minimum(self.height, 0.0), mode.level)
+        level = jnp.where(leaves & stays, self._beyond, jnp.where(armed & crossed, 0.0, least))
+        again = jnp.where(mode.armed & (mode.level > 0.0), mode.returns + 1, 0)
+        returns = jnp.where(crossed, again, mode.returns)
+        return Arming(
+            armed | returned,
+            jax.lax.stop_gradient(jnp.where(returned, 0.0, level)),
+            jnp.where(returned, 0, returns).astype(mode.returns.dtype),
+        )
 
     @property
-    def above(self) -> jax.Array:
-        """The height above the surface, less its rounding error."""
-        return self.height - self.rounding
+    def _beyond(self) -> jax.Array:
+        """A level above the state by its rounding error."""
+        return jnp.maximum(self.height, 0.0) + self.rounding
 
-    @property
-    def below(self) -> jax.Array:
-        """The depth below the surface, less its rounding error."""
-        return -self.height - self.rounding
 
-    def turns_back(self, rates: jax.Array) -> jax.Array:
-        """Whether a point on the surface that moves with the rates (n,) does not go on through it."""
-        return (self.above <= 0.0) & (jnp.sum(self.normal * rates) <= 0.0)
+def _mode(armed: jax.Array, level: jax.Array) -> Arming:
+    return Arming(armed, jax.lax.stop_gradient(level), jnp.zeros((), jnp.int32))
 
 
 def flat(point: Any) -> jax.Array:
