@@ -97,10 +97,22 @@ class Mode(Counted):
     start: bool | int | tuple[bool | int, ...]
     meaning: str
 
-    def at_start(self, model: Model) -> jax.Array:
-        """Its value at t = 0."""
-        value = jnp.asarray(self.start)
-        return value if self.count is None else jnp.broadcast_to(value, self.shape(model))
+    def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
+        """The initial conditions, whole numbers, with their defaults."""
+        dtype = jnp.asarray(self.start).dtype
+        switch = {"low": 0.0, "high": 1.0} if dtype == bool else {}
+        values = jnp.broadcast_to(jnp.asarray(self.start), self.shape(model))
+        places = [""] if self.count is None else [f"_{i + 1}" for i in range(self.size(model))]
+        return tuple(
+            Quantity(f"{name}{place}_0", "1", f"{self.meaning}, at the start", float(value), whole=True, **switch)
+            for place, value in zip(places, values.ravel(), strict=True)
+        )
+
+    def at_start(self, model: Model, numbers: Sequence[jax.Array]) -> jax.Array:
+        """Its value at t = 0, from those of its initial conditions."""
+        dtype = jnp.asarray(self.start).dtype
+        value = jnp.stack([jnp.asarray(number) for number in numbers])
+        return jnp.reshape(value != 0 if dtype == bool else jnp.round(value).astype(dtype), self.shape(model))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,7 +251,8 @@ def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int |
     """Declare a discrete mode of the state (a contact, the phase of a step), which only jumps change.
 
     Args:
-        start: its value at t = 0, which decides its type: a bool or an integer, or one for each of `count`.
+        start: its default at t = 0, for which jobs have the name `NAME_0`, and which decides its type: a bool or
+            an integer, or one for each of `count`.
         meaning: what it says.
         count: how many there are, as for `parameter`.
     """

@@ -128,7 +128,8 @@ class Declared(Model):
 
     @property
     def initial_conditions(self) -> tuple[Quantity, ...]:
-        return tuple(q for name, each in self._named(Variable).items() for q in each.starts(self, name))
+        declared = {**self._named(Variable), **self._named(Mode)}
+        return tuple(q for name, each in declared.items() for q in each.starts(self, name))
 
     @property
     def observables(self) -> tuple[Quantity, ...]:
@@ -169,7 +170,7 @@ class Declared(Model):
             else:
                 fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
         for name, each in self._named(Mode).items():
-            fields[name] = each.at_start(self)
+            fields[name] = each.at_start(self, [start.get(q.name, q.default) for q in each.starts(self, name)])
         return fields
 
     def _recorded(self, kind: str) -> tuple[Quantity, ...]:

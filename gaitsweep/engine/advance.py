@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
-from gaitsweep.engine.hidden_events import guard_slopes, may_hide
+from gaitsweep.engine.hidden_events import LOOKS, between, guard_slopes, may_hide, unresolved
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 from gaitsweep.engine.rarity import rarely, usually
@@ -214,21 +214,28 @@ def _advance_hybrid(
         failed = rarely(going & ~taken)
         short = rarely(h <= CHAIN_STEP * carry.unit)
         still = short & (h == 0.0)
-        slopes = guard_slopes(model, here, carry.state, flow(here, carry.state))
-        hidden = rarely(going & taken & ~short & may_hide(carry.near, slopes, guards, h))
+        leaving, arriving = flow(here, carry.state), flow_after(there, trial)
+        slopes = guard_slopes(model, here, carry.state, leaving)
+        speed = guard_slopes(model, there, trial, arriving)
+        hides = may_hide(carry.near, slopes, guards, h)
+        if method.adaptive:
+            looks = [
+                model.guards(here, between(carry.state, leaving, trial, arriving, h, share)) for share in LOOKS
+            ]
+            hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
+        hidden = rarely(going & taken & ~short & hides)
         again = failed | hidden
         # guards that fired in the same trial as the last jump and have not jumped yet
         waiting = still & fired & (carry.far_guards >= 0.0) & (carry.far_guards < jnp.inf)
         # a crossing is recorded before the events that its jumps cause
-        leaves = rarely(carry.closed & ~jnp.any(waiting))
+        owed = rarely(carry.closed)
+        leaves = owed & ~jnp.any(waiting)
         hit = rarely(going & jnp.any(fired) & ~again & ~leaves)
         on = going & ~hit & ~again
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
         far_guards = jnp.where(carry.far < jnp.inf, carry.far_guards, 0.0)
         below, above = _first_to_fire(jnp.where(hit, carry.near, guards), jnp.where(hit, guards, far_guards))
         late = h - h * _share(below, above)
-        arrives = flow_after(there, trial)
-        speed = guard_slopes(model, there, trial, arrives)
         past = jnp.any(fired & (carry.near < 0.0) & (guards > LARGEST_LATE * tolerance * speed))
         # once the bracket is as short as the tolerance, the rates need not be trusted
         astray = hit & (late <= tolerance) & past & (h > tolerance)
@@ -265,13 +272,13 @@ def _advance_hybrid(
         if sensitivities:
             # an event caused by a jump has no root of its own: it happens at the time of that jump
             rooted = jumping & (waiting | ((carry.near < 0.0) & (h > 0.0))) & land
-            end, later = _implicit_event_time(trial, arrives, guards, speed, rooted)
+            end, later = _implicit_event_time(trial, arriving, guards, speed, rooted)
             # a crossing is read at its own time
-            end = move(end, arrives, jnp.where(leaves, -shift, 0.0))
+            end = move(end, arriving, jnp.where(leaves, -shift, 0.0))
             t = t + later - jnp.where(leaves, shift, 0.0)
-            shift = jnp.where(leaves, 0.0, shift + jnp.where(carry.closed, later, 0.0))
+            shift = jnp.where(leaves, 0.0, shift + jnp.where(owed, later, 0.0))
         after = model.jump(there, end, jumping)
-        crossed = carry.closed | (land & model.section(there, trial, jumping))
+        crossed = owed | (land & model.section(there, trial, jumping))
         closed = crossed & ((land & ~remaining) | leaves)
         timed = rarely(on & (h >= room) & ~leaves)
 

@@ -4,9 +4,15 @@ A short contact inside a step is not visible in the guard at the ends of the ste
 guard that is below zero at its end could have reached zero inside: the tangent at the beginning crosses zero
 within the step, and at the end the guard is so far below the tangent that it may have passed a maximum. Half
 the step is tried then. For a guard that is concave, the tangent is an upper bound, so no event is missed.
+
+A guard may also be faster than the flow (the teeth of a wheel), so that a step which is accurate for the flow
+passes several of its zeros. So methods with step control look at the guards inside the step too, and reject it if a
+guard is above zero there, or far from the cubic through its values and slopes at both ends.
 """
 
 from __future__ import annotations
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +25,11 @@ from gaitsweep.engine.rarity import rarely
 # beginning, has its maximum within this many steps. The value is above 1, since the maximum of a curve that
 # falls steeply and then flattens is before that of the parabola.
 TOP_WITHIN = 2.0
+
+# Where guards are looked at inside a step, as shares of it: no simple fractions, which multiples of a period meet.
+LOOKS = (0.29, 0.63)
+# Largest distance of a guard from its cubic, as a share of its largest value in the step.
+RESOLVED = 0.1
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> jax.Array:
@@ -45,3 +56,52 @@ def may_hide(near: jax.Array, slopes: jax.Array, end: jax.Array, h: jax.Array) -
     may_reach = rarely(jnp.any(tangent >= 0.0))
     passes = (tangent >= 0.0) & (end < 0.0) & (tangent - end > rise / (2.0 * TOP_WITHIN))
     return may_reach & jnp.any(passes)
+
+
+def between(state: State, rates: Rates, end: State, end_rates: Rates, h: jax.Array, share: float) -> State:
+    """The state at a share of a step, on the cubic through its ends."""
+    inside = {
+        name: _cubic(getattr(state, name), rate, getattr(end, name), end_rates[name], h, share)
+        for name, rate in rates.items()
+    }
+    return dataclasses.replace(state, **inside)
+
+
+def unresolved(
+    near: jax.Array,
+    slopes: jax.Array,
+    end: jax.Array,
+    end_slopes: jax.Array,
+    looks: list[jax.Array],
+    h: jax.Array,
+) -> jax.Array:
+    """Whether a step is too long for one of its guards.
+
+    Args:
+        near, slopes: the guards and their time derivatives at the step's beginning.
+        end, end_slopes: the same at its end.
+        looks: the guards inside, at `LOOKS`.
+        h: its length (s).
+    """
+    if near.size == 0:
+        return jnp.zeros((), bool)
+    size = jnp.maximum(jnp.abs(near), jnp.abs(end))
+    for look in looks:
+        size = jnp.maximum(size, jnp.abs(look))
+    apart = jnp.zeros(near.shape, bool)
+    for share, look in zip(LOOKS, looks, strict=True):
+        off = jnp.abs(look - _cubic(near, slopes, end, end_slopes, h, share))
+        apart = apart | (look >= 0.0) | (off > RESOLVED * size)
+    return jnp.any(apart & (near < 0.0) & (end < 0.0))
+
+
+def _cubic(
+    a: jax.Array, a_rate: jax.Array, b: jax.Array, b_rate: jax.Array, h: jax.Array, s: float
+) -> jax.Array:
+    """The cubic Hermite polynomial at the share s of a step."""
+    rest = 1.0 - s
+    return (
+        (1.0 + 2.0 * s) * rest**2 * a
+        + (3.0 - 2.0 * s) * s**2 * b
+        + h * (s * rest**2 * a_rate - s**2 * rest * b_rate)
+    )

@@ -241,6 +241,8 @@ def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
         within = (values > quantity.low) & (values < quantity.high)
     else:
         within = (values >= quantity.low) & (values <= quantity.high)
+    if quantity.whole:
+        within = within & (values == np.round(values))
     undecided = isinstance(quantity.default, float) and math.isnan(quantity.default)
     return within | np.isnan(values) if undecided else within
 
@@ -248,4 +250,7 @@ def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
 def must(quantity: Quantity) -> str:
     """The end of a sentence about a value out of range: what it must be, what it is, its unit."""
     unit = "" if quantity.unit in ("", "1") else f", in {quantity.unit}"
-    return f"must be {bound(quantity.low, quantity.high, quantity.open_ends)} ({quantity.meaning}{unit})"
+    if quantity.whole and math.isinf(quantity.low) and math.isinf(quantity.high):
+        return f"must be a whole number ({quantity.meaning}{unit})"
+    limits = bound(quantity.low, quantity.high, quantity.open_ends)
+    return f"must be {'a whole number ' if quantity.whole else ''}{limits} ({quantity.meaning}{unit})"
