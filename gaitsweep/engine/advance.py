@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
-from gaitsweep.engine.hidden_events import LOOKS, between, guard_slopes, may_hide, unresolved
+from gaitsweep.engine.hidden_events import LOOKS, between, guard_slopes, may_hide, switches, unresolved
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 from gaitsweep.engine.rarity import rarely, usually
@@ -46,6 +46,8 @@ STEEPEST = 1e9
 # before its tolerance begins to grow (bisection of a whole step to 1e-12 s takes another 31).
 SECANT_TRIALS = 24
 PATIENT_TRIALS = 60
+# The longest step, as a share of the nominal period, in which the flow may switch.
+SWITCH_STEP = 1e-7
 # Least distance of an event's trial from the root, as a share of the tolerance.
 LEAST_LATE = 0.25
 # The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps to a
@@ -223,6 +225,8 @@ def _advance_hybrid(
                 model.guards(here, between(carry.state, leaving, trial, arriving, h, share)) for share in LOOKS
             ]
             hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
+            changes = switches(flow, here, carry.state) != switches(flow, here, trial)
+            hides = hides | ((h > SWITCH_STEP * carry.unit) & jnp.any(changes))
         hidden = rarely(going & taken & ~short & hides)
         again = failed | hidden
         # guards that fired in the same trial as the last jump and have not jumped yet

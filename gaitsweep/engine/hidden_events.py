@@ -8,14 +8,19 @@ the step is tried then. For a guard that is concave, the tangent is an upper bou
 A guard may also be faster than the flow (the teeth of a wheel), so that a step which is accurate for the flow
 passes several of its zeros. So methods with step control look at the guards inside the step too, and reject it if a
 guard is above zero there, or far from the cubic through its values and slopes at both ends.
+
+A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons of moving variables are read off its
+program, and a step across which one of them changes is shortened, so that no pulse is stepped over.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import Literal
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.propose import move
@@ -30,6 +35,8 @@ TOP_WITHIN = 2.0
 LOOKS = (0.29, 0.63)
 # Largest distance of a guard from its cubic, as a share of its largest value in the step.
 RESOLVED = 0.1
+# Comparisons whose change within a step switches a flow.
+_COMPARISONS = ("lt", "le", "gt", "ge")
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> jax.Array:
@@ -93,6 +100,25 @@ def unresolved(
         off = jnp.abs(look - _cubic(near, slopes, end, end_slopes, h, share))
         apart = apart | (look >= 0.0) | (off > RESOLVED * size)
     return jnp.any(apart & (near < 0.0) & (end < 0.0))
+
+
+def switches(flow: Callable[[Params, State], Rates], params: Params, state: State) -> jax.Array:
+    """The truth (n,) of the comparisons by which a flow switches as its variables move."""
+    closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
+    program, given = closed.jaxpr, jax.tree.leaves((params, state))
+    held = len(jax.tree.leaves(params))
+    fields = [path[0].name for path, _ in jax.tree_util.tree_leaves_with_path(state)]
+    moving = {v for v, name in zip(program.invars[held:], fields, strict=True) if name in rates}
+    found = []
+    for equation in program.eqns:
+        if moving.intersection(v for v in equation.invars if not isinstance(v, Literal)):
+            moving.update(equation.outvars)
+            if equation.primitive.name in _COMPARISONS:
+                found += equation.outvars
+    if not found:
+        return jnp.zeros((0,), bool)
+    told = jax.core.eval_jaxpr(program.replace(outvars=found, debug_info=None), closed.consts, *given)
+    return jnp.concatenate([jnp.ravel(each) for each in told])
 
 
 def _cubic(
