@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.dynamics.phase_oscillator import wrapped
@@ -99,12 +100,13 @@ class Mode(Counted):
 
     def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The initial conditions, whole numbers, with their defaults."""
-        dtype = jnp.asarray(self.start).dtype
-        switch = {"low": 0.0, "high": 1.0} if dtype == bool else {}
-        values = jnp.broadcast_to(jnp.asarray(self.start), self.shape(model))
+        values = np.broadcast_to(np.asarray(self.start), self.shape(model))
+        switch = {"low": 0.0, "high": 1.0} if values.dtype == bool else {}
         places = [""] if self.count is None else [f"_{i + 1}" for i in range(self.size(model))]
         return tuple(
-            Quantity(f"{name}{place}_0", "1", f"{self.meaning}, at the start", float(value), whole=True, **switch)
+            Quantity(
+                f"{name}{place}_0", "1", f"{self.meaning}, at the start", float(value), whole=True, **switch
+            )
             for place, value in zip(places, values.ravel(), strict=True)
         )
 

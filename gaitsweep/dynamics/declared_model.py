@@ -24,8 +24,6 @@ from gaitsweep.near_miss import suggestion
 Values = Mapping[str, jax.Array]
 # The field of a state that says which of its events are armed (`Arming`, an array (events,) in each field).
 ARMING = "arming"
-# Crossings of a surface in succession, each without having left it, beyond which bounces have accumulated.
-MOST_RETURNS = 8
 # A body rests where it would return to a surface within this share of the nominal period.
 _RESTING = 1.0e-9
 
@@ -170,7 +168,9 @@ class Declared(Model):
             else:
                 fields[name] = numbers[0] if each.count is None else jnp.stack(numbers)
         for name, each in self._named(Mode).items():
-            fields[name] = each.at_start(self, [start.get(q.name, q.default) for q in each.starts(self, name)])
+            fields[name] = each.at_start(
+                self, [start.get(q.name, q.default) for q in each.starts(self, name)]
+            )
         return fields
 
     def _recorded(self, kind: str) -> tuple[Quantity, ...]:
@@ -280,10 +280,7 @@ class DeclaredModel(Declared, HybridModel):
             if place is None:
                 values = [jnp.asarray(each.function(self, params, state))]
             else:
-                mode = _at(state.arming, place)
-                crossing, returned = seen.of(each).guards(mode)
-                # a body whose bounces have accumulated stays where it is, until its row ends
-                values = [jnp.where(mode.returns > MOST_RETURNS, 1.0, crossing), returned]
+                values = [*seen.of(each).guards(_at(state.arming, place))]
             guards += [jnp.where(each.within(state), value, -1.0) for value in values]
         return jnp.stack(guards) if guards else jnp.zeros((0,))
 
@@ -302,8 +299,8 @@ class DeclaredModel(Declared, HybridModel):
         for each, flags in self._flags(fired):
             if each.effect is not None:
                 happens = each.happens(flags)
-                if each.rising:
-                    happens = happens & (_at(state.arming, self._armed().index(each)).returns <= MOST_RETURNS)
+                if each.rising:  # a body whose bounces have accumulated stays as it is, until its row ends
+                    happens = happens & ~_at(state.arming, self._armed().index(each)).accumulated
                 after = _where(happens, each.effect(self, params, after), after)
         if not self._armed():
             return after
@@ -337,7 +334,7 @@ class DeclaredModel(Declared, HybridModel):
             for k, each in enumerate(events)
             if each.effect is not None
         ]
-        soon = jnp.any(jnp.stack(bounces)) | jnp.any(armed.returns > MOST_RETURNS)
+        soon = jnp.any(jnp.stack(bounces)) | jnp.any(armed.accumulated)
         after = after.replace(arming=armed)
         for each in self._events():
             if each.resting is not None:

@@ -16,6 +16,8 @@ _RESOLUTIONS = 16.0
 _LATE = 1.0e-12
 LATEST = 1.0e-6
 _BAND = 8.0
+# Crossings in succession, each without having been below 0, beyond which bounces have accumulated.
+MOST_RETURNS = 8
 
 
 @jax.tree_util.register_dataclass
@@ -33,6 +35,11 @@ class Arming:
     armed: jax.Array
     level: jax.Array
     returns: jax.Array
+
+    @property
+    def accumulated(self) -> jax.Array:
+        """Whether bounces have become too short to be seen: the event happens without end."""
+        return self.returns > MOST_RETURNS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +77,8 @@ class EventSurface:
         """The guards (2,): the crossing while armed, else the return below the surface."""
         above = jnp.where(mode.armed, 0.0, mode.level) - self.height - self.rounding
         returned = jnp.where(mode.armed & (mode.level <= 0.0), -1.0, above)
-        return jnp.stack([jnp.where(mode.armed, self.height - mode.level, -1.0), returned])
+        crossing = jnp.where(mode.armed, self.height - mode.level, -1.0)
+        return jnp.stack([jnp.where(mode.accumulated, 1.0, crossing), returned])
 
     def rate(self, rates: jax.Array) -> jax.Array:
         """The time derivative of the height at the rates (n,) of a point."""
@@ -124,7 +132,8 @@ class EventSurface:
             rate: that of the height after the jump.
             impact: whether the event has a jump of its own, so that a state without a rate stays on the surface.
         """
-        on = jnp.abs(self.height) <= band
+        # a state that has not left the surface since its last crossing is above it by the residues since then
+        on = (self.height >= -band) & (self.height <= band + jnp.maximum(mode.level, 0.0))
         leaves = on & ((rate <= 0.0) if impact else (rate < 0.0))
         stays = self.height >= -self.rounding
         # a crossing ends the armed state, unless the jump has taken the state below or turned it back
@@ -133,11 +142,12 @@ class EventSurface:
         level = jnp.where(leaves & stays, self._beyond, jnp.where(armed & crossed, 0.0, least))
         again = jnp.where(mode.armed & (mode.level > 0.0), mode.returns + 1, 0)
         returns = jnp.where(crossed, again, mode.returns)
-        return Arming(
+        new = Arming(
             armed | returned,
             jax.lax.stop_gradient(jnp.where(returned, 0.0, level)),
             jnp.where(returned, 0, returns).astype(mode.returns.dtype),
         )
+        return jax.tree.map(lambda old, each: jnp.where(mode.accumulated, old, each), mode, new)
 
     @property
     def _beyond(self) -> jax.Array:

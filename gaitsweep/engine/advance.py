@@ -194,7 +194,9 @@ def _advance_hybrid(
     def attempt(params: Params, carry: Carry) -> Carry:
         dtype, dt = carry.t.dtype, carry.dt
         # a tolerance below the resolution of time would never be met in float32
-        finest = carry.unit * jnp.asarray(max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype)
+        finest = carry.unit * jnp.asarray(
+            max(numerics.event_tolerance, 16 * float(jnp.finfo(dtype).eps)), dtype
+        )
         # if a guard rises so slowly that rounding hides the event, no bracket of that width fires: after
         # two rounds of location the tolerance grows
         impatience = jnp.maximum(carry.trials - PATIENT_TRIALS, 0).astype(dtype)
@@ -222,7 +224,8 @@ def _advance_hybrid(
         hides = may_hide(carry.near, slopes, guards, h)
         if method.adaptive:
             looks = [
-                model.guards(here, between(carry.state, leaving, trial, arriving, h, share)) for share in LOOKS
+                model.guards(here, between(carry.state, leaving, trial, arriving, h, share))
+                for share in LOOKS
             ]
             hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
             changes = switches(flow, here, carry.state) != switches(flow, here, trial)
@@ -248,7 +251,9 @@ def _advance_hybrid(
         land = hit & (late <= tolerance) & ~astray & ~early
 
         bracket = _next_bracket(carry, h, still, guards, on, hit, land)
-        bracket["trials"] = jnp.where(astray, jnp.maximum(bracket["trials"], SECANT_TRIALS + 1), bracket["trials"])
+        bracket["trials"] = jnp.where(
+            astray, jnp.maximum(bracket["trials"], SECANT_TRIALS + 1), bracket["trials"]
+        )
         guess = _guess(bracket, below, above, tolerance)
         # the trial is past the root by rounding: the next one is past it by half the tolerance
         bracket["far"] = jnp.where(early, jnp.minimum(h + 0.5 * tolerance, carry.far), bracket["far"])
@@ -269,7 +274,9 @@ def _advance_hybrid(
 
         # one guard jumps in an attempt
         jumping = _first_of(jnp.where(jnp.any(waiting), waiting, fired))
-        bracket["far_guards"] = jnp.where(land & (jumping | (still & fired & ~waiting)), jnp.inf, bracket["far_guards"])
+        bracket["far_guards"] = jnp.where(
+            land & (jumping | (still & fired & ~waiting)), jnp.inf, bracket["far_guards"]
+        )
         remaining = jnp.any(fired & ~jumping & (waiting | ~still))
         end, shift = trial, carry.shift
         t = carry.t + h
@@ -283,7 +290,8 @@ def _advance_hybrid(
             shift = jnp.where(leaves, 0.0, shift + jnp.where(owed, later, 0.0))
         after = model.jump(there, end, jumping)
         crossed = owed | (land & model.section(there, trial, jumping))
-        closed = crossed & ((land & ~remaining) | leaves)
+        # at its own time, which needs the rates after the last jump, if other guards have jumped since
+        closed = crossed & ((land & ~remaining & ~owed) | leaves)
         timed = rarely(on & (h >= room) & ~leaves)
 
         chain = jnp.where(land, carry.chain + 1, jnp.where(on & ~short, 0, carry.chain))
@@ -292,7 +300,9 @@ def _advance_hybrid(
             # many cycles can pass between two polls of the recorder, so a fall is tested after every step
             down = (on | land) & model.failed(there, select(land, after, end))
             halt = jnp.where(down, FAILED, halt)
-        halt = halt.astype(carry.halt.dtype)
+        halt = jnp.where(land & (chain > _longest_chain(model, guards)), FAILED, halt).astype(
+            carry.halt.dtype
+        )
         # a waiting lane, or one whose step is rejected, keeps its state
         return Carry(
             state=select(on | land, select(land, after, end), carry.state),
@@ -493,8 +503,12 @@ def select(condition: jax.Array, yes: Any, no: Any) -> Any:
 
 def stalled(model: Model, carry: Carry) -> jax.Array:
     """Whether jumps follow each other at one instant without end (`HybridModel.longest_chain`)."""
+    return carry.chain > _longest_chain(model, carry.near)
+
+
+def _longest_chain(model: Model, guards: jax.Array) -> int:
     longest = model.longest_chain if isinstance(model, HybridModel) else None
-    return carry.chain > (JUMPS_A_GUARD * (carry.near.size + 1) if longest is None else longest)
+    return JUMPS_A_GUARD * (guards.size + 1) if longest is None else longest
 
 
 def fired_last(carry: Carry) -> jax.Array:

@@ -139,7 +139,9 @@ def _stalled_by(records: Records) -> pd.Categorical:
     stalled = np.flatnonzero(words.any(axis=1))  # few, if any
     told = [
         # an event may have several guards
-        " and ".join(dict.fromkeys(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row)))
+        " and ".join(
+            dict.fromkeys(names[i] if i < len(names) else f"guard {i + 1}" for i in np.flatnonzero(row))
+        )
         for row in unpacked(words[stalled])
     ]
     categories = sorted(set(told))
