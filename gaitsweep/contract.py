@@ -93,13 +93,13 @@ class Recommended:
 class Quantity:
     """Name, unit and meaning of a parameter, an initial condition, an observable, a label field or a signal.
 
-    `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must
-    be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds; `whole` admits
-    whole numbers only.
-    `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
-    `scale` (in `unit`, above 0) is the reference magnitude of an observable in the test of convergence of a
-    run of kind settle. None: its magnitude over the last crossings. An observable that tends to 0 needs a
-    scale, since its magnitude vanishes. Circular angles are compared in rad.
+    `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must be
+    given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds; `whole`
+    admits whole numbers only. `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in
+    TeX, for the axes of figures. `scale` (in `unit`, above 0) is the reference magnitude of an observable in
+    the test of convergence of a run of kind settle. None: its magnitude over the last crossings. An
+    observable that tends to 0 needs a scale, since its magnitude vanishes. Circular angles are compared in
+    rad.
     """
 
     name: str
@@ -176,8 +176,8 @@ class Jumps(abc.ABC):
     def jump(self, params: Params, state: State, fired: jax.Array, /) -> State:
         """The state after the events `fired` (a bool for each event); only a jump changes the modes.
 
-        Events that are located in time jump one at a time, in the order of the guards; after each jump the guards
-        are looked at again. Events of a scheme of steps jump together.
+        Events that are located in time jump one at a time, in the order of the guards; after each jump the
+        guards are looked at again. Events of a scheme of steps jump together.
         """
 
     @abc.abstractmethod
@@ -381,8 +381,8 @@ class HybridModel(Model):
     def longest_chain(self) -> int | None:
         """The most jumps at one instant; a row with more ends as `event_stall`.
 
-        None: 4 for each guard and 4 more. A model in which guards may jump more often at an instant (cells that
-        fire each other in turn) gives its own number.
+        None: 4 for each guard and 4 more. A model in which guards may jump more often at an instant (cells
+        that fire each other in turn) gives its own number.
         """
         return None
 

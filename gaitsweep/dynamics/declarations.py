@@ -101,7 +101,7 @@ class Mode(Counted):
     def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The initial conditions, whole numbers, with their defaults."""
         values = np.broadcast_to(np.asarray(self.start), self.shape(model))
-        switch = {"low": 0.0, "high": 1.0} if values.dtype == bool else {}
+        switch = {"low": 0.0, "high": 1.0} if np.issubdtype(values.dtype, np.bool_) else {}
         places = [""] if self.count is None else [f"_{i + 1}" for i in range(self.size(model))]
         return tuple(
             Quantity(
@@ -114,7 +114,7 @@ class Mode(Counted):
         """Its value at t = 0, from those of its initial conditions."""
         dtype = jnp.asarray(self.start).dtype
         value = jnp.stack([jnp.asarray(number) for number in numbers])
-        return jnp.reshape(value != 0 if dtype == bool else jnp.round(value).astype(dtype), self.shape(model))
+        return jnp.reshape(jnp.round(value).astype(dtype), self.shape(model))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,7 +130,8 @@ class Reading:
 class Event:
     """A declared event; see `event`.
 
-    `jump` is the decorator of what the event does to the state, `rest` that of how a body comes to rest at it.
+    `jump` is the decorator of what the event does to the state, `rest` that of how a body comes to rest at
+    it.
     """
 
     def __init__(
@@ -156,8 +157,9 @@ class Event:
     def rest(self, function: Callable[..., Any], /) -> Event:
         """Decorator of the function (params, state) -> state by which a body comes to rest after the jump.
 
-        It is applied where the body would be back on a surface within 1e-9 of the nominal period. It sets a mode in
-        which the event is not possible (`during`) and `flow` holds the body; another event ends that mode.
+        It is applied where the body would be back on a surface within 1e-9 of the nominal period. It sets a
+        mode in which the event is not possible (`during`) and `flow` holds the body; another event ends that
+        mode.
         """
         if self.resting is not None:
             raise TypeError(f"The event {self.name!r} has two functions of rest; write one.")
@@ -253,7 +255,8 @@ def mode(start: bool | int | Sequence[bool | int], meaning: str, *, count: int |
     """Declare a discrete mode of the state (a contact, the phase of a step), which only jumps change.
 
     Args:
-        start: its default at t = 0, for which jobs have the name `NAME_0`, and which decides its type: a bool or
+        start: its default at t = 0, for which jobs have the name `NAME_0`, and which decides its type: a
+        bool or
             an integer, or one for each of `count`.
         meaning: what it says.
         count: how many there are, as for `parameter`.
@@ -304,10 +307,11 @@ def event(
     """Declare a function (params, state) -> number as the guard of an event.
 
     The event happens where the function rises through zero. A state on the surface (within the errors of
-    rounding and of the location of events) is judged by the flow: one that the flow takes below zero arms the event,
-    and one that it takes through zero has just crossed the surface. A start on the surface that moves through it
-    has crossed it too, unless the event's jump turns it back: such an impact happens at t = 0. Bounces that
-    become too short to be seen end as `event_stall` where they accumulate, or in a state of `rest`.
+    rounding and of the location of events) is judged by the flow: one that the flow takes below zero arms the
+    event, and one that it takes through zero has just crossed the surface. A start on the surface that moves
+    through it has crossed it too, unless the event's jump turns it back: such an impact happens at t = 0.
+    Bounces that become too short to be seen end as `event_stall` where they accumulate, or in a state of
+    `rest`.
 
     Events of one instant jump one at a time, in the order of their declaration. One whose function an earlier
     jump has brought below zero does not jump.

@@ -376,7 +376,7 @@ class _Surfaces:
         return self.of(event).rate(self._rates)
 
     def returns_soon(self, event: Event, unit: jax.Array) -> jax.Array:
-        """Whether a state that leaves the surface of an event downwards is back within a share of a period."""
+        """Whether a state that leaves the surface of an event is back within a small share of a period."""
         model, params, state = self._model, self._params, self._state
 
         def rate(point: Any) -> jax.Array:

@@ -17,7 +17,7 @@ _LATE = 1.0e-12
 LATEST = 1.0e-6
 _BAND = 8.0
 # Crossings in succession, each without having been below 0, beyond which bounces have accumulated.
-MOST_RETURNS = 8
+MOST_RETURNS = 4
 
 
 @jax.tree_util.register_dataclass
@@ -25,7 +25,8 @@ MOST_RETURNS = 8
 class Arming:
     """The mode of one event: whether it is armed, and from which height on it happens.
 
-    `armed`: it happens where the height rises through `level`. The level is 0, except for a state that a jump has
+    `armed`: it happens where the height rises through `level`. The level is 0, except for a state that a
+    jump has
     left on the surface, or within rounding of it: it is then above the state, so that the residue of the last
     location fires nothing, and a body whose bounces have become too small to be seen does not fall through. A
     level below 0 makes the event happen at once. Not `armed`: the event is armed where the height falls below
@@ -50,8 +51,8 @@ class EventSurface:
     location of events. What happens there follows from the flow: a state that the flow takes below arms the
     event; one that it takes through the surface has crossed it.
 
-    `height` is the function at the state, `rounding` the error of this number, `normal` (n,) its gradient, and
-    `rate` its time derivative along the flow.
+    `height` is the function at the state, `rounding` the error of this number, `normal` (n,) its gradient,
+    and `rate` its time derivative along the flow.
     """
 
     height: jax.Array
@@ -103,8 +104,8 @@ class EventSurface:
     def begun(self, band: jax.Array, rate: jax.Array, turned: jax.Array | bool) -> Arming:
         """The mode of an event that begins to be possible at this state.
 
-        On the surface, a state that the flow takes through it has just crossed it, except where the jump of the
-        event would turn it back (`turned`): an impact happens at once.
+        On the surface, a state that the flow takes through it has just crossed it, except where the jump of
+        the event would turn it back (`turned`): an impact happens at once.
         """
         below = self.height < -self.rounding
         on = ~below & (self.height <= band)
@@ -130,7 +131,8 @@ class EventSurface:
             crossed, returned: whether the guards of this event have fired.
             band: see `band`.
             rate: that of the height after the jump.
-            impact: whether the event has a jump of its own, so that a state without a rate stays on the surface.
+            impact: whether the event has a jump of its own, so that a state without a rate stays on the
+            surface.
         """
         # a state that has not left the surface since its last crossing is above it by the residues since then
         on = (self.height >= -band) & (self.height <= band + jnp.maximum(mode.level, 0.0))
@@ -151,8 +153,8 @@ class EventSurface:
 
     @property
     def _beyond(self) -> jax.Array:
-        """A level above the state by its rounding error."""
-        return jnp.maximum(self.height, 0.0) + self.rounding
+        """A level above the state by two units in the last place."""
+        return jnp.maximum(self.height, 0.0) + self.rounding * (2.0 / _RESOLUTIONS)
 
 
 def _mode(armed: jax.Array, level: jax.Array) -> Arming:

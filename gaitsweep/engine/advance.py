@@ -35,7 +35,8 @@ from gaitsweep.engine.rarity import rarely, usually
 # crossing is lost and no crossing has to be copied.
 GOING, CROSSING, TIME, FINISHED, FAILED = 0, 1, 2, 3, 4
 
-# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of events.
+# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
+# events.
 JUMPS_A_GUARD = 4
 # Steps shorter than this share of the nominal period do not end a chain of jumps.
 CHAIN_STEP = 1e-9
@@ -50,8 +51,8 @@ PATIENT_TRIALS = 60
 SWITCH_STEP = 1e-7
 # Least distance of an event's trial from the root, as a share of the tolerance.
 LEAST_LATE = 0.25
-# The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps to a
-# small number above zero looks nearer to its root by the secant than it is.
+# The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps
+# to a small number above zero looks nearer to its root by the secant than it is.
 LARGEST_LATE = 4.0
 # Step control: the safety factor of a step, the smallest factor by which a failed step is shortened, and the
 # smallest step as a share of the longest, which is accepted with any error (a state that diverges is then
@@ -69,13 +70,14 @@ class Carry:
     `t` is the time (s); `h` the next step (s); `h_max` its upper bound (s), which grows after an event;
     `near` the guards at the state; `far` the shortest step known to fire (infinite unless an event is being
     located) and `far_guards` the guards there; at an instant with jumps it is >= 0 for all guards that have
-    fired, and infinite for those that have jumped or were caused by a jump; `weight` the Illinois weight of the end that was kept (above zero: the near end, below: the far end);
-    `trials` the attempts to locate this event; `chain` the jumps at this instant; `attempts` their total
-    number; `closed` whether the section was crossed at this instant, before other guards that wait for their
-    jump, and `shift` the time (s) of their events after that crossing: zero, but for its derivative; `stop`
-    the time (s) at which to halt; `halt` the reason why the trajectory waits. Constants of the trajectory: `dt`
-    its longest step (s), `share` the factor on that step, by which tolerances are finer as well, and `unit`
-    the nominal period (s), the unit of the tolerance on event times.
+    fired, and infinite for those that have jumped or were caused by a jump; `weight` the Illinois weight of
+    the end that was kept (above zero: the near end, below: the far end); `trials` the attempts to locate this
+    event; `chain` the jumps at this instant; `attempts` their total number; `closed` whether the section was
+    crossed at this instant, before other guards that wait for their jump, and `shift` the time (s) of their
+    events after that crossing: zero, but for its derivative; `stop` the time (s) at which to halt; `halt` the
+    reason why the trajectory waits. Constants of the trajectory: `dt` its longest step (s), `share` the
+    factor on that step, by which tolerances are finer as well, and `unit` the nominal period (s), the unit of
+    the tolerance on event times.
     """
 
     state: State

@@ -6,11 +6,11 @@ within the step, and at the end the guard is so far below the tangent that it ma
 the step is tried then. For a guard that is concave, the tangent is an upper bound, so no event is missed.
 
 A guard may also be faster than the flow (the teeth of a wheel), so that a step which is accurate for the flow
-passes several of its zeros. So methods with step control look at the guards inside the step too, and reject it if a
-guard is above zero there, or far from the cubic through its values and slopes at both ends.
+passes several of its zeros. So methods with step control look at the guards inside the step too, and reject
+it if a guard is above zero there, or far from the cubic through its values and slopes at both ends.
 
-A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons of moving variables are read off its
-program, and a step across which one of them changes is shortened, so that no pulse is stepped over.
+A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons of moving variables are read off
+its program, and a step across which one of them changes is shortened, so that no pulse is stepped over.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from gaitsweep.engine.rarity import rarely
 # falls steeply and then flattens is before that of the parabola.
 TOP_WITHIN = 2.0
 
-# Where guards are looked at inside a step, as shares of it: no simple fractions, which multiples of a period meet.
+# Where guards are looked at inside a step, as shares of it: no simple fractions, which multiples of a
+# period meet.
 LOOKS = (0.29, 0.63)
 # Largest distance of a guard from its cubic, as a share of its largest value in the step.
 RESOLVED = 0.1
