@@ -67,9 +67,13 @@ def traced_program(model: Model) -> TracedProgram:
     depends_on(model, read)
     with _TRACE("second"):
         second = dict(_digests(model))
-    order = (*_CALLED, *(name for name in first if name not in _CALLING), *_CALLING)
-    varying = [name for name in order if first.get(name) != second.get(name)]
-    return TracedProgram(first, varying[0] if varying else None)
+    return TracedProgram(first, first_difference(first, second))
+
+
+def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | None:
+    """The function in which two programs differ, of several that which others call; None if they are equal."""
+    names = (*_CALLED, *(name for name in (*one, *other) if name not in _CALLING), *_CALLING)
+    return next((name for name in names if one.get(name) != other.get(name)), None)
 
 
 def _digests(model: Model) -> Iterator[tuple[str, str]]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from gaitsweep.models.traced_program import first_difference
 from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared, RunError
 from gaitsweep.table import ResultDirectory
@@ -63,10 +64,10 @@ def check_program(ready: Prepared, path: Path, manifest: Mapping[str, Any]) -> l
     before, now = manifest.get(PROGRAM), ready.program
     if not isinstance(before, dict):
         return []
-    changed = [name for name in dict.fromkeys((*before, *now)) if before.get(name) != now.get(name)]
-    if not changed:
+    changed = first_difference(before, now)
+    if changed is None:
         return []
-    what = f"{' and '.join(changed)} of {ready.job.model}"
+    what = f"the function {changed} of {ready.job.model}"
     old, new = manifest.get("versions", {}), provenance.versions()
     if any(old.get(name) != new[name] for name in _TRACING) or _commits(manifest):
         return [
