@@ -71,7 +71,7 @@ def traced_program(model: Model) -> TracedProgram:
 
 
 def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | None:
-    """The function in which two programs differ, of several that which others call; None if they are equal."""
+    """The function in which two programs differ, one that others call before those; None if none does."""
     names = (*_CALLED, *(name for name in (*one, *other) if name not in _CALLING), *_CALLING)
     return next((name for name in names if one.get(name) != other.get(name)), None)
 
