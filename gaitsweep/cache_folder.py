@@ -1,31 +1,85 @@
-"""The folder of what can be computed again.
+"""The folder of what can be computed again, and its files, which carry a digest of their content.
 
-It is $GAITSWEEP_CACHE, by default $XDG_CACHE_HOME/gaitsweep or ~/.cache/gaitsweep.
+It is $GAITSWEEP_CACHE, by default $XDG_CACHE_HOME/gaitsweep or ~/.cache/gaitsweep. Kernels in it are loaded
+as code: a folder that other users can write to is not used.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
+import stat
 import tempfile
+import warnings
 from pathlib import Path
+
+_DIGEST = 32  # bytes before the content of a file
 
 
 def cache_folder(name: str) -> Path | None:
-    """The folder of this name in the cache, made if it is not there; None where it cannot be written."""
+    """The folder of this name in the cache, made if it is not there; None where it cannot be used.
+
+    Warns where another user owns it or may write to it.
+    """
     base = os.environ.get("GAITSWEEP_CACHE")
-    if base is None:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
-    folder = Path(base) / name
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        if base is None:
+            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gaitsweep"
+        folder = Path(base) / name
+        folder.parent.parent.mkdir(parents=True, exist_ok=True)
+        for each in (folder.parent, folder):
+            each.mkdir(mode=0o700, exist_ok=True)
+            if (reason := _unsafe(each)) is not None:
+                warnings.warn(f"The cache {each} is not used: {reason}.", stacklevel=1)
+                return None
         with tempfile.TemporaryFile(dir=folder):
             return folder
-    except OSError:
+    except (OSError, RuntimeError):  # a user without a home is a RuntimeError
         return None
 
 
-def write_whole(file: Path, content: bytes) -> None:
-    """Write a file at once, since other processes may read it."""
-    with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as draft:
-        draft.write(content)
-    os.replace(draft.name, file)
+def keep(file: Path, content: bytes) -> None:
+    """Write a file of the cache with its digest, at once; a file that cannot be written is left out."""
+    with contextlib.suppress(OSError):
+        draft = tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False)  # noqa: SIM115
+        try:
+            with draft:
+                draft.write(hashlib.sha256(content).digest() + content)
+            os.replace(draft.name, file)
+        except BaseException:
+            os.unlink(draft.name)
+            raise
+
+
+def kept(file: Path) -> bytes | None:
+    """The content of a file of the cache; None where it is missing, damaged or altered."""
+    try:
+        data = file.read_bytes()
+    except OSError:
+        return None
+    content = data[_DIGEST:]
+    return content if hashlib.sha256(content).digest() == data[:_DIGEST] else None
+
+
+def _unsafe(folder: Path) -> str | None:
+    """Why code from a folder may be another user's, or None."""
+    about, user = folder.stat(), os.geteuid()
+    if about.st_uid not in (user, 0):
+        return f"it belongs to user {about.st_uid}, and this is user {user}; set GAITSWEEP_CACHE to your own"
+    others = stat.S_IWOTH if _is_own_group(about.st_gid, user) else stat.S_IWOTH | stat.S_IWGRP
+    if about.st_mode & others and not about.st_mode & stat.S_ISVTX:
+        return f"other users may write to it; take that away by chmod go-w {folder}"
+    return None
+
+
+def _is_own_group(group: int, user: int) -> bool:
+    """Whether a group is a user's own, as many systems make one for each user."""
+    import grp
+    import pwd
+
+    try:
+        name, found = pwd.getpwuid(user).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    return found.gr_name == name and not set(found.gr_mem) - {name}

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from gaitsweep.cache_folder import cache_folder, write_whole
+from gaitsweep.cache_folder import cache_folder, keep, kept
 
 _MOST = 200  # commands that are remembered
 # Variables that choose the device, and so may make another job of the same file.
@@ -33,7 +33,7 @@ def recall(command: Sequence[str]) -> tuple[str, str] | None:
     if file is None:
         return None
     try:
-        known = json.loads(file.read_bytes())
+        known = json.loads(kept(file) or b"")
         folder, files = Path(known["folder"]), known["files"]
         if set(_files_in(folder)) != {name for name in files if Path(name).is_relative_to(folder)}:
             return None
@@ -61,7 +61,7 @@ def remember(command: Sequence[str], sources: Sequence[Path], folder: Path, prin
         names = [*(str(source.absolute()) for source in sources), *_files_in(folder)]
         files = {name: _digest(Path(name)) for name in names}
         seen = {"folder": str(folder), "files": files, "program": _program()}
-        write_whole(file, json.dumps({**seen, "printed": printed, "told": told}).encode())
+        keep(file, json.dumps({**seen, "printed": printed, "told": told}).encode())
         for old in sorted(file.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-_MOST]:
             old.unlink()
 

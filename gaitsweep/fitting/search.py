@@ -38,6 +38,7 @@ from gaitsweep.job import JobError
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load, replace_file, writing
@@ -127,6 +128,7 @@ def run_search(
     ):
         for note in directory.notes:
             tell(note)
+        continue_directory(ready, directory, tell)
         directory.update_manifest(
             engine=ready.engine,
             device=ready.device,
@@ -134,7 +136,6 @@ def run_search(
             method=ready.work.numerics.method,
             quantities=_quantities(job, population),
             versions=provenance.versions() | versions,
-            git_commit=provenance.git_commit(),
         )
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)

@@ -25,6 +25,7 @@ from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.plot.sensitivity import sensitivity_figure
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
+from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import Prepared, naming_the_file
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.summary import quantities_of
@@ -127,6 +128,7 @@ def run_sensitivity(
     ):
         for note in directory.notes:
             tell(note)
+        continue_directory(ready, directory, tell)
         if missing := directory.missing_blocks():
             _describe(job, ready, directory)
             together = 1
@@ -208,7 +210,6 @@ def _describe(job: SensitivityJob, ready: Prepared, directory: ResultDirectory) 
         method=ready.work.numerics.method,
         quantities=_quantities(job, model),
         versions=provenance.versions() | {"SALib": provenance.version_of("SALib")},
-        git_commit=provenance.git_commit(),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import math
 from collections.abc import Callable
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Model
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.flow_spectrum import slowest_limit
 from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
@@ -193,7 +193,7 @@ def _steps(plan: Plan, run: RunKind, numerics: Numerics, rows: np.ndarray) -> tu
     return dt, longest
 
 
-@functools.lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def _function(model: Model, numerics: Numerics) -> Any:
     """`values -> (dt, longest)` of many rows."""
 

@@ -16,7 +16,14 @@ from typing import TYPE_CHECKING
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.errors import UserError
-from gaitsweep.models.own_modules import Stamp, installed, modules_beside, modules_in, stamp_of
+from gaitsweep.models.own_modules import (
+    Stamp,
+    data_files,
+    installed,
+    modules_beside,
+    modules_in,
+    stamp_of,
+)
 
 if TYPE_CHECKING:
     from gaitsweep.models.multilegged.model import Multilegged
@@ -47,6 +54,8 @@ _SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDicti
 _OF_SESSION = "session:"
 # when the files of users' modules were written, and their sizes, as they were loaded
 _WRITTEN: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
+# the data files that these modules read as they were loaded
+_READ: weakref.WeakKeyDictionary[ModuleType, dict[Path, Stamp]] = weakref.WeakKeyDictionary()
 
 
 class ModelError(UserError, LookupError):
@@ -154,8 +163,10 @@ def _as_model(name: str, found: object) -> type[Model]:
 def _import(name: str, module_name: str, folders: list[Path]) -> object:
     try:
         with _importable(folders):
-            module = importlib.import_module(module_name)
+            with data_files() as read:
+                module = importlib.import_module(module_name)
             if folders:
+                _READ.setdefault(module, {}).update(read)
                 module = _as_written(module)
     except ModuleNotFoundError as error:
         reason = _missing(module_name, error.name, folders) or _raised(error)
@@ -187,17 +198,27 @@ def _missing(module_name: str, missing: str | None, folders: list[Path]) -> str 
 
 
 def _as_written(module: ModuleType) -> ModuleType:
-    """The user's module, reloaded with those beside it that it imports if one of their files has changed."""
+    """The user's module, reloaded with those beside it that it imports if one of their files has changed.
+
+    Data files that they read as they were loaded count too.
+    """
     if installed(module):
         return module
     now = _stamps(module)
-    if any(_WRITTEN.get(sys.modules[name], stamp) != stamp for name, stamp in now.items()):
-        for name in now:
-            importlib.reload(sys.modules[name])
+    edited = any(_WRITTEN.get(sys.modules[name], stamp) != stamp for name, stamp in now.items())
+    if edited or any(_is_changed(file, stamp) for file, stamp in _READ.get(module, {}).items()):
+        with data_files() as read:
+            for name in now:
+                importlib.reload(sys.modules[name])
+        _READ[sys.modules[module.__name__]] = read
         now = _stamps(module) | now  # an edit may add imports; files written meanwhile are detected next time
     for name, stamp in now.items():
         _WRITTEN[sys.modules[name]] = stamp
     return sys.modules[module.__name__]
+
+
+def _is_changed(file: Path, stamp: Stamp) -> bool:
+    return not file.is_file() or stamp_of(file) != stamp
 
 
 def _stamps(module: ModuleType) -> dict[str, Stamp]:

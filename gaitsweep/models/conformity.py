@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, ClassVar, get_origin
@@ -14,7 +13,9 @@ import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.expression import ExpressionError, resolve
+from gaitsweep.models.traced_program import unrepeatable
 
 _NUMBER = jax.ShapeDtypeStruct((), float)
 
@@ -38,10 +39,10 @@ def fault(model: Model) -> str | None:
         hash(model)
     except TypeError as error:
         return f"which cannot be hashed ({error}): make it a frozen dataclass, with tuples in place of lists."
-    return _fault(model)
+    return _fault(model) or unrepeatable(model)
 
 
-@functools.lru_cache(maxsize=64)
+@cached_by_content(maxsize=64)
 def _fault(model: Model) -> str | None:
     if model.host_parameters:
         return None

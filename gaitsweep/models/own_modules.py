@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import sys
 import sysconfig
 from collections.abc import Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 Stamp = tuple[int, int]  # modification time (ns) and size of a file
 
 _OURS = __name__.partition(".")[0]
+_CODE = (".py", ".pyc", ".so", ".pth")
+# files that this thread opens while a user's module is imported
+_OPENED: ContextVar[set[str] | None] = ContextVar("opened", default=None)
 
 
 def modules_beside(module: ModuleType) -> dict[str, Path]:
@@ -79,10 +85,46 @@ def stamp_of(file: Path) -> Stamp:
     return about.st_mtime_ns, about.st_size
 
 
+@contextlib.contextmanager
+def data_files() -> Iterator[dict[Path, Stamp]]:
+    """The files that are read inside the context, filled in at its end: code and packages are left out."""
+    _listen()
+    opened: set[str] = set()
+    outer = _OPENED.set(opened)
+    found: dict[Path, Stamp] = {}
+    try:
+        yield found
+    finally:
+        _OPENED.reset(outer)
+        for name in opened:
+            file = Path(name).absolute()
+            with contextlib.suppress(OSError):
+                if file.suffix not in _CODE and file.is_file() and not any(map(_installed, file.parents)):
+                    found[file] = stamp_of(file)
+
+
+@functools.cache
+def _listen() -> None:
+    """Let Python tell which files it opens, from now on."""
+
+    def note(event: str, arguments: tuple[Any, ...]) -> None:
+        if event != "open" or (opened := _OPENED.get()) is None:
+            return
+        name, mode, *_ = arguments
+        if isinstance(name, str) and (mode is None or mode.startswith("r")):
+            opened.add(name)
+
+    sys.addaudithook(note)
+
+
+@functools.cache
+def _package_folders() -> frozenset[Path]:
+    return frozenset(Path(each).resolve() for each in sysconfig.get_paths().values())
+
+
 def _installed(folder: Path) -> bool:
     """Whether a folder contains installed packages, which are independent of each other."""
-    paths = {Path(each).resolve() for each in sysconfig.get_paths().values()}
-    return folder in paths or folder.name in ("site-packages", "dist-packages")
+    return folder in _package_folders() or folder.name in ("site-packages", "dist-packages")
 
 
 def _follow(name: str, folder: Path, top: str | None, found: dict[str, Path], seen: set[str]) -> None:

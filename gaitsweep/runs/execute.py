@@ -19,6 +19,7 @@ from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.figures import draw_of_complete
+from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import Prepared, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.refined import refine
@@ -76,6 +77,7 @@ def run_job(
     ):
         for note in directory.notes:
             tell(note)
+        continue_directory(ready, directory, tell)
         missing = directory.missing_blocks()
         if missing:
             if _rows_leave_the_host_idle(ready):

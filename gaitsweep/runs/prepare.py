@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import hashlib
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
@@ -23,6 +23,7 @@ from gaitsweep.job import Job, Plan
 from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
+from gaitsweep.models.traced_program import traced_program
 from gaitsweep.table import WriteError, reason
 
 
@@ -48,6 +49,11 @@ class Prepared:
         """The records of a block of rows."""
         axes = self.plan.columns(block.first, block.first + len(block.status))
         return self.job.run.table(self.plan.model, axes, block)
+
+    @property
+    def program(self) -> Mapping[str, str]:
+        """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
+        return traced_program(self.plan.model).digests
 
     @property
     def engine(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import os
 import platform
@@ -14,6 +15,7 @@ PACKAGES = (
 )
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the numbers."""
     found = {"python": platform.python_version()}
@@ -28,6 +30,7 @@ def version_of(package: str) -> str:
         return "not installed"
 
 
+@functools.cache
 def machine() -> str:
     """System, processor and number of cores of the machine that runs the rows or hands them out."""
     processor = platform.processor() or platform.machine()
@@ -40,6 +43,7 @@ def machine() -> str:
     return f"{platform.system()} {platform.release()}, {processor}, {os.cpu_count()} cores"
 
 
+@functools.cache
 def git_commit() -> str | None:
     """Commit of the checkout that gaitsweep runs from, `+changes` where files differ; None outside one."""
     folder = Path(__file__).resolve().parents[1]  # of the package

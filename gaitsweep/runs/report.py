@@ -67,13 +67,14 @@ _REASONS = 5
 # What of the manifest is shown apart, or is of no use to a reader.
 _APART = (
     "quantities", "job", "figures_drawn", "sha256", "counts", "gaits", "self_check", "stalls", "slowest",
-    "complete", "versions", "largest_distance",
+    "complete", "versions", "largest_distance", "program",
 )  # fmt: skip
 _NAMES = {
     "job_hash": "hash of the job", "gaitsweep": "gaitsweep", "git_commit": "commit of the source",
     "created": "begun", "rows": "rows", "block": "rows of a part", "dt": "steps, shortest and longest (s)",
     "format": "format of the directory", "lanes": "trajectories at once", "axes": "axes",
     "method": "integration method", "timings": "time", "model_folder": "folder of the model",
+    "made_before": "parts that others made",
 }  # fmt: skip
 
 

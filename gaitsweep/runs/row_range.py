@@ -17,6 +17,7 @@ import pandas as pd
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
 from gaitsweep.runs.execute import RESULTS, run_job
+from gaitsweep.runs.makers import check_program, continue_directory, differing
 from gaitsweep.runs.prepare import Prepared, RunError, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.some_blocks import run_blocks
@@ -64,7 +65,7 @@ def run_rows(
         )
     blocks = blocks_of(rows, ready.work.n_rows, ready.work.block)
     with naming_the_file():
-        _make(path, ready)
+        _make(path, ready, tell)
         writer = PartWriter(path, ready.job_hash, ready.work.n_rows, ready.work.block)
         missing = writer.missing(blocks)
         if missing:
@@ -110,17 +111,25 @@ def _count(ready: Prepared) -> int:
     return -(-ready.work.n_rows // ready.work.block)
 
 
-def _make(path: Path, ready: Prepared) -> None:
+def _make(path: Path, ready: Prepared, tell: Callable[[str], None]) -> None:
     """Make the directory, unless another process has made it for the same job."""
 
     def made() -> None:
         if (path / MANIFEST).exists():
-            claim(path, ready.job_hash, ready.work.n_rows, ready.work.block)
+            if manifest := claim(path, ready.job_hash, ready.work.n_rows, ready.work.block):
+                for warning in check_program(ready, path, manifest):
+                    tell(warning)
+                if differences := differing(manifest):
+                    tell(
+                        f"Warning: {path} was begun with {'; '.join(differences)}: rows that are made "
+                        "here may differ from its others in the last digits."
+                    )
             return
         resolved = ready.job.resolved(engine=ready.engine)
         with ResultDirectory.open(
             path, resolved, ready.job_hash, ready.work.n_rows, ready.work.block
         ) as directory:
+            continue_directory(ready, directory, tell)
             describe(ready, directory)
 
     _patiently(made)

@@ -16,7 +16,6 @@ from gaitsweep.job.stored import MODEL_FOLDER
 from gaitsweep.kinds.columns import Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
-from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load_parts
 
@@ -39,10 +38,7 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
             for group in ready.plan.groups
         ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
-        versions=provenance.versions(),
         **_model_folder(ready),
-        git_commit=provenance.git_commit(),
-        machine=provenance.machine(),
     )
 
 

@@ -124,6 +124,22 @@ def is_job(value: object) -> bool:
 _COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
 
 
+_are_texts = _by_name(lambda value: isinstance(value, str))
+
+
+def _are_makers(value: object) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(maker, dict)
+        and _are_texts(maker.get("versions", {}))
+        and isinstance(maker.get("parts"), list)
+        and all(
+            isinstance(span, list) and len(span) == 2 and all(isinstance(number, int) for number in span)
+            for span in maker["parts"]
+        )
+        for maker in value
+    )
+
+
 def _are_axes(value: object) -> bool:
     return isinstance(value, list) and all(
         isinstance(axis, dict)
@@ -147,7 +163,10 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "gaits": (_COUNTS, "numbers of rows by gait"),
     "slowest": (_COUNTS, "numbers of rows by observable"),
     "axes": (_are_axes, "names, number of points and drawn of each axis"),
-    "figures_drawn": (_by_name(lambda value: isinstance(value, str)), "digests by name"),
+    "figures_drawn": (_are_texts, "digests by name"),
+    "versions": (_are_texts, "versions by name"),
+    "program": (_are_texts, "digests by name"),
+    "made_before": (_are_makers, "versions and parts of each earlier maker"),
     "complete": (lambda value: isinstance(value, bool), "true or false"),
 }
 

@@ -77,7 +77,12 @@ def _new_file(few: Path) -> None:
     (few / "table/part-00001.parquet").write_bytes(b"")
 
 
-@pytest.mark.parametrize("change", [_edited_job, _damaged_part, _gone_figure, _new_file])
+def _altered_memory(_: Path) -> None:
+    (memory,) = Path("cache/complete").glob("*.json")
+    memory.write_bytes(memory.read_bytes().replace(b"6 settled", b"5 settled"))
+
+
+@pytest.mark.parametrize("change", [_edited_job, _damaged_part, _gone_figure, _new_file, _altered_memory])
 def test_after_any_change_the_command_runs_as_a_whole(
     few: Path, change: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -114,6 +114,25 @@ def test_an_import_that_comes_with_an_edit_is_followed(folder: tuple[Path, str])
     assert period(found(path)[0]) == pytest.approx(3.0 * seconds, rel=1e-12)
 
 
+def test_a_data_file_that_is_read_at_import_is_loaded_anew(folder: tuple[Path, str]) -> None:
+    """The source is the same; the traced program is another."""
+    path, package = folder
+    data = path / package / "two.txt"
+    write(data, "2.0")
+    write(
+        path / package / "numbers_of.py",
+        f"from pathlib import Path\n\nTWO = float(Path({str(data)!r}).read_text())\n",
+    )
+    job, _ = found(path)
+    program, length = prepare(job).program, period(job)
+    write(data, "3.0")
+    job, _ = found(path)
+    assert period(job) == pytest.approx(1.5 * length, rel=1e-12)
+    changed = prepare(job).program
+    assert "period" in {name for name in changed if changed[name] != program[name]}
+    assert changed["flow"] == program["flow"]
+
+
 def test_a_missing_module(folder: tuple[Path, str]) -> None:
     path, package = folder
     nowhere = f"does not import: no module of that name is installed or in {path}"

@@ -35,11 +35,10 @@ FUSES = _ARM or bool(_HAS.get("fma"))  # whether a product and a sum can be one 
 REGISTERS = 28 if TILE == 8 or _ARM else None
 
 _PREAMBLE = """# Written by gaitsweep: {title}
-from numba import int64, njit
+from numba import int64
 
+from gaitsweep.engine.kernel.cache import compiled
 from gaitsweep.engine.kernel.llvm_code import straight_line
-
-compiled = njit(nogil=True, cache=True, error_model="numpy", boundscheck=False)
 """
 
 

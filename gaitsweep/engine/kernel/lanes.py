@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Model, Status
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.numerics import SHARE, Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, UNSEEN, Record, Recorder
@@ -37,7 +38,7 @@ class Kernel:
     given: tuple[Any, Any]
 
 
-@lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def kernel_of(model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None) -> Kernel:
     """Translate a run to a scalar program.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, Self
 
 import jax
@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import Quantity
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
@@ -147,7 +148,7 @@ class Map(abc.ABC):
         )
 
 
-@lru_cache(maxsize=64)
+@cached_by_content(maxsize=64)
 def _program(mapping: Map, over: str | None, derivatives: bool) -> Any:
     """The map of a batch of points, compiled for each batch size."""
 

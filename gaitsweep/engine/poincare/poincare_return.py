@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import jax
@@ -16,6 +15,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import HybridModel, Model, Params, ResultCode, State
 from gaitsweep.engine.advance import CROSSING, FAILED, GOING, Carry, advance, stalled, start
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.stagewise import Stages, begin, stagewise
@@ -117,7 +117,7 @@ class PoincareReturn:
         return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
 
 
-@lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def crossing_of(model: Model, numerics: Numerics, engine: str = "auto", share: float = 1.0) -> Crossing:
     """The function `(params, state) -> (t, state, status)` up to the next crossing.
 

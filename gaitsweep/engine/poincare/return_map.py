@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import graphlib
 from collections.abc import Callable, Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -18,6 +18,7 @@ import numpy as np
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -185,7 +186,7 @@ class BatchedReturnMap(Map):
         return jax.eval_shape(lambda v, s: self.model.init(self.params(v), s), values, starts)
 
 
-@lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def _settler(mapping: BatchedReturnMap, cycles: int) -> Callable[..., Any]:
     def one(values: Any, starts: Any) -> tuple[State, jax.Array]:
         params = mapping.params(values)

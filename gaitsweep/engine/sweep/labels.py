@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import jax
 import numpy as np
 
 from gaitsweep.contract import Model
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -44,7 +44,7 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
 
 
 # cached for the process like the engine's programs, so that the rounds of a refined run compile it once
-@lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def _reader(model: Model, drive: Callable[..., Any] | None) -> Callable[..., Any]:
     names = [q.name for q in model.observables]
 

@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import jax
@@ -20,6 +20,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
@@ -112,7 +113,7 @@ class XlaLanes:
 
 
 # cached for the process, so that a notebook that runs a job again does not compile again
-@lru_cache(maxsize=16)
+@cached_by_content(maxsize=16)
 def _programs(
     model: Model, recorder: Recorder, numerics: Numerics, drive: RowDrive | None
 ) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
+import json
 import platform
 from collections.abc import Mapping
 from pathlib import Path
@@ -40,6 +41,7 @@ def identity_of(ready: Prepared) -> Identity:
         "the platform": ready.work.devices[0].platform,
         "the engine": ready.engine,
         "the lanes": str(ready.work.lanes),
+        "the model's program": hashlib.sha256(json.dumps(dict(ready.program)).encode()).hexdigest()[:12],
         "the job's hash": ready.job_hash[:12],
     }
 

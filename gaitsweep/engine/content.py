@@ -1,0 +1,278 @@
+"""A digest of what a model computes with, and caches of programs that are keyed on it.
+
+Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
+a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would
+give the numbers of before.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import pickle
+import sys
+import sysconfig
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
+
+import jax
+import numpy as np
+
+from gaitsweep.contract import Model
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
+# entries of a class that decide no number, or repeat others
+_FORMAL = {
+    *(
+        "__module__",
+        "__qualname__",
+        "__doc__",
+        "__dict__",
+        "__weakref__",
+        "__annotations__",
+        "__parameters__",
+    ),
+    *("__dataclass_fields__", "__dataclass_params__", "__match_args__", "__orig_bases__", "__slots__"),
+    *("__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__", "__annotate_func__"),
+    *("__annotations_cache__", "__annotate__", "__classdictcell__"),
+}
+_CODES: WeakKeyDictionary[types.CodeType, tuple[bytes, tuple[str, ...]]] = WeakKeyDictionary()
+_FILES: dict[tuple[str, str, int], set[Path]] = {}
+_LATEST: dict[tuple[str, str, int], str] = {}  # by module, name and structure
+
+
+def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """`functools.lru_cache`, keyed on the content of models too, and of the `model` of other arguments."""
+
+    def decorate(function: Callable[P, T]) -> Callable[P, T]:
+        @functools.lru_cache(maxsize)
+        def kept(_: tuple[str, ...], args: Any, options: Any) -> T:
+            return function(*args, **dict(options))
+
+        @functools.wraps(function)
+        def found(*args: P.args, **options: P.kwargs) -> T:
+            models = [each if isinstance(each, Model) else getattr(each, "model", None) for each in args]
+            contents = tuple(content_of(each) for each in models if isinstance(each, Model))
+            return kept(contents, args, tuple(sorted(options.items())))
+
+        return found
+
+    return decorate
+
+
+def content_of(model: Model) -> str:
+    """A digest of what the functions of a model read: their code, globals, closures and class attributes.
+
+    Code of installed packages and of gaitsweep is read no further than their names. The digest holds in this
+    process only.
+    """
+    reader, key = _Reader(), _key(model)
+    reader.read(type(model))
+    reader.attributes(model)
+    for file in sorted(_FILES.get(key, ())):
+        reader.read((str(file), (file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None))
+    content = reader.digest.hexdigest()
+    # JAX keeps traces of a user's jitted functions and loops, which may have read what has changed
+    if _LATEST.get(key, content) != content:
+        jax.clear_caches()
+    _LATEST[key] = content
+    return content
+
+
+def depends_on(model: Model, files: Iterable[Path]) -> None:
+    """Let the content of a model include files that its functions read as they are traced."""
+    _FILES.setdefault(_key(model), set()).update(files)
+
+
+def _key(model: Model) -> tuple[str, str, int]:
+    return type(model).__module__, type(model).__qualname__, hash(model)
+
+
+class _Reader:
+    """Adds values to a digest, with what they refer to."""
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+        self._seen: dict[int, int] = {}
+        self._alive: list[Any] = []  # an object that is gone would leave its id to another
+
+    def read(self, value: Any) -> None:
+        """Add a value; one that was added before is named by its place."""
+        kind = type(value)
+        if kind in _PLAIN:
+            self._say(kind.__name__, repr(value).encode())
+            return
+        if (place := self._seen.get(id(value))) is not None:
+            self._say("again", str(place).encode())
+            return
+        self._seen[id(value)] = len(self._seen)
+        self._alive.append(value)
+        if isinstance(value, types.FunctionType):
+            self._function(value)
+        elif isinstance(value, type):
+            self._class(value)
+        elif isinstance(value, types.ModuleType):
+            self._say("module", value.__name__.encode())
+        elif isinstance(value, Enum):
+            self._say("enum", f"{kind.__module__}.{value}".encode())
+        elif isinstance(value, np.ndarray | np.generic | jax.Array):
+            self._array(value)
+        elif isinstance(value, tuple | list):
+            self._all(kind.__name__, value)
+        elif isinstance(value, set | frozenset):
+            self._all(kind.__name__, sorted(value, key=repr))
+        elif isinstance(value, Mapping):
+            self._all(kind.__name__, (part for item in list(value.items()) for part in item))
+        else:
+            self._object(value)
+
+    def attributes(self, value: Any) -> None:
+        """Add the attributes of an object, less what it only keeps for later."""
+        names = {**dict.fromkeys(_slots(type(value))), **getattr(value, "__dict__", {})}
+        for name in names:
+            of_class = getattr(type(value), name, None)
+            if not isinstance(of_class, functools.cached_property) and hasattr(value, name):
+                self._say("attribute", name.encode())
+                self.read(getattr(value, name))
+
+    def _say(self, what: str, data: bytes) -> None:
+        self.digest.update(f"{what} {len(data)}:".encode() + data)
+
+    def _all(self, what: str, values: Any) -> None:
+        found = list(values)
+        self._say(what, str(len(found)).encode())
+        for each in found:
+            self.read(each)
+
+    def _function(self, function: types.FunctionType) -> None:
+        digest, names = _code(function.__code__)
+        self._say("function", digest)
+        self.read(function.__defaults__)
+        self.read(function.__kwdefaults__)
+        for cell in function.__closure__ or ():
+            try:
+                self.read(cell.cell_contents)
+            except ValueError:  # not filled yet
+                self._say("empty", b"")
+        of_module = function.__globals__
+        if not is_users(str(of_module.get("__name__"))):
+            return
+        self.read(vars(function))
+        for name in names:
+            if name in of_module:
+                self._say("global", name.encode())
+                self._global(of_module[name], names)
+
+    def _global(self, value: Any, names: tuple[str, ...]) -> None:
+        """Add a global; of a module what the code may read of it."""
+        if not isinstance(value, types.ModuleType) or id(value) in self._seen:
+            self.read(value)
+            return
+        users = is_users(value.__name__)
+        self._say("module", value.__name__.encode())
+        for name in names:
+            part = vars(value).get(name)
+            if part is not None and (users or isinstance(part, (*_PLAIN, np.ndarray, np.generic))):
+                self._say("of module", name.encode())
+                self._global(part, names)
+
+    def _class(self, kind: type) -> None:
+        self._say("class", f"{kind.__module__}.{kind.__qualname__}".encode())
+        for base in kind.__mro__:
+            if not is_users(base.__module__) and not base.__module__.startswith("gaitsweep.models."):
+                continue
+            for name, value in list(vars(base).items()):
+                if name not in _FORMAL:
+                    self._say("member", name.encode())
+                    self.read(value)
+
+    def _array(self, value: Any) -> None:
+        try:
+            array = np.asarray(value)
+            data = pickle.dumps(array) if array.dtype.hasobject else array.tobytes()
+        except Exception:  # a tracer, or keys of random numbers
+            self._say("object", str(id(value)).encode())
+            return
+        self._say(f"{array.dtype} {array.shape}", data)
+
+    def _object(self, value: Any) -> None:
+        kind = type(value)
+        self._say("object", f"{kind.__module__}.{kind.__qualname__}".encode())
+        parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
+        for name in parts:
+            self.read(getattr(value, name))
+        if hasattr(value, "__dict__") or any(True for _ in _slots(kind)):
+            self.read(kind)
+            self.attributes(value)
+        elif not parts:
+            try:
+                data = pickle.dumps(value)
+            except Exception:  # what cannot be stored is known by itself only
+                data = str(id(value)).encode()
+            self._say("data", data)
+
+
+# what objects of Python refer to; others, such as jitted functions, have `__wrapped__`
+_PARTS: dict[type, tuple[str, ...]] = {
+    types.MethodType: ("__func__", "__self__"),
+    classmethod: ("__func__",),
+    staticmethod: ("__func__",),
+    property: ("fget",),
+    functools.partial: ("func", "args", "keywords"),
+    functools.cached_property: ("func",),
+}
+
+
+def _slots(kind: type) -> Iterator[str]:
+    for base in kind.__mro__:
+        slots = vars(base).get("__slots__", ())
+        for name in (slots,) if isinstance(slots, str) else slots:
+            if name not in ("__dict__", "__weakref__"):
+                yield name
+
+
+def _code(code: types.CodeType) -> tuple[bytes, tuple[str, ...]]:
+    """The digest of a code object, and the names that it and the code inside it read."""
+    known = _CODES.get(code)
+    if known is None:
+        names, digest = dict.fromkeys(code.co_names), hashlib.sha256()
+        shape = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+        digest.update(repr((shape, code.co_names, code.co_varnames, code.co_freevars)).encode())
+        digest.update(code.co_code + getattr(code, "co_exceptiontable", b""))
+        for each in code.co_consts:
+            if isinstance(each, types.CodeType):
+                inner, more = _code(each)
+                digest.update(inner)
+                names |= dict.fromkeys(more)
+            else:
+                digest.update(f"{type(each).__name__} {each!r}".encode())
+        known = _CODES[code] = digest.digest(), tuple(names)
+    return known
+
+
+@functools.lru_cache(maxsize=4096)
+def _in_packages(file: str) -> bool:
+    path = Path(file).resolve()
+    if {"site-packages", "dist-packages"} & set(path.parts):
+        return True
+    return Path(sysconfig.get_paths()["stdlib"]).resolve() in path.parents
+
+
+def is_users(module: str) -> bool:
+    """Whether a module may change while Python runs: it is neither gaitsweep's nor an installed package's."""
+    if module == "gaitsweep" or module.startswith("gaitsweep."):
+        return False
+    loaded = sys.modules.get(module)
+    if loaded is None or module == "__main__":
+        return module not in ("None", "builtins")
+    file = getattr(loaded, "__file__", None)
+    if not isinstance(file, str):
+        return module.partition(".")[0] not in sys.stdlib_module_names
+    return not _in_packages(file)

@@ -1,0 +1,201 @@
+"""The traced program of a user's model: a digest of each function, with its constants.
+
+A number that a module reads from a file when it is imported stands in no source, but in the program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
+from gaitsweep.engine.content import cached_by_content, depends_on
+from gaitsweep.engine.sweep.xla import see_all_cores
+from gaitsweep.models.own_modules import data_files
+
+# JAX keeps traces of jitted functions and of the bodies of loops, by this context too
+_TRACE = jax.make_user_context("")
+# functions that others call, so that the cause is there, and those that call most others
+_CALLED = ("params", "period", "flow", "control", "rates", "step", "observe", "jump")
+_CALLING = ("guards", "init")
+_ADDRESS = re.compile(r"0x[0-9a-f]+")
+
+
+@dataclasses.dataclass(frozen=True)
+class TracedProgram:
+    """What the functions of a model compute.
+
+    `digests` are those of the functions, by name; empty for gaitsweep's own models, which its version tells.
+    `varying` is a function that is another one each time it is traced, or None.
+    """
+
+    digests: Mapping[str, str]
+    varying: str | None = None
+
+
+def unrepeatable(model: Model) -> str | None:
+    """Why a model cannot be run again with the same result, in words after its name, or None."""
+    varying = traced_program(model).varying
+    if varying is None:
+        return None
+    return (
+        f"but its function {varying} differs each time that it is traced: it draws random numbers or reads a "
+        "clock, once, when it is compiled. Make such a number a parameter, or a constant of the module with "
+        "a fixed seed."
+    )
+
+
+@cached_by_content(maxsize=64)
+def traced_program(model: Model) -> TracedProgram:
+    """Trace the functions of a user's model twice, and compare.
+
+    Functions that cannot be traced are left out: `models.conformity` says why they cannot.
+    """
+    if type(model).__module__.startswith("gaitsweep."):
+        return TracedProgram({})
+    see_all_cores()  # float64, as the engine traces
+    with _TRACE("first"), data_files() as read:
+        first = dict(_digests(model))
+    depends_on(model, read)
+    with _TRACE("second"):
+        second = dict(_digests(model))
+    return TracedProgram(first, first_difference(first, second))
+
+
+def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | None:
+    """The function in which two programs differ, one that others call before those; None if none does."""
+    names = (*_CALLED, *(name for name in (*one, *other) if name not in _CALLING), *_CALLING)
+    return next((name for name in names if one.get(name) != other.get(name)), None)
+
+
+def _digests(model: Model) -> Iterator[tuple[str, str]]:
+    """The digest of each function, in the order in which a run calls them."""
+    yield "parameters", _digest_of_text(repr((model.parameters, model.initial_conditions)))
+    number = jax.ShapeDtypeStruct((), float)
+    values: Any = {quantity.name: number for quantity in model.parameters}
+    if model.host_parameters:
+        given = {q.name: np.array([_some(q.default)]) for q in model.parameters}
+        try:
+            values = model.on_host(given)
+        except Exception:  # defaults need not make a body
+            return
+        yield "on_host", _digest_of_text(repr({name: _bytes(value) for name, value in values.items()}))
+        values = {name: jax.ShapeDtypeStruct(np.shape(v)[1:], float) for name, v in values.items()}
+    start = {quantity.name: number for quantity in model.initial_conditions}
+    traced = _Traced()
+    yield from traced.digest("params", model.params, values)
+    yield from traced.digest("init", model.init, traced.shapes.get("params"), start)
+    params, state = traced.shapes.get("params"), traced.shapes.get("init")
+    functions: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {}
+    if isinstance(model, HybridModel):
+        functions |= {"flow": (model.flow, (params, state)), "guards": (model.guards, (params, state))}
+        functions["fast_modes"] = model.fast_modes, (params,)
+    else:
+        assert isinstance(model, FixedStepDynamics)
+        if isinstance(model, MjcfModel):  # its step takes seconds to trace; `data_digest` tells its body
+            functions |= {name: (getattr(model, name), (params, state)) for name in ("control", "rates")}
+        else:
+            functions["step"] = model.step, (params, state, number)
+        functions["events"] = model.events, (params, state, state)
+        functions["longest_step"] = model.longest_step, (params,)
+    for name, (function, arguments) in functions.items():
+        yield from traced.digest(name, function, *arguments)
+    events = traced.shapes.get("guards", traced.shapes.get("events"))
+    flags = jax.ShapeDtypeStruct(getattr(events, "shape", (0,)), bool)
+    yield from traced.digest("jump", model.jump, params, state, flags)
+    yield from traced.digest("section", model.section, params, state, flags)
+    yield from traced.digest("observe", model.observe, params, state)
+    yield from traced.digest("signal", model.signal, params, state)
+    yield from traced.digest("label", model.label, params, traced.shapes.get("observe"))
+    yield from traced.digest("failed", model.failed, params, state)
+    yield from traced.digest("period", model.period, params)
+    yield from traced.digest("free_after", model.free_after, params)
+    if (chart := model.chart()) is not None:
+        yield from traced.digest("chart", chart.read, params, state)
+
+
+class _Traced:
+    """Functions as they are traced, and the shapes of their results."""
+
+    def __init__(self) -> None:
+        self.shapes: dict[str, Any] = {}
+
+    def digest(self, name: str, function: Callable[..., Any], *arguments: Any) -> Iterator[tuple[str, str]]:
+        """The name and digest of a function, or nothing where it cannot be traced with these shapes."""
+        try:
+            jaxpr, self.shapes[name] = jax.make_jaxpr(
+                lambda *given: function(*given),  # a function that JAX has not seen
+                return_shape=True,
+            )(*arguments)
+        except Exception:  # a user's function may raise anything
+            return
+        digest = hashlib.sha256()
+        _add_program(digest.update, jaxpr)
+        yield name, digest.hexdigest()[:16]
+
+
+def _add_program(add: Callable[[bytes], None], program: Any) -> None:
+    """Add the operations of a program and their constants, to the last bit."""
+    jaxpr = getattr(program, "jaxpr", program)
+    places: dict[Any, int] = {}
+
+    def begin(variables: Any) -> None:
+        for variable in variables:
+            places[variable] = len(places)
+            add(f"{variable.aval} ".encode())
+
+    def use(variables: Any) -> None:
+        for variable in variables:
+            if hasattr(variable, "val"):
+                add(_bytes(variable.val))
+            else:
+                add(f"{places[variable]} ".encode())
+
+    for value in getattr(program, "consts", ()):
+        add(_bytes(value))
+    begin([*jaxpr.constvars, *jaxpr.invars])
+    for equation in jaxpr.eqns:
+        add(f"{equation.primitive.name}\n".encode())
+        use(equation.invars)
+        for name, value in sorted(equation.params.items()):
+            add(f"{name} ".encode())
+            _add_parameter(add, value)
+        begin(equation.outvars)
+    use(jaxpr.outvars)
+
+
+def _add_parameter(add: Callable[[bytes], None], value: Any) -> None:
+    """Add a parameter of an operation: programs by their content, arrays by their bits."""
+    if isinstance(value, tuple | list):
+        add(f"{len(value)} ".encode())
+        for each in value:
+            _add_parameter(add, each)
+    elif isinstance(value, np.ndarray | np.generic | jax.Array):
+        add(_bytes(value))
+    elif hasattr(getattr(value, "jaxpr", value), "eqns"):
+        _add_program(add, value)
+    elif not callable(value):  # rules of derivatives are traced where a derivative is taken
+        add(_ADDRESS.sub("", repr(value)).encode())
+
+
+def _bytes(value: Any) -> bytes:
+    if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
+        value = jax.random.key_data(value)
+    array = np.asarray(value)
+    return f"{array.dtype} {array.shape}".encode() + array.tobytes()
+
+
+def _digest_of_text(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _some(default: float | str | None) -> float:
+    return default if isinstance(default, int | float) else 1.0

@@ -1,0 +1,124 @@
+"""What made the parts of a result directory, and whether the same makes those that it still lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gaitsweep.models.traced_program import first_difference
+from gaitsweep.runs import provenance
+from gaitsweep.runs.prepare import Prepared, RunError
+from gaitsweep.table import ResultDirectory
+
+PROGRAM = "program"  # digests of the functions of a user's model, by name
+EARLIER = "made_before"  # versions, machine, commit and parts of each earlier maker
+_MAKER = ("versions", "machine", "git_commit")
+# versions that a trace depends on
+_TRACING = ("python", "gaitsweep", "jax", "jaxlib", "mujoco", "mujoco-mjx")
+
+
+def continue_directory(ready: Prepared, directory: ResultDirectory, tell: Callable[[str], None]) -> None:
+    """Note in the manifest who makes the parts from now on, and warn where others made those that are there.
+
+    Raises:
+        RunError: a function of the user's model computes something else than when the directory was begun.
+    """
+    manifest = directory.manifest
+    for warning in check_program(ready, directory.path, manifest):
+        tell(warning)
+    fields: dict[str, Any] = {PROGRAM: dict(ready.program) or None}
+    missing = directory.missing_blocks()
+    before = {name: manifest[name] for name in _MAKER if manifest.get(name) is not None}
+    if missing and before:
+        present = sorted(set(range(directory.n_blocks)) - set(missing))
+        earlier = [dict(each) for each in manifest.get(EARLIER, ())]
+        for each in earlier:
+            each["parts"] = _ranges(set(_numbers(each["parts"])) & set(present))
+        others = {number for each in earlier for number in _numbers(each["parts"])}
+        parts = _ranges(set(present) - others)
+        if difference := "; ".join(differing(before)):
+            earlier.append({**before, "parts": parts})
+            simulated = manifest.get("refinement", {}).get("simulated", 0)
+            done, total = directory.rows_done + directory.rows_open or simulated, directory.n_rows
+            if done:
+                tell(
+                    f"Warning: {done} of the {total} rows in {directory.path} were made with {difference}. "
+                    f"The other rows may differ from theirs in the last digits; {EARLIER} in manifest.json "
+                    "names the parts of each."
+                )
+        fields[EARLIER] = [each for each in earlier if each["parts"]] or None
+    if missing:
+        fields |= {"versions": provenance.versions(), "machine": provenance.machine()}
+        fields["git_commit"] = provenance.git_commit()
+    if any(manifest.get(name) != value for name, value in fields.items()):
+        directory.update_manifest(**fields)
+
+
+def check_program(ready: Prepared, path: Path, manifest: Mapping[str, Any]) -> list[str]:
+    """Warnings where a model's functions are traced differently, which other versions may do.
+
+    Raises:
+        RunError: they are, and the versions are the same.
+    """
+    before, now = manifest.get(PROGRAM), ready.program
+    if not isinstance(before, dict):
+        return []
+    changed = first_difference(before, now)
+    if changed is None:
+        return []
+    what = f"the function {changed} of {ready.job.model}"
+    old, new = manifest.get("versions", {}), provenance.versions()
+    if any(old.get(name) != new[name] for name in _TRACING) or _commits(manifest):
+        return [
+            f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {what} differs. Other "
+            "versions may trace the same function differently; whether a data file or a constant has changed "
+            "as well is not known."
+        ]
+    raise RunError(
+        f"{path} holds another job's table: {what} computes something else than when it was begun. A data "
+        "file, a constant or a module that the model reads has changed: restore it, or choose another "
+        "directory with --out."
+    )
+
+
+def differing(before: Mapping[str, Any]) -> list[str]:
+    """What of an earlier maker differs from this process, in words."""
+    old, new = before.get("versions", {}), provenance.versions()
+    found = [
+        f"{name} {old[name]} (here {value})" for name, value in new.items() if old.get(name, value) != value
+    ]
+    found += _commits(before)
+    machine, here = before.get("machine"), provenance.machine()
+    if isinstance(machine, str) and _processor(machine) != _processor(here):
+        found.append(f"the processor {_processor(machine)} (here {_processor(here)})")
+    return found
+
+
+def _commits(before: Mapping[str, Any]) -> list[str]:
+    """The commits of gaitsweep, in words, where they differ and both are known."""
+    commit, here = before.get("git_commit"), provenance.git_commit()
+    if not isinstance(commit, str) or here is None or commit == here:
+        return []
+    return [f"commit {commit[:12]} of gaitsweep (here {here[:12]})"]
+
+
+def _processor(machine: str) -> str:
+    """The processor in a text of `provenance.machine`, whose system and number of cores decide no digit."""
+    return machine.partition(", ")[2].rpartition(", ")[0]
+
+
+def _ranges(numbers: Iterable[int]) -> list[list[int]]:
+    """Numbers as pairs of the first and the last of those that follow each other."""
+    found: list[list[int]] = []
+    for number in sorted(numbers):
+        if found and found[-1][1] == number - 1:
+            found[-1][1] = number
+        else:
+            found.append([number, number])
+    return found
+
+
+def _numbers(ranges: Iterable[Iterable[int]]) -> Iterable[int]:
+    for first, last in ranges:
+        yield from range(first, last + 1)

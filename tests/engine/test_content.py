@@ -1,0 +1,212 @@
+"""What a model computes with is part of what compiled programs are kept by."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import gaitsweep as gs
+from gaitsweep.engine.content import cached_by_content, content_of
+
+GAIN = 1.0
+TABLE = np.array([1.0, 2.0])
+SETTINGS = {"gain": [1.0]}
+UNRELATED = 1.0
+own = types.ModuleType("own_constants")  # as a module of the user's that is edited
+own.K = 1.0  # type: ignore[attr-defined]
+sys.modules["own_constants"] = own
+
+
+class Force:
+    """An object with an attribute."""
+
+    def __init__(self) -> None:
+        self.k = 1.0
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        return self.k * x
+
+
+force = Force()
+
+
+def helper(x: jax.Array, exponent: float = 1.0) -> jax.Array:
+    return GAIN * x**exponent
+
+
+@jax.jit
+def jitted(x: jax.Array) -> jax.Array:
+    return GAIN * x
+
+
+def body(x: jax.Array, _: Any) -> tuple[jax.Array, None]:
+    return GAIN * x, None
+
+
+def enclosed(k: float) -> tuple[Callable[[jax.Array], jax.Array], Callable[[float], None]]:
+    def multiply(x: jax.Array) -> jax.Array:
+        return k * x
+
+    def change(to: float) -> None:
+        nonlocal k
+        k = to
+
+    return multiply, change
+
+
+multiply, change = enclosed(1.0)
+
+
+class Spring(gs.DeclaredModel):
+    """A spring whose force comes from all over the place."""
+
+    q = gs.parameter("1/s", "rate", 1.0)
+    x = gs.variable("m", "position", 1.0)
+    v = gs.variable("m/s", "speed", 0.0)
+    ATTRIBUTE = 1.0
+
+    def stiffness(self, x: jax.Array) -> jax.Array:
+        return self.ATTRIBUTE * helper(multiply(force(jitted(x))))
+
+    def flow(self, p, s):
+        along = own.K * SETTINGS["gain"][0] * TABLE[0] * self.stiffness(s.x)  # type: ignore[attr-defined]
+        return {"x": s.v, "v": -(p.q**2) * along}
+
+    @gs.event("v rises through 0", section=True)
+    def turns(self, p, s):
+        return s.v
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.q
+
+
+def _global(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(sys.modules[__name__], "GAIN", 4.0)
+
+
+CHANGES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
+    "global": _global,
+    "closure": lambda _: change(4.0),
+    "class attribute": lambda patch: patch.setattr(Spring, "ATTRIBUTE", 4.0),
+    "method": lambda patch: patch.setattr(Spring, "stiffness", lambda self, x: 4.0 * x),
+    "default of a function": lambda patch: patch.setattr(helper, "__defaults__", (2.0,)),
+    "element of an array": lambda _: TABLE.put(0, 4.0),
+    "element of a list": lambda patch: patch.setitem(SETTINGS, "gain", [4.0]),
+    "attribute of a module": lambda patch: patch.setattr(own, "K", 4.0),
+    "attribute of an object": lambda patch: patch.setattr(force, "k", 4.0),
+}
+
+
+@pytest.mark.parametrize("change_it", CHANGES.values(), ids=CHANGES)
+def test_what_functions_read_is_content(
+    change_it: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = content_of(Spring())
+    change_it(monkeypatch)
+    assert content_of(Spring()) != before
+    monkeypatch.undo()
+    change(1.0)
+    TABLE.put(0, 1.0)
+    assert content_of(Spring()) == before
+
+
+def test_what_no_function_reads_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = content_of(Spring())
+    monkeypatch.setattr(sys.modules[__name__], "UNRELATED", 4.0)
+    assert content_of(Spring()) == before
+
+
+def test_a_cell_that_is_run_again_unchanged_is_the_same_content() -> None:
+    def cell() -> type[gs.DeclaredModel]:
+        class Again(Spring):
+            def period(self, p):
+                return 1.0 / p.q
+
+        return Again
+
+    first, second = cell(), cell()
+    assert first is not second
+    assert content_of(first()) == content_of(second())
+
+
+def test_functions_are_called_again_for_changed_content_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    @cached_by_content(maxsize=4)
+    def compiled(model: gs.DeclaredModel, size: int = 1) -> float:
+        calls.append(size)
+        return GAIN
+
+    assert [compiled(Spring()), compiled(Spring()), compiled(Spring(), size=2)] == [1.0, 1.0, 1.0]
+    assert calls == [1, 2]
+    _global(monkeypatch)
+    assert compiled(Spring()) == 4.0
+    monkeypatch.undo()
+    assert compiled(Spring()) == 1.0
+    assert calls == [1, 2, 1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Loops(Spring):
+    """A spring whose force is a loop over a function of the module."""
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": -(p.q**2) * jax.lax.scan(body, s.x, None, length=1)[0]}
+
+
+@pytest.mark.parametrize(("model", "engine"), [(Spring, "kernel"), (Loops, "xla")])
+def test_a_sweep_after_a_change_has_the_numbers_of_now(
+    model: type[gs.DeclaredModel], engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A period of 2 pi / (q sqrt(k)); jitted functions and loops that JAX has traced are traced again."""
+
+    def turn() -> float:
+        run = gs.ReturnMap(crossings=1)
+        return float(gs.sweep(model(), run=run, q=[1.0], verify=0, engine=engine).table.t.iloc[-1])
+
+    assert turn() == pytest.approx(np.pi, abs=1e-6)
+    _global(monkeypatch)  # which Spring reads twice
+    assert turn() == pytest.approx(np.pi / (4.0 if model is Spring else 2.0), abs=1e-6)
+    monkeypatch.undo()
+    assert turn() == pytest.approx(np.pi, abs=1e-6)
+
+
+def test_a_return_map_and_a_simulation_follow_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    mapping = gs.return_map(Loops())
+    along = mapping.mapping.images(mapping.settled(cycles=1), {}).observed["time"][0]
+    assert along == pytest.approx(2.0 * np.pi, abs=1e-6)
+    end = gs.simulate(Loops(), duration=np.pi, every=np.pi).x.iloc[-1]
+    assert end == pytest.approx(-1.0, abs=1e-6)
+    _global(monkeypatch)
+    again = mapping.mapping.images(mapping.settled(cycles=1), {}).observed["time"][0]
+    assert again == pytest.approx(np.pi, abs=1e-6)
+    assert gs.simulate(Loops(), duration=np.pi, every=np.pi).x.iloc[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_file_that_a_function_reads_as_it_is_traced(tmp_path: Path) -> None:
+    file = tmp_path / "k.txt"
+
+    class FromFile(Spring):
+        def flow(self, p, s):
+            return {"x": s.v, "v": -float(np.loadtxt(file)) * s.x}
+
+    def digests() -> Any:
+        from gaitsweep.models.traced_program import traced_program
+
+        return traced_program(FromFile()).digests
+
+    file.write_text("1.0")
+    before = digests()
+    file.write_text("4.00")
+    changed = {name for name, digest in digests().items() if before[name] != digest}
+    assert "flow" in changed
+    assert "period" not in changed
