@@ -83,7 +83,7 @@ class Declared(Model):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        declared = {**cls.declarations, **{k: v for k, v in vars(cls).items() if isinstance(v, _DECLARED)}}
+        declared = {**cls._inherited(), **{k: v for k, v in vars(cls).items() if isinstance(v, _DECLARED)}}
         # a name that a subclass defines otherwise is no longer declared
         cls.declarations = {k: v for k, v in declared.items() if getattr(cls, k, None) is v}
         if "name" not in vars(cls):
@@ -91,6 +91,26 @@ class Declared(Model):
         cls._refuse_contradictions()
         cls.Params = _record(cls, "Params", cls._named(Parameter))
         cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *cls._other_fields()])
+
+    @classmethod
+    def _inherited(cls) -> dict[str, Any]:
+        """The declarations of the bases, less the events that this class replaces.
+
+        An event whose jump has another name stands in the class under both; its own name is the first.
+        """
+        first: dict[Event, str] = {}
+        inherited = dict(cls.declarations)
+        for name, each in cls.declarations.items():
+            if not isinstance(each, Event) or first.setdefault(each, name) == name:
+                continue
+            if getattr(cls, first[each], None) is not each:
+                del inherited[name]
+            elif getattr(cls, name, None) is not each:
+                raise TypeError(
+                    f"{cls.__name__} defines {name}, the name of the jump of {first[each]} in its base: "
+                    f"declare the event {first[each]} again, with its jump."
+                )
+        return inherited
 
     @classmethod
     def _other_fields(cls) -> list[str]:

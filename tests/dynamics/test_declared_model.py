@@ -193,6 +193,56 @@ def test_bounces_that_become_ever_shorter_end_where_they_accumulate(launch: floa
     assert end["t_end"] == pytest.approx(expected, rel=1e-4)
 
 
+class Ground(DeclaredModel):
+    """A ball on a floor at height 0."""
+
+    g = parameter("m/s2", "gravity", 10.0)
+    z = variable("m", "height", 1.0)
+    v = variable("m/s", "speed", 0.0)
+
+    def flow(self, p, s):
+        return {"z": s.v, "v": -p.g}
+
+    @event("lands", section=True)
+    def lands(self, p, s):
+        return -s.z
+
+    @lands.jump
+    def bounce(self, p, s):
+        return s.replace(z=0.0, v=jnp.abs(s.v))
+
+    def period(self, p):
+        return 2.0 * jnp.sqrt(2.0 / p.g)
+
+
+def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_called() -> None:
+    class Below(Ground):
+        @event("lands below", section=True)
+        def lands(self, p, s):
+            return -0.5 - s.z
+
+        @lands.jump
+        def bounce_below(self, p, s):
+            return s.replace(z=-0.5, v=jnp.abs(s.v))
+
+    class Falls(Ground):
+        lands = None
+
+        @event("ten below", section=True)
+        def deep(self, p, s):
+            return -10.0 - s.z
+
+    assert [each.name for each in Below._events()] == ["lands below"]
+    assert [each.name for each in Falls._events()] == ["ten below"]
+    lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].min()
+    assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
+
+
+def test_a_subclass_cannot_redefine_a_jump_alone() -> None:
+    with pytest.raises(TypeError, match="bounce, the name of the jump of lands"):
+        type("Other", (Ground,), {"bounce": lambda self, p, s: s})
+
+
 def test_a_subclass_may_define_what_was_declared() -> None:
     class Slower(Drum):
         h = parameter("1", "height", 0.25)
