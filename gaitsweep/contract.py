@@ -99,7 +99,8 @@ class Quantity:
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
     `scale` (in `unit`, above 0) is the reference magnitude of an observable in the test of convergence of a
     run of kind settle. None: its magnitude over the last crossings. An observable that tends to 0 needs a
-    scale, since its magnitude vanishes. Circular angles are compared in rad.
+    scale, since its magnitude vanishes; an infinite scale leaves an observable out of the test. Circular
+    angles are compared in rad.
     """
 
     name: str
