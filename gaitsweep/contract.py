@@ -299,6 +299,13 @@ class Model(Jumps):
         """The time (s) until which the gait is externally constrained; no row settles before it."""
         return 0.0 * self.period(params)
 
+    def beyond_at_start(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+        """Whether a start lies beyond the surface of each event that changes the state, by the events' names.
+
+        Such an event does not happen at the start; a run says how many rows began so.
+        """
+        return {}
+
     def chart(self) -> Chart | None:
         """Coordinates of the section; None: the return map uses all float variables of the state."""
         return None

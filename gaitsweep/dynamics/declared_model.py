@@ -176,7 +176,17 @@ class Declared(Model):
     def failed(self, params: Any, state: Any, /) -> jax.Array:
         return jnp.zeros((), bool)
 
+    def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+        return {
+            each.name: each.within(state) & self._is_beyond(each, params, state)
+            for each in self._events()
+            if each.rising and each.effect is not None
+        }
+
     # how it is built
+
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
+        return jnp.asarray(event.function(self, params, state)) > 0.0
 
     def _started(self, start: Values) -> dict[str, Any]:
         """The declared fields of a state at t = 0."""
@@ -368,6 +378,9 @@ class DeclaredModel(Declared, HybridModel):
             if each.is_section:
                 closed = closed | each.happens(flags)
         return closed
+
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
+        return _Surfaces(self, params, state).of(event).above > 0.0
 
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self)
