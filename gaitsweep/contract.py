@@ -410,6 +410,10 @@ class HybridModel(Model):
         A flow without events returns `jnp.zeros((0,))`; its section is then never crossed.
         """
 
+    def energies(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+        """Energies by name that the flow keeps between events; `gaitsweep check-model` prints their rates."""
+        return {}
+
     @property
     def guard_names(self) -> tuple[str, ...]:
         """Names of the events, in the order of `guards`: "foot 2 lands".

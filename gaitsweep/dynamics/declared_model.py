@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
 from gaitsweep.dynamics.event_surface import Arming, EventSurface, flat
+from gaitsweep.dynamics.phase_oscillator import wrapped
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
@@ -221,7 +222,8 @@ class Declared(Model):
                 names = [q.name for q in each.quantities(self, name)]
                 found |= {name: value} if each.count is None else dict(zip(names, value, strict=True))
             elif isinstance(each, Reading) and getattr(each, kind):
-                found[name] = jnp.asarray(each.function(self, params, state), float)
+                value = jnp.asarray(each.function(self, params, state), float)
+                found[name] = wrapped(value) if each.quantity.circular else value
         return found
 
     def _flags(self, fired: jax.Array) -> Iterator[tuple[Event, jax.Array]]:
@@ -381,6 +383,10 @@ class DeclaredModel(Declared, HybridModel):
 
     def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
         return _Surfaces(self, params, state).of(event).above > 0.0
+
+    def energies(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+        readings = self._named(Reading)
+        return {name: each.function(self, params, state) for name, each in readings.items() if each.is_energy}
 
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self)

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, get_origin
 
 import jax
@@ -493,23 +493,25 @@ def sample(model: Model, n: int) -> tuple[dict[str, np.ndarray], dict[str, np.nd
         ExpressionError: a default has no value.
     """
     random = np.random.default_rng(0)
-    sizes = {
-        field.name: np.array([size], float)
+    sizes: dict[str, Any] = {
+        field.name: float(size)
         for field in dataclasses.fields(model)  # pyright: ignore[reportArgumentType]
         if isinstance(size := getattr(model, field.name), int | float)
     }
-    parameters = _defaults(model.parameters, sizes)
-    starts = _defaults(model.initial_conditions, {**sizes, **parameters})
-    return (
-        {q.name: _spread(random, n, q, float(parameters[q.name][0]), start=False) for q in model.parameters},
-        {q.name: _spread(random, n, q, float(starts[q.name][0]), start=True) for q in model.initial_conditions},
-    )
+
+    def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> dict[str, np.ndarray]:
+        formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
+        numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
+        found = resolve(formulas, {**known, **numbers})
+        return {q.name: np.broadcast_to(np.asarray(found[q.name], float), (n,)) for q in quantities}
+
+    parameters = drawn(model.parameters, sizes, False)
+    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, True)
 
 
-def _spread(
-    random: np.random.Generator, n: int, quantity: Quantity, default: float, start: bool
-) -> np.ndarray:
+def _spread(random: np.random.Generator, n: int, quantity: Quantity, start: bool) -> np.ndarray:
     """The default of a quantity, then n - 1 random values in its range."""
+    default = _middle(quantity)
     if math.isnan(default):  # a start that the model itself decides
         return np.full(n, default)
     reach = 3.0 * (abs(default) or 1.0)
@@ -530,11 +532,15 @@ def written(values: Mapping[str, np.ndarray], row: int) -> str:
 
 def _defaults(quantities: Iterable[Quantity], known: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """The defaults of quantities, (1,) each; the middle of its bounds where one has none."""
-    formulas = {
-        q.name: q.default if q.default is not None else float(np.clip(1.0, q.low, q.high)) for q in quantities
-    }
+    formulas = {q.name: q.default if isinstance(q.default, str) else _middle(q) for q in quantities}
     found = resolve(formulas, {name: float(value[0]) for name, value in known.items()})
     return {name: np.array([float(found[name])]) for name in formulas}
+
+
+def _middle(quantity: Quantity) -> float:
+    """The default of a quantity that is a number; near 1 in its bounds where it has none."""
+    assert not isinstance(quantity.default, str)
+    return float(np.clip(1.0, quantity.low, quantity.high) if quantity.default is None else quantity.default)
 
 
 def _not_finite(name: str, found: Any) -> Iterator[str]:
