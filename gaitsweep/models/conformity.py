@@ -1,7 +1,7 @@
 """Tests of a model against the contract.
 
-`fault` looks at a model's quantities and traces its functions, before any job of a user's model runs. `faults`
-also evaluates them, at the defaults and over the ranges of parameters and starts.
+`fault` looks at a model's quantities and traces its functions, before any job of a user's model runs.
+`faults` also evaluates them, at the defaults and over the ranges of parameters and starts.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ def _look(model: Model) -> None:
     fields = ("gait", *(quantity.name for quantity in model.label_fields))
     _named("label", labels, "gait and label fields", fields)
     if (kind := _kind(labels["gait"])) not in ("whole numbers", "booleans"):
-        raise _Fault(f"label gives the gait as {kind}, where it gives an index into its gaits: a whole number.")
+        raise _Fault(
+            f"label gives the gait as {kind}, where it gives an index into its gaits: a whole number."
+        )
 
 
 def _bare_state(model: Declared) -> Any:
@@ -239,7 +241,9 @@ def _moved_or_jumped(model: Model, state: Any, rates: Mapping[str, Any], jumped:
     if not isinstance(model, Declared):
         return
     leaves = jax.tree.leaves_with_path(state)
-    first = len(jumped.operations.jaxpr.invars) - len(leaves) - 1  # parameters, then the state, then the flags
+    first = (
+        len(jumped.operations.jaxpr.invars) - len(leaves) - 1
+    )  # parameters, then the state, then the flags
     unchanged = jumped.unchanged(first)
     for (path, _), same in zip(leaves, unchanged, strict=True):
         name = jax.tree_util.keystr(path).lstrip(".")
@@ -376,8 +380,8 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
             yield (
-                f"whose {name} has the {field} {getattr(quantity, field)!r}, which Matplotlib's TeX cannot set: "
-                "figures would have to do without it."
+                f"whose {name} has the {field} {getattr(quantity, field)!r}, which Matplotlib cannot set: write "
+                "TeX that it knows, and \\$ for a dollar."
             )
     if not low <= high or (low == high and quantity.open_ends):
         yield f"whose {name} has bounds that leave no value: low is {low:g}, high is {high:g}."
@@ -401,7 +405,7 @@ def _by_value(model: Model) -> Iterator[str]:
     start = _defaults(model.initial_conditions, values)
     state = model.init(params, {name: jnp.asarray(start[name][0]) for name in start})
     yield from _not_finite("init", state)
-    yield from _not_finite("observe", observed := model.observe(params, state))
+    yield from _not_finite("observe", model.observe(params, state))
     yield from _not_finite("signal", model.signal(params, state))
     if bool(model.failed(params, state)):
         yield "but its function failed says that its default start has fallen."
@@ -448,24 +452,28 @@ def _over_ranges(model: Model) -> Iterator[str]:
     if (wrong := np.flatnonzero(seen & ~((gait >= 0) & (gait < len(model.gaits))))).size:
         at = written({**values, **starts}, int(wrong[0]))
         yield (
-            f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its gaits: 0 to "
-            f"{len(model.gaits) - 1}."
+            f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its gaits: "
+            f"0 to {len(model.gaits) - 1}."
         )
     if not isinstance(model, HybridModel):
         return
     guards = jax.vmap(model.guards)(params, state)
     if (wrong := np.flatnonzero(np.any(np.isnan(guards), axis=1))).size:
         at = written({**values, **starts}, int(wrong[0]))
-        yield f"but its function guards gives {guards[wrong[0]]}{at}: an event whose guard is NaN never happens."
+        guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
+        yield f"but its function guards gives NaN for {_guard(model, guard)}{at}, where it never happens."
     # an armed event cannot fire twice without leaving its surface
     armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
     if armed or not np.any(guards >= 0.0):
         return
     fires = _without_end(model, params, state)
     for guard in np.flatnonzero(np.any(fires, axis=0)):
-        name = model.guard_names[guard] if model.guard_names else f"guard {guard + 1}"
         at = written({**values, **starts}, int(np.argmax(fires[:, guard])))
-        yield f"whose event {name!r} is not ended by its jump: it happens without end{at}."
+        yield f"whose event {_guard(model, guard)} is not ended by its jump: it happens without end{at}."
+
+
+def _guard(model: HybridModel, guard: int) -> str:
+    return repr(model.guard_names[guard]) if model.guard_names else f"guard {guard + 1}"
 
 
 def _without_end(model: HybridModel, params: Any, state: Any) -> np.ndarray:

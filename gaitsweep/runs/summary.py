@@ -23,7 +23,7 @@ from gaitsweep.runs import provenance
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load_parts
 
-# Fields of the manifest: rows whose label is no index of a gait, and rows that begin beyond an event's surface.
+# Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface.
 MISLABELLED, STARTS_BEYOND = "mislabelled", "starts_beyond"
 # Rows whose starts are looked at, at most and at a time.
 _MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
@@ -117,21 +117,23 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
         of = f" of {found['of']} that were looked at" if "of" in found else ""
         said.append(
-            f"{_rows(found)}{of} began beyond the surface of the event {name!r}, which happens only after its "
-            "function has been below zero."
+            f"{_rows(found)}{of} began beyond the surface of the event {name!r}, which happens only after "
+            "its function has been below zero."
         )
     for name, found in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
         said.append(
-            f"Warning: the model's function label gave gait {label} in {_rows(found)}, which is no index of its "
-            f"gaits; their gait is {name!r} in the table."
+            f"Warning: the model's function label gave gait {label} in {_rows(found)}, which is no index of "
+            f"its gaits; their gait is {name!r} in the table."
         )
     return said
 
 
 def _rows(found: Mapping[str, Any]) -> str:
     more = found["rows"] > 1
-    return f"{found['rows']} rows (the first is row {found['row']})" if more else f"1 row (row {found['row']})"
+    return (
+        f"{found['rows']} rows (the first is row {found['row']})" if more else f"1 row (row {found['row']})"
+    )
 
 
 def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:

@@ -53,7 +53,8 @@ def trial(kind: type[Model]) -> Trial:
         return Trial([], [f"No row could be tried: {error}"])
     faults = [
         f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
-        f"{written(values, found['row'])}, where it gives an index into its gaits: 0 to {len(model.gaits) - 1}."
+        f"{written(values, found['row'])}, where it gives an index into its gaits: "
+        f"0 to {len(model.gaits) - 1}."
         for name, found in result.manifest.get(MISLABELLED, {}).items()
     ]
     counts = ", ".join(f"{number} {status}" for status, number in result.manifest["counts"].items())

@@ -123,7 +123,9 @@ def is_job(value: object) -> bool:
 
 _COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
 
-_SOME_ROWS = _by_name(lambda value: _COUNTS(value) and {"rows", "row"} <= set(value))  # a number, and the first
+_SOME_ROWS = _by_name(
+    lambda value: _COUNTS(value) and {"rows", "row"} <= set(value)
+)  # a number, and the first
 
 
 def _are_axes(value: object) -> bool:

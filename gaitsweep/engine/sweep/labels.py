@@ -16,7 +16,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
 def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
-    """`gait` (a code, as by `gait_codes`) and the traits, for each row of a block or each record of stairs."""
+    """`gait` (a code of `gait_codes`) and the traits, for each row of a block or each record of stairs."""
     found = spec.recorder.readings(block)
     if found is None:
         return {}
