@@ -380,8 +380,8 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
             yield (
-                f"whose {name} has the {field} {getattr(quantity, field)!r}, which Matplotlib cannot set: write "
-                "TeX that it knows, and \\$ for a dollar."
+                f"whose {name} has the {field} {getattr(quantity, field)!r}, which Matplotlib cannot set: "
+                "write TeX that it knows, and \\$ for a dollar."
             )
     if not low <= high or (low == high and quantity.open_ends):
         yield f"whose {name} has bounds that leave no value: low is {low:g}, high is {high:g}."
@@ -452,13 +452,15 @@ def _over_ranges(model: Model) -> Iterator[str]:
     if (wrong := np.flatnonzero(seen & ~((gait >= 0) & (gait < len(model.gaits))))).size:
         at = written({**values, **starts}, int(wrong[0]))
         yield (
-            f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its gaits: "
-            f"0 to {len(model.gaits) - 1}."
+            f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its "
+            f"gaits: 0 to {len(model.gaits) - 1}."
         )
     if not isinstance(model, HybridModel):
         return
     guards = jax.vmap(model.guards)(params, state)
-    if (wrong := np.flatnonzero(np.any(np.isnan(guards), axis=1))).size:
+    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(state)]
+    sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
+    if (wrong := np.flatnonzero(sound & np.any(np.isnan(guards), axis=1))).size:
         at = written({**values, **starts}, int(wrong[0]))
         guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
         yield f"but its function guards gives NaN for {_guard(model, guard)}{at}, where it never happens."
