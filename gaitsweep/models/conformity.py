@@ -469,7 +469,7 @@ def _over_ranges(model: Model) -> Iterator[str]:
     if armed or not np.any(guards >= 0.0):
         return
     fires = _without_end(model, params, state)
-    for guard in np.flatnonzero(np.any(fires, axis=0)):
+    for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
         at = written({**values, **starts}, int(np.argmax(fires[:, guard])))
         yield f"whose event {_guard(model, guard)} is not ended by its jump: it happens without end{at}."
 

@@ -110,7 +110,7 @@ def _with_rates(kind: type[Model]) -> type[Model]:
         params, state = _shapes(self)
         names = jax.eval_shape(self.energies, params, state)
         more = (Quantity(name + end, "1", "rate of an energy") for name in names for end in (_RATE, _POWER))
-        return (*kind.signals.fget(self), *more)  # pyright: ignore[reportAttributeAccessIssue]
+        return (*super(watched, self).signals, *more)
 
     def signal(self: HybridModel, params: Any, state: State) -> dict[str, jax.Array]:
         found = kind.signal(self, params, state)
@@ -122,7 +122,9 @@ def _with_rates(kind: type[Model]) -> type[Model]:
             found |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
         return found
 
-    return type(kind.__name__, (kind,), {"signals": property(signals), "signal": signal, "name": kind.name})
+    members = {"signals": property(signals), "signal": signal, "name": kind.name}
+    watched: type[Any] = type(kind.__name__, (kind,), members)
+    return watched
 
 
 def _shapes(model: Model) -> tuple[Any, Any]:

@@ -236,7 +236,7 @@ def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_c
 
     assert [each.name for each in Below._events()] == ["lands below"]
     assert [each.name for each in Falls._events()] == ["ten below"]
-    lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].min()
+    lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].to_numpy(float).min()
     assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
 
 

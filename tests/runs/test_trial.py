@@ -49,7 +49,7 @@ class Swings(gs.DeclaredModel):
 
 
 def test_a_run_remarks_labels_that_are_no_gait_and_starts_beyond_a_surface() -> None:
-    with pytest.warns(UserWarning) as said:
+    with pytest.warns(UserWarning, match="label gave gait 2") as said:
         result = gs.sweep(Swings, x_0=[0.5, 1.0, 2.0, 12.0], run=gs.Settle(max_cycles=20), verify=0)
     assert result.table["gait"].astype(str).tolist()[:3] == ["small", "unknown (-1)", "unknown (2)"]
     assert result.manifest["mislabelled"]["unknown (-1)"] == {"rows": 1, "row": 1}
@@ -63,7 +63,9 @@ def test_a_run_remarks_labels_that_are_no_gait_and_starts_beyond_a_surface() -> 
 
 class Unlabelled(Swings):
     gaits = ("none",)
-    label = gs.DeclaredModel.label
+
+    def label(self, p, at):
+        return {"gait": jnp.asarray(0)}
 
 
 def test_a_model_without_labels_counts_no_gaits() -> None:
