@@ -274,8 +274,8 @@ def _alike(name: str, before: Any, after: Any) -> None:
     if jax.tree.structure(before) != jax.tree.structure(after):
         raise _Fault(f"{name} gives {type(after).__name__}, where it gives a {type(before).__name__}.")
     for (path, old), new in zip(jax.tree.leaves_with_path(before), jax.tree.leaves(after), strict=True):
+        field = jax.tree_util.keystr(path).lstrip(".")
         if old.shape != new.shape:
-            field = jax.tree_util.keystr(path).lstrip(".")
             raise _Fault(f"{name} gives {field} the shape {new.shape}, but init gives it {old.shape}.")
         if old.dtype != new.dtype:
             raise _Fault(f"{name} gives {field} the type {new.dtype}, but init gives it {old.dtype}.")

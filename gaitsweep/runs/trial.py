@@ -110,7 +110,8 @@ def _with_rates(kind: type[Model]) -> type[Model]:
         params, state = _shapes(self)
         names = jax.eval_shape(self.energies, params, state)
         more = (Quantity(name + end, "1", "rate of an energy") for name in names for end in (_RATE, _POWER))
-        return (*super(watched, self).signals, *more)
+        base: Any = super(watched, self)
+        return (*base.signals, *more)
 
     def signal(self: HybridModel, params: Any, state: State) -> dict[str, jax.Array]:
         found = kind.signal(self, params, state)

@@ -260,6 +260,9 @@ FAULTS = {
     },
     "'it is high' gives booleans": {"high": event("it is high")(lambda self, p, s: s.z > 2.0)},
     "'it is one' gives whole numbers": {"one": event("it is one")(lambda self, p, s: jnp.asarray(1))},
+    "jump gives z the type int64": {
+        "jump": lambda self, p, s, fired: dataclasses.replace(s, z=jnp.where(fired[0], 0, s.z.astype(int)))
+    },
     "gait as real numbers": {"label": lambda self, p, at: {"gait": at["z"]}},
     "z_0,? twice": {"z_0": parameter("m", "another height", 1.0)},
     r"symbol '\\\\bm": {"k": parameter("1", "k", 1.0, symbol=r"\bm{k}")},
