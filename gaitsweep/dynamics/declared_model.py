@@ -382,7 +382,8 @@ class DeclaredModel(Declared, HybridModel):
         return closed
 
     def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
-        return _Surfaces(self, params, state).of(event).above > 0.0
+        surface = _Surfaces(self, params, state).of(event)
+        return surface.height > surface.rounding
 
     def energies(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
         readings = self._named(Reading)

@@ -115,7 +115,7 @@ def _bare_state(model: Declared) -> Any:
     for field in dataclasses.fields(model.State):
         declared = model.declarations.get(field.name)
         if isinstance(declared, Mode):
-            fields[field.name] = declared.at_start(model)
+            fields[field.name] = jnp.broadcast_to(jnp.asarray(declared.start), declared.shape(model))
         else:
             fields[field.name] = jnp.zeros(declared.shape(model) if isinstance(declared, Variable) else 0)
     return model.State(**fields)
@@ -522,7 +522,7 @@ def sample(model: Model, n: int) -> tuple[dict[str, np.ndarray], dict[str, np.nd
 def _spread(random: np.random.Generator, n: int, quantity: Quantity, start: bool) -> np.ndarray:
     """The default of a quantity, then n - 1 random values in its range."""
     default = _middle(quantity)
-    if math.isnan(default):  # a start that the model itself decides
+    if math.isnan(default) or quantity.whole:  # a start that the model itself decides, or a mode
         return np.full(n, default)
     reach = 3.0 * (abs(default) or 1.0)
     low, high = (default - reach, default + reach) if start else sorted((0.5 * default, 2.0 * default))
