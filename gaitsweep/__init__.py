@@ -33,6 +33,7 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.contract import Quantity as Quantity
     from gaitsweep.contract import Status as Status
     from gaitsweep.contract import SteppedModel as SteppedModel
+    from gaitsweep.dynamics.declarations import energy as energy
     from gaitsweep.dynamics.declarations import event as event
     from gaitsweep.dynamics.declarations import mode as mode
     from gaitsweep.dynamics.declarations import observable as observable
@@ -82,7 +83,9 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "api.sensitivity": ("sensitivity",),
         "api.trajectories": ("simulate", "sweep"),
         "contract": ("HybridModel", "Quantity", "Status", "SteppedModel"),
-        "dynamics.declarations": ("event", "mode", "observable", "parameter", "signal", "variable"),
+        "dynamics.declarations": (
+            *("energy", "event", "mode", "observable", "parameter", "signal", "variable"),
+        ),
         "dynamics.declared_model": ("DeclaredModel",),
         "dynamics.mjx.mjcf_model": ("MjcfModel",),
         "errors": ("ArgumentError", "UserError"),

@@ -93,6 +93,7 @@ class Recommended:
 class Quantity:
     """Name, unit and meaning of a parameter, an initial condition, an observable, a label field or a signal.
 
+<<<<<<< HEAD
     `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must be
     given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds; `whole`
     admits whole numbers only. `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in
@@ -100,6 +101,16 @@ class Quantity:
     the test of convergence of a run of kind settle. None: its magnitude over the last crossings. An
     observable that tends to 0 needs a scale, since its magnitude vanishes. Circular angles are compared in
     rad.
+=======
+    `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must
+    be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds; `whole` admits
+    whole numbers only.
+    `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
+    `scale` (in `unit`, above 0) is the reference magnitude of an observable in the test of convergence of a
+    run of kind settle. None: its magnitude over the last crossings. An observable that tends to 0 needs a
+    scale, since its magnitude vanishes; an infinite scale leaves an observable out of the test. Circular
+    angles are compared in rad.
+>>>>>>> check
     """
 
     name: str
@@ -298,6 +309,13 @@ class Model(Jumps):
         """The time (s) until which the gait is externally constrained; no row settles before it."""
         return 0.0 * self.period(params)
 
+    def beyond_at_start(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+        """Whether a start lies beyond the surface of each event that changes the state, by the events' names.
+
+        Such an event does not happen at the start; a run says how many rows began so.
+        """
+        return {}
+
     def chart(self) -> Chart | None:
         """Coordinates of the section; None: the return map uses all float variables of the state."""
         return None
@@ -401,6 +419,10 @@ class HybridModel(Model):
         its rounding error after a jump: otherwise simultaneous events of two limbs may follow without end.
         A flow without events returns `jnp.zeros((0,))`; its section is then never crossed.
         """
+
+    def energies(self, params: Params, state: State, /) -> dict[str, jax.Array]:
+        """Energies by name that the flow keeps between events; `gaitsweep check-model` prints their rates."""
+        return {}
 
     @property
     def guard_names(self) -> tuple[str, ...]:

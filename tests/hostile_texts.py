@@ -32,7 +32,7 @@ class HostileTexts(DoubleWell):
     @property
     def observables(self) -> tuple[Quantity, ...]:
         speed = Quantity("v", "m/s", "its <speed>", symbol=r"\dot{x}")
-        return (Quantity("x", 'm"<u>', f"where it is {ATTACK}", symbol=f"x{ATTACK}"), speed)
+        return (Quantity("x", 'm"<u>', f"where it is {ATTACK}", symbol=rf"\text{{x{ATTACK}}}"), speed)
 
     def observe(self, params: dict[str, jax.Array], state: State) -> dict[str, jax.Array]:
         return {"x": state.x, "v": state.x - state.x**3}

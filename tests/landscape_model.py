@@ -59,7 +59,7 @@ class Landscape(HybridModel):
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        return self.observables
+        return tuple(Quantity(f"angle_{i}", "rad", "angle", circular=True) for i in (1, 2))
 
     @property
     def label_fields(self) -> tuple[Quantity, ...]:
@@ -94,7 +94,7 @@ class Landscape(HybridModel):
         return {"theta_1": turned[0], "theta_2": turned[1]}
 
     def signal(self, params: dict[str, jax.Array], state: State) -> dict[str, jax.Array]:
-        return self.observe(params, state)
+        return {"angle_1": state.theta[0], "angle_2": state.theta[1]}
 
     def label(self, params: dict[str, jax.Array], observations: Values) -> dict[str, jax.Array]:
         away = observations["theta_1"] - curve(params, jnp.asarray(observations["theta_2"]))

@@ -63,7 +63,7 @@ def check_model(
         str, typer.Argument(metavar="MODULE:CLASS", help="package.module:attribute, or a registered name.")
     ],
 ) -> None:
-    """Test a model against the contract: what is wrong, a sentence each."""
+    """Test a model against the contract, and try some rows: what is wrong, a sentence each."""
     from gaitsweep import models as registry
     from gaitsweep.cli import show
     from gaitsweep.models.conformity import faults
@@ -74,7 +74,16 @@ def check_model(
         print(f"The model is {name}, {words}", file=sys.stderr)
     if found:
         raise typer.Exit(REFUSED)
+    from gaitsweep.runs.trial import trial  # of a model without faults
+
+    tried = trial(kind)
+    for words in tried.faults:
+        print(f"The model is {name}, {words}", file=sys.stderr)
+    if tried.faults:
+        raise typer.Exit(REFUSED)
     print(f"{name}: good, {show.extent_of(kind())}")
+    for remark in tried.remarks:
+        print(remark)
 
 
 def _refuse_name(name: str) -> None:

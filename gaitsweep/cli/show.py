@@ -14,6 +14,7 @@ from rich.table import Table
 from gaitsweep.contract import Model, Quantity, Status, Verdict
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.runs.status_sentences import status_sentence
+from gaitsweep.runs.summary import MISLABELLED, STARTS_BEYOND, remarks
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
@@ -43,6 +44,12 @@ def estimate(needs: Estimate) -> str:
 def counts(by_status: dict[str, int]) -> str:
     """The number of rows with each status: "15 settled, 1 fell"."""
     return ", ".join(f"{number} {status}" for status, number in by_status.items()) or "none finished"
+
+
+def shares(by_status: Mapping[str, int]) -> str:
+    """The share of the rows with each status: "93.8 % settled, 6.2 % fell"."""
+    rows = sum(by_status.values())
+    return ", ".join(f"{100.0 * number / rows:.3g} % {status}" for status, number in by_status.items())
 
 
 def stalled(stalls: Mapping[str, Mapping[str, Any]]) -> str:
@@ -86,6 +93,8 @@ def outcome(snapshot: Snapshot) -> str:
     ]
     if gaits := snapshot.manifest.get("gaits"):
         lines.insert(1, f"Gaits: {counts(gaits)}.")
+    elif len(snapshot.counts) > 1:
+        lines.insert(1, f"Shares: {shares(snapshot.counts)}.")
     if far := snapshot.manifest.get("largest_distance"):
         lines.append(f"Largest distance from the analytic solutions: {distance(far)}.")
     if stalls := snapshot.manifest.get("stalls"):
@@ -98,6 +107,7 @@ def outcome(snapshot: Snapshot) -> str:
         lines.insert(1, f"No row came to a good end. {worst}: {meaning}")
     if isinstance(found := snapshot.manifest.get("self_check"), dict):
         lines.append(sentence(found))
+    lines.extend(remarks(snapshot.manifest))
     lines.extend(f"Figure: {figure}" for figure in snapshot.figures)
     return "\n".join(lines)
 
@@ -137,6 +147,8 @@ def directory(snapshot: Snapshot) -> str:
             lines[key] = f"{' to '.join(dict.fromkeys(map(plain, value)))} s"
         elif key == "gaits" and isinstance(value, dict):
             lines[key] = counts(value)
+        elif key in (MISLABELLED, STARTS_BEYOND):
+            lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = sentence(value).removeprefix("Self-check: ")
         elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):

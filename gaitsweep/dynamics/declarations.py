@@ -125,6 +125,7 @@ class Reading:
     function: Callable[..., jax.Array]
     observed: bool
     signal: bool
+    is_energy: bool = False
 
 
 class Event:
@@ -295,6 +296,22 @@ def signal(
     """
     quantity = _quantity(unit, meaning, circular=circular, symbol=symbol)
     return lambda function: Reading(quantity, function, False, True)
+
+
+def energy(
+    unit: str, meaning: str, *, symbol: str = "", scale: float | None = None, observed: bool = False
+) -> Callable[[Callable[..., jax.Array]], Any]:
+    """Declare a function (params, state) -> number as an energy that the flow keeps between events.
+
+    `gaitsweep check-model` prints how fast it changes: a wrong sign in the flow shows there. It is a signal.
+
+    Args:
+        unit, meaning: as tables and figures show them.
+        symbol, scale: as of `Quantity`.
+        observed: whether it is an observable too, read at crossings of the section.
+    """
+    quantity = _quantity(unit, meaning, symbol=symbol, scale=scale)
+    return lambda function: Reading(quantity, function, observed, True, True)
 
 
 def event(

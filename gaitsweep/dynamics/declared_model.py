@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
 from gaitsweep.dynamics.event_surface import Arming, EventSurface, flat
+from gaitsweep.dynamics.phase_oscillator import wrapped
 from gaitsweep.near_miss import suggestion
 
 Values = Mapping[str, jax.Array]
@@ -83,7 +84,7 @@ class Declared(Model):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        declared = {**cls.declarations, **{k: v for k, v in vars(cls).items() if isinstance(v, _DECLARED)}}
+        declared = {**cls._inherited(), **{k: v for k, v in vars(cls).items() if isinstance(v, _DECLARED)}}
         # a name that a subclass defines otherwise is no longer declared
         cls.declarations = {k: v for k, v in declared.items() if getattr(cls, k, None) is v}
         if "name" not in vars(cls):
@@ -91,6 +92,26 @@ class Declared(Model):
         cls._refuse_contradictions()
         cls.Params = _record(cls, "Params", cls._named(Parameter))
         cls.State = _record(cls, "State", [*cls._named(Variable), *cls._named(Mode), *cls._other_fields()])
+
+    @classmethod
+    def _inherited(cls) -> dict[str, Any]:
+        """The declarations of the bases, less the events that this class replaces.
+
+        An event whose jump has another name stands in the class under both; its own name is the first.
+        """
+        first: dict[Event, str] = {}
+        inherited = dict(cls.declarations)
+        for name, each in cls.declarations.items():
+            if not isinstance(each, Event) or first.setdefault(each, name) == name:
+                continue
+            if getattr(cls, first[each], None) is not each:
+                del inherited[name]
+            elif getattr(cls, name, None) is not each:
+                raise TypeError(
+                    f"{cls.__name__} defines {name}, the name of the jump of {first[each]} in its base: "
+                    f"declare the event {first[each]} again, with its jump."
+                )
+        return inherited
 
     @classmethod
     def _other_fields(cls) -> list[str]:
@@ -156,7 +177,17 @@ class Declared(Model):
     def failed(self, params: Any, state: Any, /) -> jax.Array:
         return jnp.zeros((), bool)
 
+    def beyond_at_start(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+        return {
+            each.name: each.within(state) & self._is_beyond(each, params, state)
+            for each in self._events()
+            if each.rising and each.effect is not None
+        }
+
     # how it is built
+
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
+        return jnp.asarray(event.function(self, params, state)) > 0.0
 
     def _started(self, start: Values) -> dict[str, Any]:
         """The declared fields of a state at t = 0."""
@@ -191,7 +222,8 @@ class Declared(Model):
                 names = [q.name for q in each.quantities(self, name)]
                 found |= {name: value} if each.count is None else dict(zip(names, value, strict=True))
             elif isinstance(each, Reading) and getattr(each, kind):
-                found[name] = jnp.asarray(each.function(self, params, state), float)
+                value = jnp.asarray(each.function(self, params, state), float)
+                found[name] = wrapped(value) if each.quantity.circular else value
         return found
 
     def _flags(self, fired: jax.Array) -> Iterator[tuple[Event, jax.Array]]:
@@ -348,6 +380,14 @@ class DeclaredModel(Declared, HybridModel):
             if each.is_section:
                 closed = closed | each.happens(flags)
         return closed
+
+    def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
+        surface = _Surfaces(self, params, state).of(event)
+        return surface.height > surface.rounding
+
+    def energies(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
+        readings = self._named(Reading)
+        return {name: each.function(self, params, state) for name, each in readings.items() if each.is_energy}
 
     def chart(self) -> Chart | None:
         return _SectionCoordinates(self)

@@ -9,7 +9,7 @@ repeat from a slope of about 4.39 degrees on, and then four.
 
 import jax.numpy as jnp
 
-from gaitsweep import DeclaredModel, event, observable, parameter, variable
+from gaitsweep import DeclaredModel, energy, event, observable, parameter, variable
 
 
 class CompassWalker(DeclaredModel):
@@ -67,6 +67,14 @@ class CompassWalker(DeclaredModel):
     @observable("m", "length of the last step")
     def step_length(self, p, s):
         return 2.0 * (p.a + p.b) * jnp.sin(0.5 * jnp.abs(s.swing - s.stance))
+
+    @energy("J", "energy of both legs and the hip, from the stance foot")
+    def energy(self, p, s):
+        mass, coupling = _inertia(p, s.stance - s.swing)
+        moving = 0.5 * (mass * s.stance_rate**2 + p.m * p.b**2 * s.swing_rate**2)
+        weight = (p.m_H * (p.a + p.b) + p.m * (2.0 * p.a + p.b)) * p.g
+        height = weight * jnp.cos(s.stance) - p.m * p.b * p.g * jnp.cos(s.swing)
+        return moving + coupling * s.stance_rate * s.swing_rate + height
 
     def failed(self, p, s):
         return (jnp.abs(s.stance) > 0.5 * jnp.pi) | (jnp.abs(s.swing) > jnp.pi)

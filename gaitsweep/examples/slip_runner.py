@@ -9,7 +9,7 @@ Biol. 232:315, eq. (1).
 
 import jax.numpy as jnp
 
-from gaitsweep import DeclaredModel, event, mode, observable, parameter, variable
+from gaitsweep import DeclaredModel, energy, event, mode, parameter, variable
 
 DESCENDING, STANCE, ASCENDING, FALLEN = range(4)
 
@@ -78,7 +78,7 @@ class SlipRunner(DeclaredModel):
     def begin_step(self, p, s):
         return s.replace(x=0.0, phase=jnp.where(s.z > _touchdown(p), DESCENDING, FALLEN))
 
-    @observable("J", "energy", signal=True)
+    @energy("J", "energy", observed=True)
     def energy(self, p, s):
         r = jnp.sqrt(s.x**2 + s.z**2)
         spring = jnp.where(s.phase == STANCE, 0.5 * p.k * (p.l0 - r) ** 2, 0.0)

@@ -198,6 +198,10 @@ def _check_whole(plan: Plan, spec: ModelSpec, job: Any) -> list[Diagnostic]:
         if columns.count(name) > 1:
             text = f"{does} {name}, but the table has a column of that name: rename the model's quantity."
             diagnostics.append(Diagnostic(path, text))
+    named = {name for name, _, _ in places}
+    for name in dict.fromkeys(name for name in columns if columns.count(name) > 1 and name not in named):
+        text = f"is {spec.model.name}, which has a quantity {name}, but a table of {run.kind_name}"
+        diagnostics.append(Diagnostic(("model",), f"{text} has a column of that name: rename the quantity."))
     diagnostics.extend(check_ranges(plan, spec, run))
     diagnostics.extend(check_figures(job.figures, plan, run))
     return diagnostics

@@ -13,6 +13,7 @@ from gaitsweep.contract import HybridModel, Model, Quantity, Status
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.engine.sweep.block import BlockResult
 
+UNKNOWN_GAIT = "unknown"  # of a row whose label is no index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]
 
 
@@ -167,10 +168,18 @@ def slowest(read: Callable[[Records], np.ndarray]) -> Column:
 
 
 def gaits(model: Model, codes: np.ndarray) -> pd.Categorical:
-    """Gaits by their numbers (n,); a gait that was not read is "none" where the model has that."""
+    """Gaits by their codes (n,), of `gait_codes`; one that was not read is "none" where the model has that.
+
+    A label that is no index of a gait has a category of its own, "unknown (7)".
+    """
     names = list(model.gaits)
     unread = names.index("none") if "none" in names else -1
-    return pd.Categorical.from_codes(np.where(codes < 0, unread, codes).tolist(), categories=names)
+    outside = np.unique(codes[(codes < -1) | (codes >= len(names))])
+    places = np.where(codes == -1, unread, codes)
+    for place, code in enumerate(outside.tolist(), start=len(names)):
+        places[codes == code] = place
+    names += [f"{UNKNOWN_GAIT} ({code + (code < 0)})" for code in outside.tolist()]
+    return pd.Categorical.from_codes(places.tolist(), categories=names)
 
 
 def _placed(values: np.ndarray, place: np.ndarray, absent: float) -> np.ndarray:

@@ -81,7 +81,7 @@ class Continuation(FollowsFixedPoints):
         row = table["row"].to_numpy(np.int64)
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {q.name: f"{q.name}_n" for q in rows.model.observables}
-        found = table["stable"].notna().to_numpy() if "stable" in table else np.zeros(len(table), bool)
+        found = table["stable"].notna().to_numpy()
         moved = {name: np.broadcast_to(each, (last - first,))[row] for name, each in values.items()}
         moved[self.parameter] = table[self.parameter].to_numpy(float)
         codes = np.full(len(table), -1)
@@ -93,9 +93,11 @@ class Continuation(FollowsFixedPoints):
         status = np.where(found, Status.complete.name, Status.no_fixed_point.name)
         table = table.rename(columns=renamed).assign(row=row + first, **axes)
         table["status"] = pd.Categorical(status, categories=STATUSES)
+        table = table.reindex(columns=table_columns(rows, self))
         for name in ("special", "end"):
-            table[name] = pd.Categorical(table[name].fillna(""))
-        return table.reindex(columns=table_columns(rows, self))
+            table[name] = pd.Categorical(table[name].astype(object).fillna(""))
+        # missing numbers would be read as such, and those of other blocks are flags
+        return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
         self, rows: Rows, work: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False

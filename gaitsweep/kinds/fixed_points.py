@@ -16,6 +16,7 @@ from gaitsweep.engine.poincare.maps import Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.diagnostics import Diagnostic
 from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Text
@@ -110,11 +111,11 @@ class FollowsFixedPoints(RunKind):
 def gait_numbers(
     mapping: BatchedReturnMap, values: Values, observed: Mapping[str, Any], n: int
 ) -> np.ndarray:
-    """The number of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""
+    """The code of the gait of each of n fixed points, (n,), from parameters and observables (n,)."""
     model = mapping.model
     label = jax.jit(jax.vmap(lambda v, o: model.label(mapping.params(v), o)["gait"]))
     seen = {q.name: np.asarray(observed[q.name], float) for q in model.observables}
-    return np.asarray(label(mapping.complete(values, n), seen))
+    return gait_codes(np.asarray(label(mapping.complete(values, n), seen)))
 
 
 def unknowns(rows: Rows) -> int:

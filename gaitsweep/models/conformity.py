@@ -1,23 +1,37 @@
-"""Tests of a model against the contract: `fault` traces its functions, `faults` runs them once as well."""
+"""Tests of a model against the contract.
+
+`fault` looks at a model's quantities and traces its functions, before any job of a user's model runs.
+`faults` also evaluates them, at the defaults and over the ranges of parameters and starts.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, get_origin
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import Literal
 
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
+from gaitsweep.dynamics.declarations import Event, Mode, Variable
+from gaitsweep.dynamics.declared_model import Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.expression import ExpressionError, resolve
+from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 
 _NUMBER = jax.ShapeDtypeStruct((), float)
+# Points over the ranges of parameters and starts at which functions are evaluated; repeated jumps at one
+# instant after which a guard that fires each time is taken to fire without end.
+_SAMPLE, _JUMPS = 64, 16
+_WIDE = 100.0  # times the reach about a default: bounds that are further apart only clip it
+_NAMED = 8  # values that a sentence about a point names
 
 
 class _Fault(Exception):
@@ -27,7 +41,8 @@ class _Fault(Exception):
 def fault(model: Model) -> str | None:
     """The first violation of `gaitsweep/contract.py` by a model, or None.
 
-    The functions are traced with shapes only, as by the engine. A model with `host_parameters` is not tested.
+    The functions are traced with shapes only, as by the engine; those of a model with `host_parameters` are
+    not.
 
     Args:
         model: an instance of the user's class.
@@ -44,12 +59,17 @@ def fault(model: Model) -> str | None:
 
 @cached_by_content(maxsize=64)
 def _fault(model: Model) -> str | None:
-    if model.host_parameters:
-        return None
     if not model.parameters:
         return "which has no parameter: declare one at least, such as a frequency or a mass."
     if not model.observables:
         return "which has no observable: declare one at least, which is recorded at each crossing."
+    return next(_of_quantities(model), None) or _traced(model)
+
+
+def _traced(model: Model) -> str | None:
+    """The first violation by a model's functions."""
+    if model.host_parameters:
+        return None
     try:
         _look(model)
     except _Fault as found:
@@ -60,11 +80,20 @@ def _fault(model: Model) -> str | None:
 def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
     start = {quantity.name: _NUMBER for quantity in model.initial_conditions}
+    if isinstance(model, Declared) and isinstance(model, HybridModel):
+        _event_functions(model, params, _bare_state(model))  # before `init`, which takes their derivatives
     state = _given("init", model.init, params, start)
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
+    if isinstance(model, Declared):
+        _event_functions(model, params, state)
     events = _events(model, params, state)
-    _alike("jump", state, _given("jump", model.jump, params, state, events))
+    jumped = _program("jump", model.jump, params, state, events)
+    _alike("jump", state, jumped.shapes)
+    if isinstance(model, HybridModel):
+        rates = _given("flow", model.flow, params, state)
+        _rates(state, rates)
+        _moved_or_jumped(model, state, rates, jumped)
     _scalar("section", _given("section", model.section, params, state, events))
     _scalar("failed", _given("failed", model.failed, params, state))
     _scalar("period", _given("period", model.period, params))
@@ -75,12 +104,44 @@ def _look(model: Model) -> None:
     labels = _given("label", model.label, params, observed)
     fields = ("gait", *(quantity.name for quantity in model.label_fields))
     _named("label", labels, "gait and label fields", fields)
+    if (kind := _kind(labels["gait"])) not in ("whole numbers", "booleans"):
+        raise _Fault(
+            f"label gives the gait as {kind}, where it gives an index into its gaits: a whole number."
+        )
+
+
+def _bare_state(model: Declared) -> Any:
+    """A state with the declared fields of a model; those that `init` adds are empty."""
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(model.State):
+        declared = model.declarations.get(field.name)
+        if isinstance(declared, Mode):
+            fields[field.name] = jnp.broadcast_to(jnp.asarray(declared.start), declared.shape(model))
+        else:
+            fields[field.name] = jnp.zeros(declared.shape(model) if isinstance(declared, Variable) else 0)
+    return model.State(**fields)
+
+
+def _declared_events(model: Declared) -> list[Event]:
+    return list(dict.fromkeys(each for each in model.declarations.values() if isinstance(each, Event)))
+
+
+def _event_functions(model: Declared, params: Any, state: Any) -> None:
+    """Refuse event functions that do not give one real number, by the events' names."""
+    for event in _declared_events(model):
+        name = f"for the event {event.name!r}"
+        given = _given(name, lambda p, s, event=event: event.function(model, p, s), params, state)
+        _scalar(name, given)
+        if (kind := _kind(given)) != "real numbers":
+            raise _Fault(
+                f"{name} gives {kind}, where it gives a real number that rises through zero: s.x - 2.0, not "
+                "s.x > 2.0."
+            )
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     """The shape of the flags of events."""
     if isinstance(model, HybridModel):
-        _rates(state, _given("flow", model.flow, params, state))
         name, found = "guards", _given("guards", model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
@@ -91,6 +152,8 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         shape = getattr(found, "shape", type(found).__name__)
         raise _Fault(f"{name} gives {shape}, where it gives one number for each event, (n,): use jnp.stack.")
     if isinstance(model, HybridModel):
+        if _kind(found) != "real numbers":
+            raise _Fault(f"guards gives {_kind(found)}, where it gives real numbers.")
         names = model.guard_names
         if not isinstance(names, tuple) or not all(isinstance(each, str) for each in names):
             raise _Fault(f"guard_names gives {names!r}, where it gives a tuple of texts.")
@@ -101,8 +164,51 @@ def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
 
 def _given(name: str, function: Callable[..., Any], *args: Any) -> Any:
     """The shapes of a function's results."""
+    return _program(name, function, *args).shapes
+
+
+@dataclasses.dataclass(frozen=True)
+class _Program:
+    """A traced function: the shapes of its results, and the operations that give them."""
+
+    shapes: Any
+    operations: Any
+
+    def unchanged(self, first: int) -> list[bool]:
+        """Whether each result is an argument as it was: the result i the argument `first` + i."""
+        jaxpr = self.operations.jaxpr
+        arguments = {variable: place for place, variable in enumerate(jaxpr.invars)}
+        origins = _origins(jaxpr, arguments)
+        return [origins.get(each) == first + i for i, each in enumerate(map(_key, jaxpr.outvars))]
+
+
+def _key(variable: Any) -> Any:
+    """A variable of a program; None for a constant, which has no identity."""
+    return None if isinstance(variable, Literal) else variable
+
+
+def _origins(jaxpr: Any, known: dict[Any, int]) -> dict[Any, int]:
+    """The arguments that variables of a program always equal, through selections and inner calls."""
+    known = dict(known)
+    for equation in jaxpr.eqns:
+        of = [known.get(_key(each)) for each in equation.invars]
+        inner = equation.params.get("jaxpr")
+        if equation.primitive.name == "select_n" and of[1] is not None and len(set(of[1:])) == 1:
+            known[equation.outvars[0]] = of[1]
+        elif equation.primitive.name in ("pjit", "jit") and inner is not None:
+            inside = {v: place for v, place in zip(inner.jaxpr.invars, of, strict=True) if place is not None}
+            found = _origins(inner.jaxpr, inside)
+            for mine, theirs in zip(equation.outvars, inner.jaxpr.outvars, strict=True):
+                if _key(theirs) in found:
+                    known[mine] = found[theirs]
+    return known
+
+
+def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
+    """A function, traced for arguments of these shapes."""
     try:
-        return jax.eval_shape(function, *args)
+        operations, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+        return _Program(shapes, operations)
     except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
         advice = ""
@@ -119,9 +225,40 @@ def _rates(state: Any, rates: Any) -> None:
         if name not in fields:
             text = f"flow gives a rate of {name}, which is no field of its state"
             raise _Fault(f"{text}{near_miss.suggestion(str(name), _continuous(state))}")
+        if name not in _continuous(state):
+            raise _Fault(f"flow gives a rate of {name}, which is a mode: only jump changes it.")
         shape = jnp.shape(getattr(state, name))
         if rate.shape not in (shape, ()):
             raise _Fault(f"flow gives {name} a rate of shape {rate.shape}, but the field has {shape}.")
+        if (kind := _kind(rate)) != "real numbers":
+            zero = ": write 1.0 in place of 1" if kind == "whole numbers" else ""
+            raise _Fault(f"flow gives the rate of {name} as {kind}, where it gives real numbers{zero}.")
+        if rate.dtype.itemsize < (own := jnp.result_type(getattr(state, name))).itemsize:
+            raise _Fault(f"flow gives the rate of {name} in {rate.dtype}, but the field is in {own}.")
+
+
+def _moved_or_jumped(model: Model, state: Any, rates: Mapping[str, Any], jumped: _Program) -> None:
+    """Refuse a declared variable that has no rate and that no jump changes: a rate that was forgotten."""
+    if not isinstance(model, Declared):
+        return
+    leaves = jax.tree.leaves_with_path(state)
+    first = (
+        len(jumped.operations.jaxpr.invars) - len(leaves) - 1
+    )  # parameters, then the state, then the flags
+    unchanged = jumped.unchanged(first)
+    for (path, _), same in zip(leaves, unchanged, strict=True):
+        name = jax.tree_util.keystr(path).lstrip(".")
+        if same and isinstance(model.declarations.get(name), Variable) and name not in rates:
+            raise _Fault(
+                f"flow gives no rate of {name}, and no jump changes it: give its rate, which is 0.0 where it "
+                "stands still."
+            )
+
+
+def _kind(found: Any) -> str:
+    """The kind of numbers of an array."""
+    kinds = {"b": "booleans", "i": "whole numbers", "u": "whole numbers", "f": "real numbers"}
+    return kinds.get(jnp.result_type(found).kind, "complex numbers")
 
 
 def _continuous(state: Any) -> list[str]:
@@ -138,9 +275,11 @@ def _alike(name: str, before: Any, after: Any) -> None:
     if jax.tree.structure(before) != jax.tree.structure(after):
         raise _Fault(f"{name} gives {type(after).__name__}, where it gives a {type(before).__name__}.")
     for (path, old), new in zip(jax.tree.leaves_with_path(before), jax.tree.leaves(after), strict=True):
+        field = jax.tree_util.keystr(path).lstrip(".")
         if old.shape != new.shape:
-            field = jax.tree_util.keystr(path).lstrip(".")
             raise _Fault(f"{name} gives {field} the shape {new.shape}, but init gives it {old.shape}.")
+        if old.dtype != new.dtype:
+            raise _Fault(f"{name} gives {field} the type {new.dtype}, but init gives it {old.dtype}.")
 
 
 def _scalar(name: str, found: Any) -> None:
@@ -174,15 +313,15 @@ def faults(kind: type[Model]) -> list[str]:
         return [f"which has no default for {', '.join(missing)}: it is tested with its defaults."]
     try:
         model = kind()
-        named = list(_named_twice_or_unsaid(model))
+        wrong = list(_of_quantities(model))
     except Exception as error:  # a user's class may raise anything
         return [f"which raises {type(error).__name__} when it is made: {error}."]
     if (found := fault(model)) is not None:
-        return [*named, found]
+        return list(dict.fromkeys([*wrong, _traced(model) or found])) if wrong else [found]
     try:
-        return [*named, *_by_value(model)]
+        return [*_by_value(model), *_over_ranges(model)]
     except ExpressionError as error:
-        return [*named, f"a default of which has no value: {error}"]
+        return [f"a default of which has no value: {error}"]
 
 
 def _unread_structure(kind: type[Model]) -> str | None:
@@ -205,7 +344,9 @@ def _required(field: dataclasses.Field) -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def _named_twice_or_unsaid(model: Model) -> Iterator[str]:
+def _of_quantities(model: Model) -> Iterator[str]:
+    """Faults of names, units, symbols, bounds, defaults and scales."""
+    starts = {quantity.name for quantity in model.initial_conditions}
     settable = [*model.parameters, *model.initial_conditions]
     recorded = {
         "observables": model.observables,
@@ -220,15 +361,40 @@ def _named_twice_or_unsaid(model: Model) -> Iterator[str]:
             if not name.isidentifier():
                 yield f"whose {where} have the name {name!r}: it takes letters, digits and underscores."
         for quantity in quantities:
-            for field in ("unit", "meaning"):
-                if not getattr(quantity, field):
-                    unit = ' ("1" for a number without one)' if field == "unit" else ""
-                    yield f"whose {quantity.name} has no {field}: tables and figures show it{unit}."
+            yield from _of_quantity(quantity, quantity.name in starts)
+    if all(quantity.scale == math.inf and not quantity.circular for quantity in model.observables):
+        yield "whose observables all have an infinite scale, so that each row would settle at once."
     hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
     for name in sorted(hidden):
         yield f"whose signal {name} has the name of what a job sets and would hide it in a trace: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: it takes at least one name ("none"), each once.'
+
+
+def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
+    name, low, high = quantity.name, quantity.low, quantity.high
+    for field in ("unit", "meaning"):
+        if not getattr(quantity, field):
+            unit = ' ("1" for a number without one)' if field == "unit" else ""
+            yield f"whose {name} has no {field}: tables and figures show it{unit}."
+    texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
+    for field, text in texts.items():
+        if getattr(quantity, field) and not can_be_set(text):
+            yield (
+                f"whose {name} has the {field} {getattr(quantity, field)!r}, which Matplotlib cannot set: "
+                "write TeX that it knows, and \\$ for a dollar."
+            )
+    if not low <= high or (low == high and quantity.open_ends):
+        yield f"whose {name} has bounds that leave no value: low is {low:g}, high is {high:g}."
+    elif isinstance(quantity.default, int | float):
+        undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
+        inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
+        if not undecided and not (inside and math.isfinite(quantity.default)):
+            bounds = f"within its bounds, {low:g} and {high:g}{', both excluded' * quantity.open_ends}"
+            must = "a finite number" if inside or math.isnan(quantity.default) else bounds
+            yield f"whose {name} has the default {quantity.default:g}, which must be {must}."
+    if quantity.scale is not None and not quantity.scale > 0.0:
+        yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
 def _by_value(model: Model) -> Iterator[str]:
@@ -240,13 +406,8 @@ def _by_value(model: Model) -> Iterator[str]:
     start = _defaults(model.initial_conditions, values)
     state = model.init(params, {name: jnp.asarray(start[name][0]) for name in start})
     yield from _not_finite("init", state)
-    yield from _not_finite("observe", observed := model.observe(params, state))
+    yield from _not_finite("observe", model.observe(params, state))
     yield from _not_finite("signal", model.signal(params, state))
-    if not (period := float(model.period(params))) > 0.0:
-        yield f"but its function period gives {period:g}, where it gives seconds above 0."
-    gait, gaits = int(model.label(params, observed)["gait"]), len(model.gaits)
-    if not 0 <= gait < gaits:
-        yield f"but its function label gives gait {gait}, where it gives an index into its {gaits} gaits."
     if bool(model.failed(params, state)):
         yield "but its function failed says that its default start has fallen."
     if isinstance(model, HybridModel):
@@ -255,9 +416,6 @@ def _by_value(model: Model) -> Iterator[str]:
         guards = model.guards(params, state)
         yield from _not_finite("guards", guards)
         quiet = jnp.zeros(guards.shape, bool)
-        for name in rates:
-            if not jnp.issubdtype(jnp.result_type(getattr(state, name)), jnp.floating):
-                yield f"but its function flow gives a rate of {name}, which is a mode: only jump changes it."
     else:
         assert isinstance(model, FixedStepDynamics)
         after = jax.jit(model.step)(
@@ -268,22 +426,132 @@ def _by_value(model: Model) -> Iterator[str]:
     still = model.jump(params, state, quiet)
     for (path, old), new in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(still), strict=True):
         field = jax.tree_util.keystr(path).lstrip(".")
-        if jnp.result_type(old) != jnp.result_type(new):
-            types = f"{jnp.result_type(new)}, but init gives it {jnp.result_type(old)}"
-            yield f"but its function jump gives {field} the type {types}."
-        elif not np.array_equal(old, new, equal_nan=True):
+        if not np.array_equal(old, new, equal_nan=True):
             yield f"but its function jump changes {field} where nothing fired: use jnp.where(fired[i], ...)."
     if bool(model.section(params, state, quiet)):
         yield "but its function section closes a cycle where no event has fired."
 
 
+def _over_ranges(model: Model) -> Iterator[str]:
+    """Faults that show at some start, of a sample over the ranges of parameters and starts."""
+    costly = model.host_parameters or not isinstance(model, HybridModel)  # bodies of a simulator
+    values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
+    known = {name: jnp.asarray(each) for name, each in model.on_host(values).items()}
+
+    def begun(values: Any, start: Any) -> Any:
+        params = model.params(values)
+        state = model.init(params, start)
+        observed = model.observe(params, state)
+        gait = jnp.asarray(model.label(params, observed)["gait"], int)
+        return params, state, observed, gait, jnp.asarray(model.period(params), float)
+
+    params, state, observed, gait, period = jax.jit(jax.vmap(begun))(known, starts)
+    if (wrong := np.flatnonzero(~((period > 0.0) & (period < math.inf)))).size:
+        at = written(values, int(wrong[0]))
+        yield f"but its function period gives {period[wrong[0]]:g}{at}, where it gives seconds above 0."
+    seen = np.all([np.isfinite(each) for each in observed.values()], axis=0)
+    if (wrong := np.flatnonzero(seen & ~((gait >= 0) & (gait < len(model.gaits))))).size:
+        at = written({**values, **starts}, int(wrong[0]))
+        yield (
+            f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its "
+            f"gaits: 0 to {len(model.gaits) - 1}."
+        )
+    if not isinstance(model, HybridModel):
+        return
+    guards = jax.vmap(model.guards)(params, state)
+    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(state)]
+    sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
+    if (wrong := np.flatnonzero(sound & np.any(np.isnan(guards), axis=1))).size:
+        at = written({**values, **starts}, int(wrong[0]))
+        guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
+        yield f"but its function guards gives NaN for {_guard(model, guard)}{at}, where it never happens."
+    # an armed event cannot fire twice without leaving its surface
+    armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
+    if armed or not np.any(guards >= 0.0):
+        return
+    fires = _without_end(model, params, state)
+    for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
+        at = written({**values, **starts}, int(np.argmax(fires[:, guard])))
+        yield f"whose event {_guard(model, guard)} is not ended by its jump: it happens without end{at}."
+
+
+def _guard(model: HybridModel, guard: int) -> str:
+    return repr(model.guard_names[guard]) if model.guard_names else f"guard {guard + 1}"
+
+
+def _without_end(model: HybridModel, params: Any, state: Any) -> np.ndarray:
+    """Whether each guard fires at each of `_JUMPS` jumps that follow each other at once (starts, guards)."""
+
+    def of_one(params: Any, state: Any) -> jax.Array:
+        def jump(_: int, carry: Any) -> Any:
+            state, fires = carry
+            fired = model.guards(params, state) >= 0.0
+            return model.jump(params, state, fired), fires & fired
+
+        always = jnp.ones(model.guards(params, state).shape, bool)
+        return jax.lax.fori_loop(0, _JUMPS, jump, (state, always))[1]
+
+    return np.asarray(jax.jit(jax.vmap(of_one))(params, state))
+
+
+def sample(model: Model, n: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Parameters and starts (n,) by name: the defaults, then random points over their ranges.
+
+    A range is that between a quantity's bounds. Where these are far apart or missing, a parameter goes from
+    half to twice its default, and a start by three times its default (by 3 where that is 0) to both sides.
+
+    Raises:
+        ExpressionError: a default has no value.
+    """
+    random = np.random.default_rng(0)
+    sizes: dict[str, Any] = {
+        field.name: float(size)
+        for field in dataclasses.fields(model)  # pyright: ignore[reportArgumentType]
+        if isinstance(size := getattr(model, field.name), int | float)
+    }
+
+    def drawn(quantities: Sequence[Quantity], known: Mapping[str, Any], start: bool) -> dict[str, np.ndarray]:
+        formulas = {q.name: q.default for q in quantities if isinstance(q.default, str)}
+        numbers = {q.name: _spread(random, n, q, start) for q in quantities if q.name not in formulas}
+        found = resolve(formulas, {**known, **numbers})
+        return {q.name: np.broadcast_to(np.asarray(found[q.name], float), (n,)) for q in quantities}
+
+    parameters = drawn(model.parameters, sizes, False)
+    return parameters, drawn(model.initial_conditions, {**sizes, **parameters}, True)
+
+
+def _spread(random: np.random.Generator, n: int, quantity: Quantity, start: bool) -> np.ndarray:
+    """The default of a quantity, then n - 1 random values in its range."""
+    default = _middle(quantity)
+    if math.isnan(default) or quantity.whole:  # a start that the model itself decides, or a mode
+        return np.full(n, default)
+    reach = 3.0 * (abs(default) or 1.0)
+    low, high = (default - reach, default + reach) if start else sorted((0.5 * default, 2.0 * default))
+    if quantity.high - quantity.low < _WIDE * reach:
+        low, high = quantity.low, quantity.high
+    within = random.uniform(max(low, quantity.low), min(high, quantity.high), n - 1)
+    return np.append(default, within)
+
+
+def written(values: Mapping[str, np.ndarray], row: int) -> str:
+    """The values of a row that differ from the first: " at w = 2, x_0 = 2.4"; the first has the defaults."""
+    differ = [f"{name} = {each[row]:.6g}" for name, each in values.items() if each[row] != each[0]]
+    if not differ:
+        return " at the model's defaults"
+    return " at " + ", ".join(differ[:_NAMED]) + (", ..." if len(differ) > _NAMED else "")
+
+
 def _defaults(quantities: Iterable[Quantity], known: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """The defaults of quantities, (1,) each; the middle of its bounds where one has none."""
-    formulas = {
-        q.name: q.default if q.default is not None else float(np.clip(1.0, q.low, q.high)) for q in quantities
-    }
+    formulas = {q.name: q.default if isinstance(q.default, str) else _middle(q) for q in quantities}
     found = resolve(formulas, {name: float(value[0]) for name, value in known.items()})
     return {name: np.array([float(found[name])]) for name in formulas}
+
+
+def _middle(quantity: Quantity) -> float:
+    """The default of a quantity that is a number; near 1 in its bounds where it has none."""
+    assert not isinstance(quantity.default, str)
+    return float(np.clip(1.0, quantity.low, quantity.high) if quantity.default is None else quantity.default)
 
 
 def _not_finite(name: str, found: Any) -> Iterator[str]:

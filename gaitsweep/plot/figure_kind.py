@@ -22,6 +22,7 @@ from gaitsweep.kinds.diagnostics import Path, found
 from gaitsweep.kinds.numbers import Positive, Real, Stem, Text
 from gaitsweep.kinds.part import Part, Registry, kind_of
 from gaitsweep.kinds.run_kind import Rows, RunKind
+from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.provenance_marks import mark, remarks
 
 # What an argument names: a column of the table, one of numbers that is drawn along an axis, an observable.
@@ -167,13 +168,7 @@ class FigureKind(Part):
                 texts += [((field, at if isinstance(written, list) else str(each)), str(each))
                           for at, each in enumerate(written)]  # fmt: skip
         for path, text in texts:
-            if text.replace("\\$", "").count("$") < 2:
-                continue
-            from matplotlib.mathtext import MathTextParser  # only for a job that has formulas in its titles
-
-            try:
-                MathTextParser("path").parse(text)
-            except (ValueError, RuntimeError, RecursionError):
+            if not can_be_set(text):
                 told = f"is {found(text)}, whose formula Matplotlib cannot set"
                 yield path, f"{told}: write TeX between two dollar signs, and \\$ for a dollar."
 

@@ -82,7 +82,7 @@ def refine(
     while (rows := np.flatnonzero(wanted(known, grid))).size:
         tell = _telling(progress, len(frames), known.size, decided)
         frame = _round(ready, directory, len(frames), rows, tell, timings, cluster)
-        known.reshape(-1)[rows] = _labels(frame)
+        known.reshape(-1)[rows] = _labels(frame, ready.plan.model.gaits)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
         simulated = sum(len(frame) for frame in frames)
@@ -140,9 +140,9 @@ def _telling(
     return tell
 
 
-def _labels(frame: pd.DataFrame) -> np.ndarray:
+def _labels(frame: pd.DataFrame, gaits: Sequence[str]) -> np.ndarray:
     """The label of each row (n,): its gait's number, or ALONE of a row that came to no fixed point."""
-    gait = frame["gait"].cat.codes.to_numpy()
+    gait = frame["gait"].cat.set_categories(list(gaits)).cat.codes.to_numpy()
     # the gait of an orbit of several cycles is that of one of its points: nothing to infer others from
     fixed = frame["status"].isin(list(Status.of(Verdict.sound))).to_numpy()
     if "attractor_period" in frame.columns:  # a round may be older than the column

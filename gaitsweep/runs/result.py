@@ -24,6 +24,7 @@ from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.explorer.explorer import EXPLORE, MAX_SIZE, MOST_WALKS, explorer_of
 from gaitsweep.runs.progress import Progress, progress_lines
 from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.runs.summary import remarks
 from gaitsweep.table import load
 from gaitsweep.table.manifest import FIGURES, MANIFEST
 
@@ -227,7 +228,7 @@ def run(
     cluster = None if client is None else cluster_of(client)
     progress = progress_lines() if progress is None else progress
     path = run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict, cluster=cluster)
-    return Result(path)
+    return _remarked(Result(path))
 
 
 def refuse_of_session(model: str) -> None:
@@ -271,4 +272,10 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
         )
         table = load(done)
     del table.attrs["path"]
-    return Result(table=table)
+    return _remarked(Result(table=table))
+
+
+def _remarked(result: Result) -> Result:
+    for remark in remarks(result.manifest):
+        warnings.warn(remark.removeprefix("Warning: "), stacklevel=4)
+    return result

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
+from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.job.stored import MODEL_FOLDER
-from gaitsweep.kinds.columns import Column
+from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load_parts
+
+# Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface.
+MISLABELLED, STARTS_BEYOND = "mislabelled", "starts_beyond"
+# Rows whose starts are looked at, at most and at a time.
+_MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
 
 
 def describe(ready: Prepared, directory: ResultDirectory) -> None:
@@ -55,7 +63,73 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
     if complete:
         directory.tidy_digests()
         fields |= _of_records(ready, directory)
+        fields |= _of_starts(ready)
     directory.update_manifest(**fields)
+
+
+def _of_starts(ready: Prepared) -> dict[str, Any]:
+    """What the manifest says of rows that begin beyond the surface of an event, by the event's name.
+
+    `rows` is their number and `row` the first of them; of more than `_MOST_STARTS` rows, evenly spaced ones
+    are looked at, whose number is `of`.
+    """
+    n, model = ready.work.n_rows, ready.work.model
+    rows = np.arange(n) if n <= _MOST_STARTS else np.linspace(0, n - 1, _MOST_STARTS).astype(np.int64)
+    width = min(_STARTS_AT_A_TIME, 1 << (rows.size - 1).bit_length())
+    beyond = _beyond(model)
+    found: dict[str, dict[str, int]] = {}
+    for first in range(0, rows.size, width):
+        some = rows[first : first + width]
+        parameters, starts = ready.plan.values_in(np.append(some, np.full(width - some.size, some[0])))
+        with jax.default_device(host_device()):
+            flags = beyond(model.on_host(parameters), starts)
+        if not flags:
+            return {}
+        for name, each in flags.items():
+            if (there := some[np.asarray(each)[: some.size]]).size:
+                known = found.setdefault(name, {"rows": 0, "row": int(there[0])})
+                known["rows"] += int(there.size)
+                if rows.size < n:
+                    known["of"] = int(rows.size)
+    return {STARTS_BEYOND: found} if found else {}
+
+
+@functools.lru_cache(maxsize=16)
+def _beyond(model: Model) -> Callable[..., dict[str, jax.Array]]:
+    def one(values: Any, start: Any) -> dict[str, jax.Array]:
+        params = model.params(values)
+        return model.beyond_at_start(params, model.init(params, start))
+
+    return jax.jit(jax.vmap(one)) if type(model).beyond_at_start is not Model.beyond_at_start else _nothing
+
+
+def _nothing(*_: Any) -> dict[str, jax.Array]:
+    return {}
+
+
+def remarks(manifest: Mapping[str, Any]) -> list[str]:
+    """Sentences about what a run has done otherwise than its author may expect."""
+    said = []
+    for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
+        of = f" of {found['of']} that were looked at" if "of" in found else ""
+        said.append(
+            f"{_rows(found)}{of} began beyond the surface of the event {name!r}, which happens only after "
+            "its function has been below zero."
+        )
+    for name, found in (manifest.get(MISLABELLED) or {}).items():
+        label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")
+        said.append(
+            f"Warning: the model's function label gave gait {label} in {_rows(found)}, which is no index of "
+            f"its gaits; their gait is {name!r} in the table."
+        )
+    return said
+
+
+def _rows(found: Mapping[str, Any]) -> str:
+    more = found["rows"] > 1
+    return (
+        f"{found['rows']} rows (the first is row {found['row']})" if more else f"1 row (row {found['row']})"
+    )
 
 
 def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
@@ -68,8 +142,10 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     unsettled = _counts_slowest(ready, directory)
     columns |= {"slowest"} if unsettled else set()
     columns |= {"distance", "gait"} if has_distance else set()
+    columns |= {"gait"} & set(known)
     if not columns:
         return {}
+    mislabelled: dict[str, dict[str, int]] = {}
     stalls: dict[str, dict[str, Any]] = {}
     gaits: collections.Counter[str] = collections.Counter()
     slowest: collections.Counter[str] = collections.Counter()
@@ -77,6 +153,8 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     for part in load_parts(directory.path, ["row", "status", *sorted(columns & set(known))]):
         if stalled:
             _add_stalls(stalls, part)
+        if "gait" in part:
+            _add_mislabelled(mislabelled, part, ready.work.model.gaits)
         if counts_gaits:
             gaits.update({str(gait): int(n) for gait, n in part["gait"].value_counts().items() if n})
         if unsettled:
@@ -85,6 +163,8 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
         far = largest_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
+    if mislabelled:
+        fields[MISLABELLED] = mislabelled
     if stalled:
         fields["stalls"] = dict(sorted(stalls.items()))
     if counts_gaits:
@@ -111,6 +191,8 @@ def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
 
 
 def _counts_gaits(ready: Prepared) -> bool:
+    if tuple(ready.work.model.gaits) == ("none",):  # no gait is told from another
+        return False
     return ready.job.run.one_a_row and "gait" in table_columns(ready.plan, ready.job.run)
 
 
@@ -124,6 +206,15 @@ def _has_distance(ready: Prepared) -> bool:
     """Whether rows say how far they settle from analytic solutions, as the multi-legged chain's do."""
     known = table_columns(ready.plan, ready.job.run)
     return ready.job.run.one_a_row and {"distance", "gait"} <= set(known)
+
+
+def _add_mislabelled(found: dict[str, dict[str, int]], part: pd.DataFrame, gaits: Sequence[str]) -> None:
+    """Add the rows of a part whose label is no index of a gait, by the name that the table has for it."""
+    for name in part["gait"].cat.categories.difference(list(gaits)):
+        there = part.loc[part["gait"] == name, "row"]
+        if there.size:
+            known = found.setdefault(str(name), {"rows": 0, "row": int(there.iloc[0])})
+            known["rows"] += int(there.nunique())
 
 
 def _add_stalls(found: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:

@@ -123,6 +123,10 @@ def is_job(value: object) -> bool:
 
 _COUNTS = _by_name(lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0)
 
+_SOME_ROWS = _by_name(
+    lambda value: _COUNTS(value) and {"rows", "row"} <= set(value)
+)  # a number, and the first
+
 
 _are_texts = _by_name(lambda value: isinstance(value, str))
 
@@ -162,6 +166,8 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "counts": (_COUNTS, "numbers of rows by status"),
     "gaits": (_COUNTS, "numbers of rows by gait"),
     "slowest": (_COUNTS, "numbers of rows by observable"),
+    "mislabelled": (_SOME_ROWS, "rows by label"),
+    "starts_beyond": (_SOME_ROWS, "rows by event"),
     "axes": (_are_axes, "names, number of points and drawn of each axis"),
     "figures_drawn": (_are_texts, "digests by name"),
     "versions": (_are_texts, "versions by name"),

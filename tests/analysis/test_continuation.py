@@ -59,6 +59,17 @@ def test_around_a_fold() -> None:
     assert table["point"].tolist() == list(range(len(table)))
 
 
+def test_a_table_without_a_fixed_point_has_all_columns() -> None:
+    """x -> x + r - x^2 has none for r < 0; both records say so, with the columns of a branch."""
+    starts = FOLD.points([[0.5], [2.0]])
+    table = continuation(FOLD, starts, {}, parameter="r", within=(-1.0, -0.5))
+    whole = continuation(FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(0.5, 1.0))
+    assert list(table.columns) == list(whole.columns)
+    assert table["row"].tolist() == [0, 1]
+    assert table["stable"].isna().all()
+    assert not set(table["end"]) & {"range", "closed", "most", "lost", ""}
+
+
 def test_many_branches_over_a_second_parameter() -> None:
     """x -> x + r + a x - x^3: folds at r = +-2 (a/3)^1.5, flips where 1 + a - 3 x^2 = -1, for a grid of a.
 

@@ -190,6 +190,7 @@ def test_run_says_what_came_out(job_file: Path, runner: FakeRunner, capsys: Capt
     assert printed.err == ""  # no bar where nobody looks
     assert printed.out.splitlines() == [
         "10 rows: 9 settled, 1 fell.",
+        "Shares: 90 % settled, 10 % fell.",
         "Table: results/toy/table (3 parts).",
         "Figure: results/toy/figures/basin.png",
     ]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
+import re
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from smooth_oscillators import VanDerPol
 from sweeping import run_rows, scalars
 
 import gaitsweep as gs
@@ -191,6 +193,141 @@ def test_bounces_that_become_ever_shorter_end_where_they_accumulate(launch: floa
     defaults = {q.name: q.default for q in Jumper().parameters}
     expected = 2.0 * launch / (defaults["g"] * (1.0 - defaults["restitution"]))
     assert end["t_end"] == pytest.approx(expected, rel=1e-4)
+
+
+class Ground(DeclaredModel):
+    """A ball on a floor at height 0."""
+
+    g = parameter("m/s2", "gravity", 10.0)
+    z = variable("m", "height", 1.0)
+    v = variable("m/s", "speed", 0.0)
+
+    def flow(self, p, s):
+        return {"z": s.v, "v": -p.g}
+
+    @event("lands", section=True)
+    def lands(self, p, s):
+        return -s.z
+
+    @lands.jump
+    def bounce(self, p, s):
+        return s.replace(z=0.0, v=jnp.abs(s.v))
+
+    def period(self, p):
+        return 2.0 * jnp.sqrt(2.0 / p.g)
+
+
+def test_an_event_of_a_subclass_replaces_that_of_its_base_whatever_its_jump_is_called() -> None:
+    class Below(Ground):
+        @event("lands below", section=True)
+        def lands(self, p, s):
+            return -0.5 - s.z
+
+        @lands.jump
+        def bounce_below(self, p, s):
+            return s.replace(z=-0.5, v=jnp.abs(s.v))
+
+    class Falls(Ground):
+        lands = None
+
+        @event("ten below", section=True)
+        def deep(self, p, s):
+            return -10.0 - s.z
+
+    assert [each.name for each in Below._events()] == ["lands below"]
+    assert [each.name for each in Falls._events()] == ["ten below"]
+    lowest = gs.simulate(Below, duration=1.0, every=0.01)["z"].to_numpy(float).min()
+    assert -0.5 <= lowest < -0.45  # 5 m/s at the floor: samples lie at most 5 cm apart
+
+
+def test_a_subclass_cannot_redefine_a_jump_alone() -> None:
+    with pytest.raises(TypeError, match="bounce, the name of the jump of lands"):
+        type("Other", (Ground,), {"bounce": lambda self, p, s: s})
+
+
+def _flows(**rates):
+    return {"flow": lambda self, p, s: {"z": s.v, "v": -p.g} | {k: rate(s) for k, rate in rates.items()}}
+
+
+FAULTS = {
+    "rate of v as whole numbers": _flows(v=lambda s: -1),
+    "rate of v as complex numbers": _flows(v=lambda s: s.z + 0j),
+    "rate of v in float32": _flows(v=lambda s: s.z.astype(jnp.float32)),
+    "no rate of z, and no jump changes it": {
+        "flow": lambda self, p, s: {"v": -p.g},
+        "lands": None,
+        "tick": event("it ticks", section=True)(lambda self, p, s: s.v),
+    },
+    "'it is high' gives booleans": {"high": event("it is high")(lambda self, p, s: s.z > 2.0)},
+    "'it is one' gives whole numbers": {"one": event("it is one")(lambda self, p, s: jnp.asarray(1))},
+    "jump gives z the type int64": {
+        "jump": lambda self, p, s, fired: dataclasses.replace(s, z=jnp.where(fired[0], 0, s.z.astype(int)))
+    },
+    "gait as real numbers": {"label": lambda self, p, at: {"gait": at["z"]}},
+    "z_0,? twice": {"z_0": parameter("m", "another height", 1.0)},
+    r"symbol '\\\\bm": {"k": parameter("1", "k", 1.0, symbol=r"\bm{k}")},
+    "unit": {"k": parameter(r"$\bm{k}$", "k", 1.0)},
+    "bounds that leave no value": {"k": parameter("1", "k", 0.5, low=1.0, high=0.0)},
+    "default 5, which must be within": {"k": parameter("1", "k", 5.0, low=0.0, high=1.0)},
+    "default nan": {"k": parameter("1", "k", float("nan"))},
+    "default inf, which must be a finite": {"k": parameter("1", "k", float("inf"))},
+    "y_0 has the default 5": {"y": variable("1", "y", 5.0, high=1.0), **_flows(y=lambda s: 0.0)},
+    "scale 0": {"y": variable("1", "y", 0.0, scale=0.0), **_flows(y=lambda s: 0.0)},
+    "scale nan": {"y": variable("1", "y", 0.0, scale=float("nan")), **_flows(y=lambda s: 0.0)},
+}
+
+
+@pytest.mark.parametrize("words", FAULTS)
+def test_what_no_row_can_be_run_with_is_refused_by_its_name(words: str) -> None:
+    model = type("Mine", (Ground,), FAULTS[words])
+    assert re.search(words, fault(model()) or "")
+    with pytest.raises(gs.UserError, match=words):
+        gs.sweep(model, g=[9.0, 10.0])
+
+
+def test_a_variable_that_a_jump_alone_moves_needs_no_rate() -> None:
+    class Marks(Ground):
+        last = variable("m/s", "speed of the last landing", 0.0)
+
+        @event("lands", section=True)
+        def lands(self, p, s):
+            return -s.z
+
+        @lands.jump
+        def bounce(self, p, s):
+            return s.replace(z=0.0, v=jnp.abs(s.v), last=jnp.abs(s.v))
+
+    assert fault(Marks()) is None
+
+
+def test_a_quantity_with_the_name_of_a_column_is_refused() -> None:
+    model = type("Mine", (Ground,), {"status": variable("1", "any", 0.0), **_flows(status=lambda s: 0.0)})
+    with pytest.raises(gs.UserError, match="a quantity status, but a table of trace has a column"):
+        gs.simulate(model, duration=1.0)
+
+
+def test_circular_readings_are_recorded_within_a_turn() -> None:
+    class Turns(Ground):
+        @observable("rad", "an angle", circular=True, signal=True)
+        def angle(self, p, s):
+            return 7.0 * s.z
+
+    model = Turns()
+    params = scalars(model)
+    state = model.init(params, {"z_0": jnp.asarray(-1.0), "v_0": jnp.asarray(0.0)})
+    assert float(model.observe(params, state)["angle"]) == pytest.approx(4.0 * np.pi - 7.0)
+    assert float(model.signal(params, state)["angle"]) == pytest.approx(4.0 * np.pi - 7.0)
+
+
+def test_starts_beyond_a_surface_are_those_that_its_jump_cannot_turn() -> None:
+    def beyond(model, **start):
+        params = scalars(model)
+        state = model.init(params, {name: jnp.asarray(value) for name, value in start.items()})
+        return {name: bool(each) for name, each in model.beyond_at_start(params, state).items()}
+
+    assert beyond(Ground(), z_0=-0.1, v_0=0.0) == {"lands": True}
+    assert beyond(Ground(), z_0=0.1, v_0=-1.0) == {"lands": False}
+    assert beyond(VanDerPol(), x_0=2.0, v_0=1.0) == {}  # a section without a jump
 
 
 def test_a_subclass_may_define_what_was_declared() -> None:

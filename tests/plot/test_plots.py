@@ -248,5 +248,7 @@ def test_names_on_axes() -> None:
     table.attrs["quantities"] = {"kappa": {"unit": "N/m", "symbol": r"\kappa"}, "heading": {"circular": True}}
     assert axis_label(table, "kappa") == r"$\kappa$ (N/m)"
     assert axis_label(table, "heading") == "heading (rad)"
+    table.attrs["quantities"] = {"kappa": {"unit": "$\\bm{N}$", "symbol": r"\bm{\kappa}"}}
+    assert axis_label(table, "kappa") == r"$\kappa$ (\$\bm{N}\$)"  # what Matplotlib cannot set
     assert written(table, "beta", 0.8) == r"$\beta$ = 0.8"
     assert written(table, "psi_2", 0.0) == r"$\psi_{2}$ = $0$"

@@ -43,6 +43,19 @@ def test_table_of_branches(tmp_path: Path) -> None:
     assert (tmp_path / "figures" / "continuation.png").exists()
 
 
+def test_blocks_without_a_fixed_point() -> None:
+    """A block in which no row has one fits to a block whose row does; Newton fails from x = 1e4."""
+    run = gs.Continuation(parameter="r", path=[-0.3, -0.2], settle=5, longest=0.5, step=0.5)
+    options = {"run": run, "engine": {"block": 1}, "numerics": {"method": "rk4", "dt": 2e-2}, "verify": 0}
+    result = gs.sweep("cusp_flow:CuspFlow", a=0.5, x_0=[1e4, 0.5], **options)
+    table = result.table
+    assert table.loc[table["row"] == 0, "status"].tolist() == ["no_fixed_point"]
+    branch = table[table["row"] == 1]
+    assert set(branch["status"]) == {"complete"}
+    assert branch["stable"].tolist() == [True] * len(branch)
+    result.plot.continuation(x="r", y="x")
+
+
 def test_refusals() -> None:
     for run, words in (
         ({**RUN, "path": [0.2, 0.2]}, "as where the branch starts"),

@@ -30,6 +30,11 @@ LONGER, SHORTER = 1.4, 0.5
 NEAR_HOME, AWAY = 0.75, 4
 # Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
 JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+# Columns of each point of a branch, beside its parameters, observables and drifts.
+_OF_POINT = (
+    *("multiplier", "multiplier_re", "multiplier_im", "unstable", "stable"),
+    *("special", "corrections", "end"),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +58,7 @@ class BranchTable:
     Args:
         mapping, parameter: the map and the continuation parameter.
         values: other parameters shown in the records, a number or one for each branch (n,).
+        observed: the names of the map's observables.
         n: number of branches.
         held: the conserved quantities that are constrained.
         with_points: each record has its `Points` of one point as `at`, coordinates and modes.
@@ -63,13 +69,14 @@ class BranchTable:
         mapping: Map,
         parameter: str,
         values: dict[str, np.ndarray],
+        observed: Sequence[str],
         n: int,
         held: ConservedConstraints,
         with_points: bool = False,
     ) -> None:
         self.parameter, self._with_points = parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
-        self._held = [mapping.conserved[k].name for k in held.which]
+        self._observed, self._held = list(observed), [mapping.conserved[k].name for k in held.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
 
     def counts(self, rows: np.ndarray) -> np.ndarray:
@@ -116,7 +123,11 @@ class BranchTable:
             )
 
     def table(self) -> pd.DataFrame:
-        return pd.DataFrame([record for branch in self._records for record in branch])
+        """All records; the columns are the same where no branch has a fixed point."""
+        head = ("row", "point", self.parameter, *self._values, *self._observed)
+        drifts = (f"drift_{name}" for name in self._held)
+        columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
+        return pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
 
 
 class BranchFollower:

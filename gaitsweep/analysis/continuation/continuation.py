@@ -125,7 +125,7 @@ def _followed(
     ready = np.flatnonzero(found.converged)
     problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
     beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
-    table = BranchTable(mapping, parameter, beside, n, held, with_points)
+    table = BranchTable(mapping, parameter, beside, list(found.images.observed), n, held, with_points)
     for row in np.flatnonzero(~found.converged):
         table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
     if ready.size:

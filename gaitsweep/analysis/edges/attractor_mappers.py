@@ -100,6 +100,12 @@ class LabelMapper:
         which = _of_each(pair, len(next(iter(self._held.values()))), "values")
         observed = {name: images.observed[name] for name in self._read}
         label = np.asarray(self._label({name: each[which] for name, each in self._held.items()}, observed))
+        if (wrong := label[images.sound & ~((label >= 0) & (label < self._counts.size))]).size:
+            raise ArgumentError(
+                f"The model's function label gives gait {wrong[0]}, where it gives an index into its gaits: "
+                f"0 to {self._counts.size - 1}."
+            )
+        label = np.where(images.sound, label, 0)
         return np.where(self._counts[label], label, UNDECIDED)
 
 

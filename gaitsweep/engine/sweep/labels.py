@@ -16,7 +16,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 
 
 def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
-    """`gait` (an index, -1: not read) and the traits, for each row of a block or each record of stairs."""
+    """`gait` (a code of `gait_codes`) and the traits, for each row of a block or each record of stairs."""
     found = spec.recorder.readings(block)
     if found is None:
         return {}
@@ -38,9 +38,18 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
             given = label({k: v[padded] for k, v in values.items()}, times, seen)
         parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
     labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-    gait = np.where(good, labels.pop("gait"), -1).astype(np.int32)
+    gait = np.where(good, gait_codes(labels.pop("gait")), -1).astype(np.int32)
     fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in labels.items()}
     return {"gait": gait, **fields}
+
+
+def gait_codes(labels: np.ndarray) -> np.ndarray:
+    """The codes of gaits from what `label` gave: an index as it is, -1 - n of a number -n below 0.
+
+    So -1 is left to what was not read, and a label that is no index of a gait can be told by its code.
+    """
+    labels = np.clip(np.asarray(labels, np.int64), -(2**31) + 1, 2**31 - 1)
+    return np.where(labels < 0, labels - 1, labels)
 
 
 # cached for the process like the engine's programs, so that the rounds of a refined run compile it once

@@ -17,6 +17,7 @@ import pandas as pd
 
 from gaitsweep.analysis.records import SETTLED
 from gaitsweep.contract import Status
+from gaitsweep.engine.sweep.labels import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
@@ -209,7 +210,7 @@ def _gaits(ready: Prepared, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, 
         return model.label(params, observed)["gait"]
 
     finite = {name: np.nan_to_num(each) for name, each in seen.items()}
-    return np.asarray(jax.jit(jax.vmap(one))(held, np.nan_to_num(t), finite), np.int64)
+    return gait_codes(np.asarray(jax.jit(jax.vmap(one))(held, np.nan_to_num(t), finite)))
 
 
 def _most_records(table: pd.DataFrame, room: float) -> int:
@@ -331,7 +332,7 @@ class _Walks:
             return self._apart(record, watched, 1, "n")
         if not run.one_a_row or str(row["status"]) not in SETTLED:
             return {}
-        name = self._model.gaits[watched.gait] if watched.gait >= 0 else "none"
+        name = str(gaits(self._model, np.array([watched.gait]))[0]) if watched.gait != -1 else "none"
         other = not pd.isna(row["gait"]) and name != str(row["gait"])
         later = {"later": name} if other else {}
         return {**later, **self._apart(record, watched, int(row["cycles"]), "end")}

@@ -1,0 +1,135 @@
+"""A short run of a model over the ranges of its parameters and starts, for `gaitsweep check-model`."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep import models
+from gaitsweep.contract import HybridModel, Model, Quantity, State
+from gaitsweep.errors import UserError
+from gaitsweep.job import Job
+from gaitsweep.kinds import Settle, Trace
+from gaitsweep.kinds.columns import UNKNOWN_GAIT
+from gaitsweep.models.conformity import sample, written
+from gaitsweep.runs.result import Result, run_in_memory
+from gaitsweep.runs.summary import MISLABELLED, remarks
+
+# Rows and cycles of the trial, and samples of a cycle in which an energy's rate is looked at.
+ROWS, CYCLES, SAMPLES = 32, 12, 40
+# An energy whose rate is below this share of the power that its terms exchange is kept.
+KEPT = 1e-9
+_RATE, _POWER = "_rate_of_change", "_power"
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """What a trial found: `faults` continue a sentence after the model's name, `remarks` are sentences."""
+
+    faults: list[str]
+    remarks: list[str]
+
+
+def trial(kind: type[Model]) -> Trial:
+    """Run some rows of a model for a few cycles, with starts and parameters over their ranges.
+
+    Args:
+        kind: the class, in which `conformity.faults` finds none; its structure takes its defaults.
+    """
+    model = kind()
+    costly = model.host_parameters or not isinstance(model, HybridModel)
+    parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
+    values = {**parameters, **starts}
+    try:
+        result = _run(kind, values, Settle(max_cycles=CYCLES))
+        energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
+    except UserError as error:
+        return Trial([], [f"No row could be tried: {error}"])
+    faults = [
+        f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
+        f"{written(values, found['row'])}, where it gives an index into its gaits: "
+        f"0 to {len(model.gaits) - 1}."
+        for name, found in result.manifest.get(MISLABELLED, {}).items()
+    ]
+    counts = ", ".join(f"{number} {status}" for status, number in result.manifest["counts"].items())
+    rows = result.manifest["rows"]
+    tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
+    begun = remarks({**result.manifest, MISLABELLED: {}})
+    return Trial(faults, [tried, *begun, *energies])
+
+
+def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> Result:
+    """The rows of these values in memory, without a self-check."""
+    varied = {name: each.tolist() for name, each in values.items() if np.ptp(each) > 0.0}
+    job = Job(name="trial", model=models.name_of(kind), vary={"zip": varied}, run=run, verify=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what a run has to remark is said in the trial's own words
+        return run_in_memory(job)
+
+
+def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.ndarray]) -> list[str]:
+    """A sentence for each energy of a model: how fast it changes along the flow, between events.
+
+    Its rate is that of the flow at states of a trajectory, not a difference of two states, so neither events
+    nor errors of integration are in it. It is relative to the power that the energy's terms exchange, the sum
+    of their rates' magnitudes, at its largest along the row.
+    """
+    watched = _with_rates(kind)
+    names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]
+    if not names:
+        return []
+    known = {q.name: float(values[q.name][0]) for q in model.parameters}
+    cycle = float(model.period(model.params({k: jnp.asarray(v) for k, v in known.items()})))
+    table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES)).table
+    said = []
+    for name in names:
+        rates = table[name + _RATE].to_numpy(float)
+        most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
+        share = np.where(most > 0.0, rates / np.where(most > 0.0, most, 1.0), 0.0)[np.isfinite(rates)]
+        low, high = (float(share.min()), float(share.max())) if share.size else (0.0, 0.0)
+        largest = max(-low, high)
+        if largest < KEPT:
+            how = f"is kept between events: its rate of change is at most {largest:.1e} of"
+        else:
+            falls = "only falls" if high < KEPT else "only rises" if -low < KEPT else "rises and falls"
+            how = f"is not kept between events: it {falls}, by up to {largest:.2g} of"
+        said.append(f"The energy {name} {how} the power that its terms exchange ({share.size} states).")
+    return said
+
+
+def _with_rates(kind: type[Model]) -> type[Model]:
+    """A class whose signals include the rate of each energy, and the power that its terms exchange."""
+
+    def signals(self: HybridModel) -> tuple[Quantity, ...]:
+        params, state = _shapes(self)
+        names = jax.eval_shape(self.energies, params, state)
+        more = (Quantity(name + end, "1", "rate of an energy") for name in names for end in (_RATE, _POWER))
+        base: Any = super(watched, self)
+        return (*base.signals, *more)
+
+    def signal(self: HybridModel, params: Any, state: State) -> dict[str, jax.Array]:
+        found = kind.signal(self, params, state)
+        rates = self.flow(params, state)
+        at = {name: getattr(state, name) for name in rates}
+        gradients = jax.jacrev(lambda x: self.energies(params, dataclasses.replace(state, **x)))(at)
+        for name, gradient in gradients.items():
+            terms = jnp.concatenate([jnp.ravel(gradient[key] * rate) for key, rate in rates.items()])
+            found |= {name + _RATE: jnp.sum(terms), name + _POWER: jnp.sum(jnp.abs(terms))}
+        return found
+
+    members = {"signals": property(signals), "signal": signal, "name": kind.name}
+    watched: type[Any] = type(kind.__name__, (kind,), members)
+    return watched
+
+
+def _shapes(model: Model) -> tuple[Any, Any]:
+    """The shapes of a model's parameters and of its state."""
+    number = jax.ShapeDtypeStruct((), float)
+    params = jax.eval_shape(model.params, {q.name: number for q in model.parameters})
+    return params, jax.eval_shape(model.init, params, {q.name: number for q in model.initial_conditions})

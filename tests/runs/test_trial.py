@@ -1,0 +1,121 @@
+"""What a short run over the ranges says of a model, and what a run remarks about its own rows."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from sweeping import scalars
+
+import gaitsweep as gs
+from gaitsweep.examples.compass_walker import CompassWalker
+from gaitsweep.examples.slip_runner import STANCE, SlipRunner
+from gaitsweep.runs.trial import _with_rates, trial
+
+
+class Swings(gs.DeclaredModel):
+    """A spring without loss, whose gaits are told by its least position, and one of them off by one."""
+
+    gaits = ("small", "large")
+    w = gs.parameter("rad/s", "frequency", 2.0)
+    x = gs.variable("m", "position", 1.0, scale=1.0)
+    v = gs.variable("m/s", "velocity", 0.0, scale=1.0)
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": -(p.w**2) * s.x}
+
+    @gs.event("v rises", section=True)
+    def turns(self, p, s):
+        return s.v
+
+    @gs.event("wall")
+    def wall(self, p, s):
+        return s.x - 10.0
+
+    @wall.jump
+    def rebound(self, p, s):
+        return s.replace(v=-s.v)
+
+    @gs.energy("J", "energy of 1 kg")
+    def energy(self, p, s):
+        return 0.5 * s.v**2 + 0.5 * p.w**2 * s.x**2
+
+    def period(self, p):
+        return 2 * jnp.pi / p.w
+
+    def label(self, p, at):
+        return {"gait": jnp.where(at["x"] < -1.5, 2, jnp.where(at["x"] < -0.75, -1, 0))}
+
+
+def test_a_run_remarks_labels_that_are_no_gait_and_starts_beyond_a_surface() -> None:
+    with pytest.warns(UserWarning, match="label gave gait 2") as said:
+        result = gs.sweep(Swings, x_0=[0.5, 1.0, 2.0, 12.0], run=gs.Settle(max_cycles=20), verify=0)
+    assert result.table["gait"].astype(str).tolist()[:3] == ["small", "unknown (-1)", "unknown (2)"]
+    assert result.manifest["mislabelled"]["unknown (-1)"] == {"rows": 1, "row": 1}
+    assert result.manifest["mislabelled"]["unknown (2)"]["row"] == 2
+    assert result.manifest["starts_beyond"] == {"wall": {"rows": 1, "row": 3}}
+    told = " ".join(str(each.message) for each in said)
+    assert "label gave gait 2" in told
+    assert "label gave gait -1 in 1 row (row 1)" in told
+    assert "'wall'" in told
+
+
+class Unlabelled(Swings):
+    gaits = ("none",)
+
+    def label(self, p, at):
+        return {"gait": jnp.asarray(0)}
+
+
+def test_a_model_without_labels_counts_no_gaits() -> None:
+    result = gs.sweep(Unlabelled, x_0=[0.5, 1.0], run=gs.Settle(max_cycles=20), verify=0)
+    assert result.manifest["counts"] == {"settled": 2}
+    assert "gaits" not in result.manifest
+    assert "starts_beyond" not in result.manifest
+    assert "none" not in repr(result)
+
+
+def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
+    tried = trial(Swings)
+    assert [("gives gait 2" in each or "gives gait -1" in each) for each in tried.faults] == [True, True]
+    whole = trial(Unlabelled)
+    assert not whole.faults
+    assert any("energy is kept between events" in each for each in whole.remarks)
+
+
+def rate_and_power(kind: type[gs.HybridModel], move, **start: float) -> tuple[float, float]:
+    """The rate of a model's energy at a start that is moved, and the power that its terms exchange."""
+    model = _with_rates(kind)()
+    params = scalars(model)
+    state = move(model.init(params, {name: jnp.asarray(value) for name, value in start.items()}))
+    found = jax.jit(model.signal)(params, state)
+    return float(found["energy_rate_of_change"]), float(found["energy_power"])
+
+
+class WrongSign(CompassWalker):
+    """A walker with the centrifugal term of the swing leg reversed."""
+
+    def flow(self, p, s):
+        rates = super().flow(p, s)
+        return {**rates, "swing_rate": rates["swing_rate"] + 2.0 * s.stance_rate**2}
+
+
+@pytest.mark.parametrize("kind", [CompassWalker, WrongSign])
+def test_the_energy_of_a_walker_shows_a_wrong_sign(kind: type[gs.HybridModel]) -> None:
+    start = {"stance_0": -0.3, "stance_rate_0": 1.1, "swing_rate_0": 0.4}
+    rate, power = rate_and_power(kind, lambda state: state, **start)
+    if kind is CompassWalker:
+        assert abs(rate) < 1e-13 * power
+    else:
+        assert abs(rate) > 1e-2 * power
+
+
+def test_the_energy_of_the_runner_is_kept_in_stance() -> None:
+    def stands(state):
+        return state.replace(x=-0.3, z=0.85, v_x=4.0, v_z=-1.0, phase=STANCE)
+
+    rate, power = rate_and_power(SlipRunner, stands, z_0=1.0)
+    assert abs(rate) < 1e-13 * power
+    assert np.isfinite(power)
+    assert power > 1000.0
