@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from functools import partial
 
@@ -366,6 +365,7 @@ def _balls(case: Case) -> Solution:
             found = np.repeat(x[None], len(t), axis=0)
             found[:, 0] += p["omega"] * t
             s = t[:, None]
+            found[:, 1 : 1 + count] += x[1 + count :] * s  # those that stand still, if they were moved
             grown = np.sinh(rate * s) / rate if rate > 0 else s
             found[:, 1 : 1 + m] = (
                 mean_h + mean_v * s - 0.5 * p["g"] * s**2 + dh * np.cosh(rate * s) + dv * grown

@@ -16,7 +16,7 @@ from .family import COMPLETE, Case, Family, Solution, System, Values, any_of, so
 
 
 class Pair(DeclaredModel):
-    """Two cells charge to 1; one that fires goes to 0 and lifts the other; one lifted over 1 fires with it."""
+    """Two cells charge to 1; one that fires goes to 0 and lifts the other, which fires with it if over 1."""
 
     section_coordinates = ("b",)
     drive = parameter("1", "drive", 1.2)
@@ -357,7 +357,7 @@ def _clocks(case: Case) -> Solution:
 
 
 def _unit(p: Values) -> float:
-    """The interval whose multiples the turns are: the idle last clock's, which has the turn of one interval."""
+    """The interval whose multiples the turns are; the last clock, if idle, has a turn of one interval."""
     return p[f"turn_{CLOCKS}"] if p["m"] < CLOCKS else p["turn_6"] / 5.0
 
 
