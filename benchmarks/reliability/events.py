@@ -16,6 +16,7 @@ Exit code 1 where a model is silent.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import os
 import sys
@@ -23,6 +24,8 @@ import time
 import warnings
 import zlib
 from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Any
 
 # one thread for each process: the matrices are small
@@ -82,11 +85,11 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
 
 
 def run_alone(family: Family, cases: list[Case], engine: str, verify: int | None) -> tuple[pd.DataFrame, str]:
-    """The table of cases of one structure and run, and what the run said; the self-check included."""
+    """The table of cases of one run, and what the run said; the self-check included."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = gs.sweep(
-            family.model(**cases[0].structure),
+            family.model(),
             run=cases[0].run,
             engine=engine,
             verify=verify,
@@ -109,7 +112,7 @@ def jacobians(family: Family, cases: list[Case], engine: str) -> tuple[list[str]
     """The coordinates, the return map's Jacobians (n, size, size), and what was said."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        model = family.model(**cases[0].structure)
+        model = family.model()
         job = job_of(
             model, {"zip": zipped(cases)}, run=gs.ReturnMap(crossings=1), engine={"name": engine}, verify=0
         )
@@ -129,10 +132,10 @@ def off(family: Family, case: Case, coordinates: list[str], found: np.ndarray) -
 
 
 def in_groups(cases: Iterable[Case]) -> list[list[int]]:
-    """The indices of cases that one job can run: of one structure, run and set of names."""
+    """The indices of cases that one job can run: of one run."""
     groups: dict[str, list[int]] = {}
     for i, case in enumerate(cases):
-        groups.setdefault(repr((case.run, sorted(case.structure.items()), sorted(case.values))), []).append(i)
+        groups.setdefault(repr(case.run), []).append(i)
     return list(groups.values())
 
 
@@ -173,23 +176,26 @@ def asked_alone(family: Family, case: Case, right: Solution, engine: str) -> tup
 def with_jacobians(family: Family, verdicts: list[Verdict], engine: str) -> list[Verdict]:
     """The verdicts, where models whose Jacobian is wrong no longer agree."""
     found = list(verdicts)
-    for group in in_groups(each.case for each in verdicts):
-        try:
-            coordinates, matrices, _ = jacobians(family, [verdicts[i].case for i in group], engine)
-        except UserError as refusal:
-            for i in group:
-                found[i] = worse(verdicts[i], LOST, f"refused: {refusal}", np.nan)
-            continue
-        for place, i in enumerate(group):
-            error = off(family, verdicts[i].case, coordinates, matrices[place])
-            if error <= TOLERANCE:
-                found[i] = dataclasses.replace(verdicts[i], jacobian_error=error)
-            elif not np.isfinite(matrices[place]).all():
-                found[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
-            else:
-                _, _, said = jacobians(family, [verdicts[i].case], engine)
-                outcome = MARKED if said else SILENT
-                found[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {said}".strip(), error)
+    chosen = [i for i, each in enumerate(verdicts) if each.case.differentiable]
+    if not chosen:
+        return found
+    try:
+        coordinates, matrices, spoken = jacobians(family, [verdicts[i].case for i in chosen], engine)
+    except UserError as refusal:
+        for i in chosen:
+            found[i] = worse(verdicts[i], LOST, f"refused: {refusal}", np.nan)
+        return found
+    for place, i in enumerate(chosen):
+        error = off(family, verdicts[i].case, coordinates, matrices[place])
+        if error <= TOLERANCE:
+            found[i] = dataclasses.replace(verdicts[i], jacobian_error=error)
+        elif not np.isfinite(matrices[place]).all():
+            found[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
+        else:
+            # what was said of many maps may be about another one
+            said = spoken and jacobians(family, [verdicts[i].case], engine)[2]
+            outcome = MARKED if said else SILENT
+            found[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {said}".strip(), error)
     return found
 
 
@@ -213,22 +219,38 @@ def shares(families: list[Family], models: int) -> list[int]:
     return np.diff(ends, prepend=0).tolist()
 
 
+def judged(work: tuple[str, int, int, str]) -> tuple[list[Verdict], float]:
+    """The verdicts on so many models of the family with a name, and the seconds that they took."""
+    name, models, seed, engine = work
+    begun = time.monotonic()
+    family = next(each for each in FAMILIES if each.name == name)
+    verdicts = verdicts_on(family, drawn(family, models, seed), engine)
+    return verdicts, time.monotonic() - begun
+
+
 def compared(
     models: int = MODELS,
     seed: int = 0,
     names: Iterable[str] = (),
     engine: str = "auto",
+    workers: int = 1,
     progress: Callable[[list[Verdict], float], None] | None = None,
 ) -> list[Verdict]:
     """The verdicts on random models of the families with these names, or of all."""
     chosen = [family for family in FAMILIES if not names or family.name in names]
+    counts = shares(chosen, models)
+    work = [(family.name, n, seed, engine) for family, n in zip(chosen, counts, strict=True) if n]
     found: list[Verdict] = []
-    for family, count in zip(chosen, shares(chosen, models), strict=True):
-        begun = time.monotonic()
-        verdicts = verdicts_on(family, drawn(family, count, seed), engine)
-        if progress is not None:
-            progress(verdicts, time.monotonic() - begun)
-        found += verdicts
+    with contextlib.ExitStack() as stack:
+        if workers == 1:
+            results = map(judged, work)
+        else:
+            pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+            results = stack.enter_context(pool).map(judged, work)
+        for verdicts, seconds in results:
+            if progress is not None:
+                progress(verdicts, seconds)
+            found += verdicts
     return found
 
 
@@ -262,9 +284,7 @@ def listed(verdicts: list[Verdict], most: int) -> str:
         seen[place] = seen.get(place, 0) + 1
         if each.outcome == AGREE or seen[place] > most:
             continue
-        values = ", ".join(
-            f"{name}={value!r}" for name, value in {**each.case.structure, **each.case.values}.items()
-        )
+        values = ", ".join(f"{name}={value!r}" for name, value in each.case.values.items())
         lines.append(
             f"{each.family}, {each.outcome}: {each.said}; error {each.error:.1e}, Jacobian "
             f"{each.jacobian_error:.1e}; {each.case.run.model_dump(exclude_defaults=True)}; {values}"
@@ -284,6 +304,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--family", action="append", choices=[family.name for family in FAMILIES], default=[]
     )
     options.add_argument("--engine", default="auto", choices=["auto", "kernel", "xla"])
+    options.add_argument("--workers", type=int, default=2, help="processes, a family each at a time")
     options.add_argument("--most", type=int, default=2, help="models listed of each family and outcome")
     options.add_argument("--list", action="store_true", help="say what the families are, and stop")
     chosen = options.parse_args(arguments)
@@ -299,7 +320,7 @@ def main(arguments: list[str] | None = None) -> int:
         if verdicts:
             print(line(verdicts[0].family, verdicts, seconds), flush=True)
 
-    verdicts = compared(chosen.models, chosen.seed, chosen.family, chosen.engine, tell)
+    verdicts = compared(chosen.models, chosen.seed, chosen.family, chosen.engine, chosen.workers, tell)
     print(line("all", verdicts, time.monotonic() - begun))
     if text := listed(verdicts, chosen.most):
         print(text)

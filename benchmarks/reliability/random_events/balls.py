@@ -437,6 +437,100 @@ def _lively(case: Case) -> bool:
     return True
 
 
+CRADLE = 5
+
+
+def _contact(place: int) -> Event:
+    """The event that two neighbours of the row collide, and its jump."""
+
+    @event(f"balls {place + 1} and {place + 2} collide")
+    def collide(self, p, s):
+        return s.x[place] - s.x[place + 1] + p.width
+
+    @collide.jump
+    def exchange(self, p, s):
+        first, second = s.v[place], s.v[place + 1]
+        return s.replace(v=s.v.at[place].set(second).at[place + 1].set(first))
+
+    return collide
+
+
+class Cradle(DeclaredModel):
+    """Equal balls in a row that collide elastically. A shock runs through those that touch at the start."""
+
+    section_coordinates = ("x", "v")
+    width = parameter("m", "diameter", 0.1)
+    clock = variable("s", "clock", 0.0, observed=False)
+    x = variable("m", "place of ball", (0.0, 0.5, 1.0, 1.5, 2.0), count=CRADLE)
+    v = variable("m/s", "speed of ball", 0.0, count=CRADLE)
+
+    one, two, three, four = _contact(0), _contact(1), _contact(2), _contact(3)
+
+    def flow(self, p, s):
+        return {"clock": 1.0, "x": s.v}
+
+    @event("a second is over", section=True)
+    def tick(self, p, s):
+        return s.clock - 1.0
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(clock=0.0)
+
+    def complete(self, p, s):
+        return s.replace(clock=0.0)
+
+    def period(self, p):
+        return 1.0 + 0.0 * p.width
+
+
+def _cradle(case: Case) -> Solution:
+    """Equal balls that exchange their speeds are points that pass through each other."""
+    p = case.values
+    places = np.arange(CRADLE)
+    x = np.array([p[f"x_{i + 1}_0"] for i in places]) - p["width"] * places
+    v = np.array([p[f"v_{i + 1}_0"] for i in places])
+    times = np.arange(1.0, case.run.crossings + 1.0)
+    columns: dict[str, np.ndarray] = {"t": times}
+    moved = x + v * times[:, None]
+    order = np.argsort(moved, axis=1)
+    found_x = np.take_along_axis(moved, order, axis=1) + p["width"] * places
+    found_v = v[order]
+    after: dict[str, float] = {}
+    for i in places:
+        columns |= {f"x_{i + 1}_n": found_x[:, i], f"v_{i + 1}_n": found_v[:, i]}
+        after |= {f"x_{i + 1}": float(found_x[0, i]), f"v_{i + 1}": float(found_v[0, i])}
+    return Solution(COMPLETE, columns, 1.0, {}, after)
+
+
+def _draw_cradle(random: np.random.Generator) -> Case:
+    touching = bool(random.integers(2))
+    while True:
+        width = float(random.uniform(0.05, 0.5))
+        gaps = random.uniform(0.1, 1.0, CRADLE - 1)
+        v = random.uniform(-2.0, 2.0, CRADLE)
+        if touching:
+            # the balls of a group touch, and are at rest until another ball meets them
+            first = int(random.integers(1, CRADLE - 1))
+            last = int(random.integers(first + 1, CRADLE))
+            gaps[first:last] = 0.0
+            v[first : last + 1] = 0.0
+            v[first - 1] = abs(v[first - 1]) + 0.2
+        x = any_of(random, 0.0, 10.0) + np.concatenate([[0.0], np.cumsum(gaps + width)])
+        values: Values = {"width": width}
+        for i in range(CRADLE):
+            values |= {f"x_{i + 1}_0": float(x[i]), f"v_{i + 1}_0": float(v[i])}
+        case = Case(values, gs.ReturnMap(crossings=3), differentiable=not touching)
+        found = _cradle(case).columns
+        places = np.stack([found[f"x_{i + 1}_n"] for i in range(CRADLE)])
+        speeds = np.stack([found[f"v_{i + 1}_n"] for i in range(CRADLE)])
+        # no collision when the clock strikes, but balls that touch and are at rest
+        apart = np.diff(places, axis=0) - width
+        nearing = speeds[:-1] - speeds[1:]
+        if np.all((apart > 1e-2) | (nearing == 0.0)):
+            return case
+
+
 FAMILIES = (
     Family(
         "bouncing",
@@ -487,6 +581,15 @@ FAMILIES = (
         _draw_box,
         _box,
         share=18,
+        jacobian=True,
+    ),
+    Family(
+        "balls in a row",
+        "five equal balls that collide; where some touch, a shock runs through them at one instant",
+        Cradle,
+        _draw_cradle,
+        _cradle,
+        share=14,
         jacobian=True,
     ),
     Family(

@@ -430,11 +430,11 @@ def _henon(case: Case) -> Solution:
 
 def _draw_henon(random: np.random.Generator) -> Case:
     values = {
-        "a": float(random.uniform(0.2, 1.4)),
+        "a": float(random.uniform(0.4, 1.4)),
         "b": float(random.uniform(0.1, 0.3)),
         "turn": float(10.0 ** random.uniform(-3.0, 3.0)),
-        "x_0": float(random.uniform(-2.0, 2.0)),
-        "y_0": float(random.uniform(-2.0, 2.0)),
+        "x_0": float(random.uniform(-2.5, 2.5)),
+        "y_0": float(random.uniform(-2.5, 2.5)),
     }
     return Case(values, gs.ReturnMap(crossings=30))
 

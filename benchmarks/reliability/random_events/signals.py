@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 
-from .family import COMPLETE, Case, Family, Solution, any_of
+from .family import COMPLETE, Case, Family, Solution, System, any_of, solved
 
 TURN = 2.0 * np.pi
 
@@ -58,8 +60,8 @@ def _draw_oscillator(random: np.random.Generator) -> Case:
         "f": float(10.0 ** random.uniform(0.0, 12.0)),
         "damping": 0.0 if settles else any_of(random, 0.0, float(random.uniform(0.0, 0.1))),
         "turns": any_of(random, 1.0, 1.0, float(10.0 ** random.uniform(-1.5, 1.5))),
-        "x_0": size * np.cos(angle),
-        "v_0": size * np.sin(angle),
+        "x_0": float(size * np.cos(angle)),
+        "v_0": float(size * np.sin(angle)),
     }
     return Case(values, gs.Settle(max_cycles=50) if settles else gs.ReturnMap(crossings=6))
 
@@ -351,6 +353,79 @@ def _draw_switch(random: np.random.Generator) -> Case:
     return Case(values, gs.ReturnMap(crossings=3))
 
 
+class Wavy(DeclaredModel):
+    """x grows steadily and is set to 0 where it meets a threshold that waves fast."""
+
+    speed = parameter("1/s", "rate of x", 1.0)
+    size = parameter("1", "amplitude of the threshold", 0.1)
+    omega = parameter("rad/s", "frequency of the threshold", 50.0)
+    phi = variable("rad", "phase of the threshold", 0.0, observed=False)
+    x = variable("1", "x", 0.0, observed=False)
+    last = variable("1", "x at the last reset", 0.0)
+
+    def flow(self, p, s):
+        return {"phi": p.omega, "x": p.speed}
+
+    @event("x meets the threshold", section=True)
+    def meets(self, p, s):
+        return s.x - 1.0 - p.size * jnp.sin(s.phi)
+
+    @meets.jump
+    def reset(self, p, s):
+        return s.replace(last=s.x, x=0.0)
+
+    def period(self, p):
+        return 1.0 / p.speed
+
+
+def _wavy(case: Case) -> Solution:
+    p = case.values
+
+    def flow(x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda t: np.stack([x[0] + p["omega"] * t, x[1] + p["speed"] * t, 0.0 * t + x[2]], axis=1)
+
+    system = System(
+        ("phi", "x", "last"),
+        flow,
+        lambda x: (x[:, 1] - 1.0 - p["size"] * np.sin(x[:, 0]))[:, None],
+        [lambda x: np.array([x[0], 0.0, x[1]])],
+        frozenset({0}),
+        look=2.0 / p["speed"],
+        samples=20000,
+    )
+    start = np.array([p["phi_0"], p["x_0"], 0.0])
+    return solved(system, start, case.run.crossings, 1.0 / p["speed"], {})
+
+
+def _grazes(case: Case) -> float:
+    """How close to the threshold x comes, at one of its local maxima, before it meets the threshold."""
+    p, found = case.values, _wavy(case).columns
+    closest = np.inf
+    begun, phi, x = 0.0, p["phi_0"], p["x_0"]
+    for t in found["t"]:
+        passed = np.linspace(0.0, t - begun, 20001)
+        height = x + p["speed"] * passed - 1.0 - p["size"] * np.sin(phi + p["omega"] * passed)
+        top = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])
+        closest = min(closest, float(np.min(-height[1:-1][top], initial=np.inf)))
+        phi, x, begun = phi + p["omega"] * (t - begun), 0.0, t
+    return closest
+
+
+def _draw_wavy(random: np.random.Generator) -> Case:
+    while True:
+        speed = float(random.uniform(0.5, 2.0))
+        values = {
+            "speed": speed,
+            "size": float(random.uniform(0.02, 0.3)),
+            "omega": TURN * speed * float(10.0 ** random.uniform(0.0, 2.0)),
+            "phi_0": float(random.uniform(0.0, TURN)),
+            "x_0": float(random.uniform(0.0, 0.5)),
+        }
+        case = Case(values, gs.ReturnMap(crossings=4))
+        if _grazes(case) > 1e-3 * values["size"]:
+            return case
+
+
 FAMILIES = (
     Family(
         "oscillators",
@@ -374,6 +449,14 @@ FAMILIES = (
         Bump,
         _draw_bump,
         _bump,
+        share=10,
+    ),
+    Family(
+        "threshold that waves",
+        "the first of many crossings of a threshold that waves 1 to 100 times a cycle",
+        Wavy,
+        _draw_wavy,
+        _wavy,
         share=10,
     ),
     Family(
