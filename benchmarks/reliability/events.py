@@ -84,7 +84,7 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
     return status, error
 
 
-def run_alone(family: Family, cases: list[Case], engine: str, verify: int | None) -> tuple[pd.DataFrame, str]:
+def run_together(family: Family, cases: list[Case], engine: str) -> tuple[pd.DataFrame, str]:
     """The table of cases of one run, and what the run said; the self-check included."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -92,7 +92,6 @@ def run_alone(family: Family, cases: list[Case], engine: str, verify: int | None
             family.model(),
             run=cases[0].run,
             engine=engine,
-            verify=verify,
             zip=zipped(cases),
         )
         table = result.table
@@ -145,13 +144,13 @@ def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]
     verdicts: list[Verdict | None] = [None] * len(cases)
     for group in in_groups(cases):
         try:
-            table, _ = run_alone(family, [cases[i] for i in group], engine, 0)
+            table, spoken = run_together(family, [cases[i] for i in group], engine)
             rows: dict[int, pd.DataFrame] = {int(row): each for row, each in table.groupby("row")}
         except UserError:
-            rows = {}  # each is asked alone
+            spoken, rows = "", {}  # each is asked alone
         for place, i in enumerate(group):
             status, error = numbers(solutions[i], rows[place]) if place in rows else ("", np.inf)
-            outcome, said = AGREE, status
+            outcome, said = AGREE, spoken
             if not error <= TOLERANCE:
                 outcome, said, error = asked_alone(family, cases[i], solutions[i], engine)
             verdicts[i] = Verdict(family.name, cases[i], outcome, said, error)
@@ -162,12 +161,12 @@ def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]
 def asked_alone(family: Family, case: Case, right: Solution, engine: str) -> tuple[str, str, float]:
     """The outcome of a case that runs alone with its self-check, what was said, and the error."""
     try:
-        table, said = run_alone(family, [case], engine, None)
+        table, said = run_together(family, [case], engine)
     except UserError as refusal:
         return LOST, f"refused: {refusal}", np.nan
     status, error = numbers(right, table)
     if error <= TOLERANCE:
-        return AGREE, status, error
+        return AGREE, said, error
     if status in NO_RESULT and status not in right.statuses:
         return LOST, status, np.nan
     return (MARKED if said else SILENT), f"{status} {said}".strip(), error
@@ -276,13 +275,15 @@ def line(name: str, verdicts: list[Verdict], seconds: float) -> str:
 
 
 def listed(verdicts: list[Verdict], most: int) -> str:
-    """Models that do not agree, with their values, so many of each family and outcome."""
+    """What was said of models, with their values: so many of each family and outcome, and one that agrees."""
     lines: list[str] = []
     seen: dict[tuple[str, str], int] = {}
     for each in verdicts:
         place = (each.family, each.outcome)
+        if each.outcome == AGREE and not each.said:
+            continue
         seen[place] = seen.get(place, 0) + 1
-        if each.outcome == AGREE or seen[place] > most:
+        if seen[place] > (1 if each.outcome == AGREE else most):
             continue
         values = ", ".join(f"{name}={value!r}" for name, value in each.case.values.items())
         lines.append(
