@@ -149,7 +149,7 @@ def verdicts_on(family: Family, cases: list[Case], engine: str) -> list[Verdict]
         except UserError:
             spoken, rows = "", {}  # each is asked alone
         for place, i in enumerate(group):
-            status, error = numbers(solutions[i], rows[place]) if place in rows else ("", np.inf)
+            error = numbers(solutions[i], rows[place])[1] if place in rows else np.inf
             outcome, said = AGREE, spoken
             if not error <= TOLERANCE:
                 outcome, said, error = asked_alone(family, cases[i], solutions[i], engine)
