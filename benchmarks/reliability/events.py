@@ -202,7 +202,9 @@ def worse(verdict: Verdict, outcome: str, said: str, error: float) -> Verdict:
     """The verdict with what was found of its Jacobian, if that is worse."""
     order = (AGREE, LOST, MARKED, SILENT)
     outcome = max(verdict.outcome, outcome, key=order.index)
-    return dataclasses.replace(verdict, outcome=outcome, said=f"{verdict.said}; {said}", jacobian_error=error)
+    return dataclasses.replace(
+        verdict, outcome=outcome, said="; ".join(filter(None, (verdict.said, said))), jacobian_error=error
+    )
 
 
 def drawn(family: Family, models: int, seed: int) -> list[Case]:
