@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.reliability.events import SILENT, TOLERANCE, drawn, shares, verdicts_on
+from benchmarks.reliability.events import SILENT, drawn, shares, verdicts_on
 from benchmarks.reliability.random_events import FAMILIES
 from benchmarks.reliability.random_events.family import Case, Family, Solution, differences
 
@@ -22,12 +22,9 @@ BOUNCING = BY_NAME["bouncing"]
         "start on a floor",
         "accumulating impacts",
         "balls together",
-        "balls in a row",
-        "rimless wheel",
         "pair of cells",
         "clocks that meet",
         "oscillators",
-        "threshold that ramps",
         "narrow bumps",
     ],
 )
@@ -46,10 +43,9 @@ def test_other_physics_is_told() -> None:
             dataclasses.replace(case, values={**case.values, "rest": case.values["rest"] + 1e-4})
         )
 
-    family = dataclasses.replace(BOUNCING, exact=other)
+    family = dataclasses.replace(BOUNCING, exact=other, jacobian=False)
     verdicts = verdicts_on(family, drawn(family, 3, seed=7), "auto")
     assert [each.outcome for each in verdicts] == [SILENT] * 3
-    assert min(each.jacobian_error for each in verdicts) > TOLERANCE
 
 
 def test_the_independent_solutions() -> None:
