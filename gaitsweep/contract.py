@@ -93,24 +93,14 @@ class Recommended:
 class Quantity:
     """Name, unit and meaning of a parameter, an initial condition, an observable, a label field or a signal.
 
-<<<<<<< HEAD
-    `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must be
-    given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds; `whole`
-    admits whole numbers only. `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in
-    TeX, for the axes of figures. `scale` (in `unit`, above 0) is the reference magnitude of an observable in
-    the test of convergence of a run of kind settle. None: its magnitude over the last crossings. An
-    observable that tends to 0 needs a scale, since its magnitude vanishes. Circular angles are compared in
-    rad.
-=======
     `default` is a number, an expression over parameters ("2*sqrt(kappa)"), or None where a value must
-    be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds; `whole` admits
-    whole numbers only.
+    be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds, and
+    `whole` admits whole numbers only.
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
     `scale` (in `unit`, above 0) is the reference magnitude of an observable in the test of convergence of a
     run of kind settle. None: its magnitude over the last crossings. An observable that tends to 0 needs a
     scale, since its magnitude vanishes; an infinite scale leaves an observable out of the test. Circular
     angles are compared in rad.
->>>>>>> check
     """
 
     name: str

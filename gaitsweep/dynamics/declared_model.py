@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Chart, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Parameter, Reading, Variable
-from gaitsweep.dynamics.event_surface import Arming, EventSurface, flat
+from gaitsweep.dynamics.event_surface import CORRECTED, Arming, EventSurface, flat
 from gaitsweep.dynamics.phase_oscillator import wrapped
 from gaitsweep.near_miss import suggestion
 
@@ -308,7 +308,7 @@ class DeclaredModel(Declared, HybridModel):
     def guards(self, params: Any, state: Any, /) -> jax.Array:
         seen = _Surfaces(self, params, state)
         guards: list[jax.Array] = []
-        for place, each in self._places():
+        for place, each in zip(self._places(), self._events(), strict=True):
             if place is None:
                 values = [jnp.asarray(each.function(self, params, state))]
             else:
@@ -316,11 +316,10 @@ class DeclaredModel(Declared, HybridModel):
             guards += [jnp.where(each.within(state), value, -1.0) for value in values]
         return jnp.stack(guards) if guards else jnp.zeros((0,))
 
-    def _places(self) -> Iterator[tuple[int | None, Event]]:
-        """Each event with its place among those that are armed."""
+    def _places(self) -> list[int | None]:
+        """The place of each event among those that are armed."""
         armed = self._armed()
-        for each in self._events():
-            yield (armed.index(each) if each.rising else None), each
+        return [armed.index(each) if each.rising else None for each in self._events()]
 
     @property
     def guard_names(self) -> tuple[str, ...]:
@@ -328,15 +327,36 @@ class DeclaredModel(Declared, HybridModel):
 
     def jump(self, params: Any, state: Any, fired: jax.Array, /) -> Any:
         after = state
-        for each, flags in self._flags(fired):
-            if each.effect is not None:
-                happens = each.happens(flags)
-                if each.rising:  # a body whose bounces have accumulated stays as it is, until its row ends
-                    happens = happens & ~_at(state.arming, self._armed().index(each)).accumulated
+        for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
+            if each.effect is None:
+                continue
+            happens = each.happens(flags)
+            if place is None:
                 after = _where(happens, each.effect(self, params, after), after)
-        if not self._armed():
-            return after
-        return self._rearmed(params, state, after, fired)
+                continue
+            # a body whose bounces have accumulated stays as it is, until its row ends
+            happens = happens & ~_at(state.arming, place).accumulated
+            after = _where(happens, self._applied(each, params, after), after)
+        return self._rearmed(params, state, after, fired) if self._armed() else after
+
+    def _applied(self, event: Event, params: Any, state: Any) -> Any:
+        """The state after the jump of an event that was crossed a little earlier.
+
+        The jump is applied where the surface was crossed, and the rest of the time is made up for. Otherwise a
+        jump that sets a variable would lose that time, and clocks that strike together would come apart.
+        """
+        seen = _Surfaces(self, params, state)
+        unit = self.period(params)
+        late = jax.lax.stop_gradient(seen.of(event).late(seen.rate(event), unit))
+        late = jnp.where(late <= CORRECTED * unit, late, 0.0)
+        assert event.effect is not None
+        after = event.effect(self, params, self._moved(params, state, -late))
+        return self._moved(params, after, late)
+
+    def _moved(self, params: Any, state: Any, time: jax.Array) -> Any:
+        """The state a short time (s) later, along its rates."""
+        rates = self.flow(params, state)
+        return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
 
     def _rearmed(self, params: Any, before: Any, after: Any, fired: jax.Array) -> Any:
         """The state `after` a jump, with its events armed; a body that would not leave a surface rests."""
@@ -357,21 +377,21 @@ class DeclaredModel(Declared, HybridModel):
                 begins = each.within(after) & ~each.within(before)
                 new = _where(begins, surface.begun(band, rate, self._turned(each, params, after)), new)
             modes.append(new)
-        armed = _stacked(modes)
-        if not any(each.resting for each in self._events()):
-            return after.replace(arming=armed)
-        # a state on the surface of an event with a jump, which would be back within no time
-        bounces = [
-            each.within(after) & armed.armed[k] & (armed.level[k] > 0.0) & now.returns_soon(each, unit)
+        arming = _stacked(modes)
+        after = after.replace(arming=arming)
+        resting = [each for each in self._events() if each.resting is not None]
+        if not resting:
+            return after
+        # a state that an event with a jump would meet again within no time
+        soon = [
+            each.within(after) & arming.armed[k] & now.returns_soon(each, unit)
             for k, each in enumerate(events)
             if each.effect is not None
         ]
-        soon = jnp.any(jnp.stack(bounces)) | jnp.any(armed.accumulated)
-        after = after.replace(arming=armed)
-        for each in self._events():
-            if each.resting is not None:
-                rests = each.happens(flags[each]) & soon
-                after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
+        comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
+        for each in resting:
+            rests = each.happens(flags[each]) & comes_to_rest
+            after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
         return after
 
     def section(self, params: Any, before: Any, fired: jax.Array, /) -> jax.Array:
@@ -413,37 +433,31 @@ class _Surfaces:
 
     def rate(self, event: Event) -> jax.Array:
         """The rate of the height of an event's surface along the flow."""
-        return self.of(event).rate(self._rates)
+        return self.of(event).rate(flat(self._along))
 
     def returns_soon(self, event: Event, unit: jax.Array) -> jax.Array:
-        """Whether a state that leaves the surface of an event is back within a small share of a period."""
+        """Whether a state close to the surface of an event meets it again within a small share of a period.
+
+        The height as a parabola, by its rate and acceleration along the flow.
+        """
         model, params, state = self._model, self._params, self._state
 
         def rate(point: Any) -> jax.Array:
             return _Surfaces(model, params, state.replace(**point)).rate(event)
 
-        along = jax.tree.unflatten(
-            jax.tree.structure(self._point), jax.tree.leaves(_split(self._rates, self._point))
-        )
-        speed, acceleration = jax.jvp(rate, (self._point,), (along,))
-        return (acceleration > 0.0) & (-2.0 * speed <= acceleration * _RESTING * unit)
+        speed, acceleration = jax.jvp(rate, (self._point,), (self._along,))
+        height, time = self.of(event).height, _RESTING * unit
+        near = jnp.abs(height) <= jnp.abs(speed) * time + self.of(event).rounding
+        return near & (speed <= 0.0) & (acceleration > 0.0) & (-2.0 * speed <= acceleration * time)
 
     @functools.cached_property
-    def _rates(self) -> jax.Array:
-        """The rates of the variables in the order of a point (n,)."""
+    def _along(self) -> dict[str, jax.Array]:
+        """The rates of the variables, 0 for those that the flow does not move."""
         rates = self._model.flow(self._params, self._state)
-        along = {name: rates.get(name, jnp.zeros_like(x)) for name, x in self._point.items()}
-        return flat({name: jnp.broadcast_to(along[name], x.shape) for name, x in self._point.items()})
-
-
-def _split(numbers: jax.Array, like: Any) -> Any:
-    """The numbers (n,) as a pytree of the shapes of another."""
-    leaves, structure = jax.tree.flatten(like)
-    first, found = 0, []
-    for leaf in leaves:
-        found.append(numbers[first : first + leaf.size].reshape(leaf.shape))
-        first += leaf.size
-    return jax.tree.unflatten(structure, found)
+        return {
+            name: jnp.broadcast_to(jnp.asarray(rates.get(name, 0.0), x.dtype), x.shape)
+            for name, x in self._point.items()
+        }
 
 
 def _where(condition: jax.Array, yes: Any, no: Any) -> Any:

@@ -11,10 +11,12 @@ import jax.numpy as jnp
 
 # Multiple of the rounding error of a height within which a point counts as on the surface.
 _RESOLUTIONS = 16.0
-# Times (in nominal periods) by which an event may be located late: at least, and at most where the height at
-# its jump is that of a crossing. The band of a surface is what its height changes by in `_BAND` such times.
+# Times (in nominal periods) by which an event may be located late: at least, at most where the height at its
+# jump is that of a crossing, and at most where its jump is applied at the crossing itself. The band of a
+# surface is what its height changes by in `_BAND` such times.
 _LATE = 1.0e-12
-LATEST = 1.0e-6
+_LATEST = 1.0e-6
+CORRECTED = 1.0e-11
 _BAND = 8.0
 # Crossings in succession, each without having been below 0, beyond which bounces have accumulated.
 MOST_RETURNS = 4
@@ -91,7 +93,7 @@ class EventSurface:
         `rate` is that of the height, `unit` the nominal period (s).
         """
         passed = jnp.where(rate > 0.0, self.height, 0.0) / jnp.where(rate > 0.0, rate, 1.0)
-        return jnp.where(passed <= LATEST * unit, passed, 0.0)
+        return jnp.where(passed <= _LATEST * unit, passed, 0.0)
 
     def band(self, late: jax.Array, unit: jax.Array, *rates: jax.Array) -> jax.Array:
         """The largest height of a state on the surface after a jump that was `late` (s).
@@ -154,7 +156,8 @@ class EventSurface:
     @property
     def _beyond(self) -> jax.Array:
         """A level above the state by two units in the last place."""
-        return jnp.maximum(self.height, 0.0) + self.rounding * (2.0 / _RESOLUTIONS)
+        above = jnp.maximum(self.rounding * (2.0 / _RESOLUTIONS), jnp.finfo(self.rounding.dtype).tiny)
+        return jnp.maximum(self.height, 0.0) + above
 
 
 def _mode(armed: jax.Array, level: jax.Array) -> Arming:

@@ -78,7 +78,7 @@ def test_the_contracts_quantities_follow_from_the_declarations() -> None:
     starts = {q.name: (q.default, q.meaning, q.low) for q in model.initial_conditions}
     assert starts["z_1_0"] == (1.0, "height of ball 1 at the start", 0.0)
     assert starts["z_2_0"][0] == "2*g/10"
-    assert list(starts) == ["z_1_0", "z_2_0", "angle_0"]
+    assert list(starts) == ["z_1_0", "z_2_0", "angle_0", "bounces_1_0", "bounces_2_0", "parity_0"]
     assert [q.name for q in model.observables] == ["z_1", "z_2", "v_1", "v_2", "angle", "energy"]
     assert [q.name for q in model.signals] == ["z_1", "z_2", "v_1", "v_2", "angle", "energy", "odd"]
     assert model.observables[0].low == -np.inf, "bounds are those of the start"
