@@ -326,7 +326,7 @@ class DeclaredModel(Declared, HybridModel):
         return tuple(name for each in self._events() for name in each.guard_names)
 
     def jump(self, params: Any, state: Any, fired: jax.Array, /) -> Any:
-        after = state
+        after, rates = state, {}
         for place, (each, flags) in zip(self._places(), self._flags(fired), strict=True):
             if each.effect is None:
                 continue
@@ -336,11 +336,12 @@ class DeclaredModel(Declared, HybridModel):
                 continue
             # a body whose bounces have accumulated stays as it is, until its row ends
             happens = happens & ~_at(state.arming, place).accumulated
-            after = _where(happens, self._applied(each, params, after), after)
-        return self._rearmed(params, state, after, fired) if self._armed() else after
+            applied, rates[each] = self._applied(each, params, after)
+            after = _where(happens, applied, after)
+        return self._rearmed(params, state, after, fired, rates) if self._armed() else after
 
-    def _applied(self, event: Event, params: Any, state: Any) -> Any:
-        """The state after the jump of an event that was crossed a little earlier.
+    def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, jax.Array]:
+        """The state after the jump of an event that was crossed a little earlier, and the rate at its jump.
 
         The jump is applied where the surface was crossed, and the rest of the time is made up for. Otherwise a
         jump that sets a variable would lose that time, and clocks that strike together would come apart.
@@ -351,15 +352,20 @@ class DeclaredModel(Declared, HybridModel):
         late = jnp.where(late <= CORRECTED * unit, late, 0.0)
         assert event.effect is not None
         after = event.effect(self, params, self._moved(params, state, -late))
-        return self._moved(params, after, late)
+        return self._moved(params, after, late), _Surfaces(self, params, after).rate(event)
 
     def _moved(self, params: Any, state: Any, time: jax.Array) -> Any:
         """The state a short time (s) later, along its rates."""
         rates = self.flow(params, state)
         return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
 
-    def _rearmed(self, params: Any, before: Any, after: Any, fired: jax.Array) -> Any:
-        """The state `after` a jump, with its events armed; a body that would not leave a surface rests."""
+    def _rearmed(
+        self, params: Any, before: Any, after: Any, fired: jax.Array, rates: Mapping[Event, jax.Array]
+    ) -> Any:
+        """The state `after` a jump, with its events armed; a body that would not leave a surface rests.
+
+        `rates` are those of the events' heights just after their own jumps.
+        """
         unit = self.period(params)
         was, now = _Surfaces(self, params, before), _Surfaces(self, params, after)
         flags = dict(self._flags(fired))
@@ -372,6 +378,7 @@ class DeclaredModel(Declared, HybridModel):
             surface, rate, mode = now.of(each), now.rate(each), _at(before.arming, place)
             band = surface.band(late, unit, was.rate(each), rate)
             crossed, returned = flags[each]
+            rate = jnp.where(crossed, rates.get(each, rate), rate)
             new = surface.jumped(mode, crossed, returned, band, rate, each.effect is not None)
             if each.during is not None:
                 begins = each.within(after) & ~each.within(before)
