@@ -37,7 +37,7 @@ from gaitsweep.kinds.columns import gaits
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
 
-# The sample's steps, as a share of the run's own: irrational, so that no step ends where one of the run's does.
+# The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
 FINER = 1.0 / math.sqrt(7.0)
 # The sample's share of a run's work, and the fewest rows, where a job does not say how many.
 MOST_WORK, LEAST_ROWS = 0.1, 4
@@ -90,7 +90,7 @@ class SelfCheck:
     _share: float = -1.0
 
     def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
-        """Take the largest changes (n, quantities), where they are known; `size` (quantities,) or the like."""
+        """Take the largest changes (n, quantities), where they are known; `size` has the same shape."""
         for i, quantity in enumerate(quantities):
             column = change[:, i]
             known = np.isfinite(column)
@@ -135,9 +135,10 @@ def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
 
 
 def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
-    """The sizes (k,) by which quantities are compared: 1 rad, `Quantity.scale`, or the range of values (..., k).
+    """The sizes (k,) by which quantities are compared, from their values (..., k).
 
-    A range counts as at least `LEAST_SIZE` of the magnitude.
+    They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
+    magnitude.
     """
     seen = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
     found = np.full(len(quantities), LEAST_SCALE)
@@ -297,7 +298,9 @@ def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarr
     given["nth"] = given.groupby("place").cumcount()
     number = {int(row): place for place, row in enumerate(again.rows)}
     known = stored.dropna(subset=names)
-    known = known.assign(place=known["row"].map(number), nth=known.groupby("row").cumcount())
+    known = known.assign(
+        place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
+    )
     if isinstance(recorder, StepRecorder):
         given["nth"], known = given["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
     both = given.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))

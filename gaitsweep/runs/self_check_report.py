@@ -60,6 +60,8 @@ def advice(found: dict[str, Any], dt: float | None) -> str:
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
     if "step" not in (found.get("finer") or found.get("half", HALF_THE_STEP)):
-        text = "The table depends on the steps: make numerics.rtol and numerics.atol finer, or numerics.dt shorter"
-        return f"{text}, and compare."
+        return (
+            "The table depends on the steps: make numerics.rtol and numerics.atol finer, or numerics.dt "
+            "shorter, and compare."
+        )
     return "The table depends on the step: give a shorter one, numerics.dt, and compare."

@@ -38,10 +38,12 @@ NO_MOTION = 1.0e-3
 LEAVING = 2.0
 # Crossings in each of three successive spans whose lengths in time are extrapolated as a geometric series;
 # crossings accumulate if the limit of that length is less than a share of the present one. Lengths that
-# change by less than `STEADY` of themselves do not.
+# change by less than `STEADY` of themselves do not. They have accumulated if that length is a `NEGLIGIBLE`
+# share of the mean over the row.
 SPAN = 3
 ACCUMULATED = 0.1
 STEADY = 1.0e-3
+NEGLIGIBLE = 1.0e-6
 # A row is at rest if all rates of its flow, each as a share of the largest that it had, are below `REST` at
 # all polls in two successive spans of `REST_PERIODS` nominal periods, and not larger in the second one. A
 # rate by which a variable changes in a period by `LEAST_RATE` (in its unit, or as a share) is rounding.
@@ -133,7 +135,7 @@ class SettleRecorder(Recorder):
         calm = jnp.where(still, memory.calm + 1, 0)
         distances = jnp.max(moved, axis=1)
         leaves = (distances[0] > LEAVING * jnp.min(steps[:-1])) & (distances[0] > NO_MOTION)
-        fixed = still & (~leaves | (calm > SETTLE_WINDOW)) & ~_accumulate(carry.t, times)
+        fixed = still & (~leaves | (calm > SETTLE_WINDOW)) & ~_accumulate(cycles, carry.t, times)
 
         moves = jnp.maximum(memory.moves[0], distances[:MOST_PERIOD])
         tested = cycles % MOST_PERIOD == 0
@@ -241,8 +243,8 @@ def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tupl
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
-def _accumulate(t: jax.Array, times: jax.Array) -> jax.Array:
-    """Whether the time between crossings tends to 0, by that of the latest crossings (w,), newest first.
+def _accumulate(cycles: jax.Array, t: jax.Array, times: jax.Array) -> jax.Array:
+    """Whether the time between crossings tends to 0: the latest is at `t`, those before at `times` (w,).
 
     The lengths a > b > c of three successive spans tend to c - (b - c)^2 / ((a - b) - (b - c)).
     """
@@ -250,7 +252,8 @@ def _accumulate(t: jax.Array, times: jax.Array) -> jax.Array:
     first = times[SPAN - 1] - times[2 * SPAN - 1] - newest
     second = times[2 * SPAN - 1] - times[3 * SPAN - 1] - newest - first
     shrinks = (first > STEADY * newest) & (second > 0.0)
-    return shrinks & (first * first > (1.0 - ACCUMULATED) * newest * (second - first))
+    accumulated = newest * cycles < NEGLIGIBLE * SPAN * t
+    return accumulated | shrinks & (first * first > (1.0 - ACCUMULATED) * newest * (second - first))
 
 
 def _unscaled(model: Model) -> list[int]:
