@@ -43,7 +43,7 @@ LEAVING = 2.0
 SPAN = 3
 ACCUMULATED = 0.1
 STEADY = 1.0e-3
-NEGLIGIBLE = 1.0e-6
+NEGLIGIBLE = 1.0e-4
 # A row is at rest if all rates of its flow, each as a share of the largest that it had, are below `REST` at
 # all polls in two successive spans of `REST_PERIODS` nominal periods, and not larger in the second one. A
 # rate by which a variable changes in a period by `LEAST_RATE` (in its unit, or as a share) is rounding.
