@@ -42,7 +42,8 @@ class Attractors:
     of a state in its middle, extent (the distance between its ends, in the columns' unit, over whole turns),
     dimension and kind (point, line, surface, or space from 3 dimensions on; `rest` at rest). `link`: the
     largest link within an attractor, inf where there is one attractor. `grain`: the distance below which
-    states are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
+    states are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of
+    the scales.
     """
 
     column: pd.Series
