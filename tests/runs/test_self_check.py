@@ -188,7 +188,7 @@ class Wheel(gs.DeclaredModel):
     count = gs.variable("1", "teeth counted", 0.0)
 
     def flow(self, p, s):
-        return {"phi": 1.0}
+        return {"phi": 1.0 + 0.0 * s.phi}
 
     @gs.event("a tooth passes")
     def tooth(self, p, s):
