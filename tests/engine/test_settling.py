@@ -262,8 +262,8 @@ def test_what_is_at_rest_and_what_is_not() -> None:
     expected = (table["speed"] == 0.0) & ((table["damping"] > 0.0) | (table["theta_0"] == 0.0))
     np.testing.assert_array_equal(rests, expected.to_numpy())
     # it left the saddle and hangs
-    np.testing.assert_allclose(np.sin(table["theta_end"][rests]), 0.0, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(np.cos(table["theta_end"][rests]), 1.0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.sin(table["theta_end"].to_numpy()[rests]), 0.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(np.cos(table["theta_end"].to_numpy()[rests]), 1.0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
