@@ -69,6 +69,7 @@ class Status(ResultCode):
     inferred = 9, "The row was not simulated: its neighbours decide its label.", Verdict.sound
     step_limit = 10, "The row needed more steps than its limit allows."
     no_fixed_point = 11, "No fixed point was found from which to follow a branch."
+    at_rest = 12, "All rates of the flow vanished and stayed so: a fixed point of the flow.", Verdict.sound
 
     @classmethod
     def of(cls, *verdicts: Verdict) -> frozenset[str]:
@@ -97,10 +98,9 @@ class Quantity:
     be given. `low` and `high` bound the values that a job may set; `open_ends` excludes the bounds, and
     `whole` admits whole numbers only.
     `circular` marks an angle in rad of period 2 pi. `symbol` is the paper's, in TeX, for the axes of figures.
-    `scale` (in `unit`, above 0) is the reference magnitude of an observable in the test of convergence of a
-    run of kind settle. None: its magnitude over the last crossings. An observable that tends to 0 needs a
-    scale, since its magnitude vanishes; an infinite scale leaves an observable out of the test. Circular
-    angles are compared in rad.
+    `scale` (in `unit`, above 0) is the reference size of an observable in the test of convergence of a run of
+    kind settle, and in the self-check; an infinite one leaves it out of both. None: the range of its values
+    over the crossings of the row so far. Circular angles are compared in rad.
     """
 
     name: str

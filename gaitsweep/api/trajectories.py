@@ -48,7 +48,7 @@ def sweep(
         params, start: parameters and start values by name, for names that are keywords here.
         numerics: method, dt and the other fields of a job's `numerics`; what the model recommends by default.
         engine: auto, kernel or xla, or the fields of a job's `engine`.
-        verify: rows that are repeated at half the step when the run is complete; 32 by default, 0: none.
+        verify: rows that are repeated when the run is complete; at most 32 by default, 0: none.
         client: a `distributed.Client`, whose workers compute the rows; with `out` they share that directory.
         values: parameters and start values by name. A number or a formula is a constant; a list or an array
             (n,) is an axis, and axes multiply, the last varying fastest. `zip` and `sample` take groups as in

@@ -82,8 +82,8 @@ class Job(Part):
     engine: EngineChoice = Field(default_factory=EngineChoice, description="on what the rows run")
     verify: VerifyCount = Field(
         default=32,
-        description="rows that are repeated at half the step when the run is complete, to see whether the "
-        "table depends on it; 0: none",
+        description="rows that are repeated, as they were and with finer steps, when the run is complete, to "
+        "see whether the table depends on these; 0: none. Left out: at most 32, and fewer in a small run",
     )
     figures: list[Annotated[FigureKind, OneOf(FIGURES)]] = Field(
         default_factory=list, max_length=200, description="figures made from the table"

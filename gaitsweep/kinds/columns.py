@@ -95,12 +95,17 @@ class Records:
         return _placed(labels, self.place, absent)
 
 
-def observed(model: Model, suffix: str) -> list[Column]:
-    """The observables at a crossing: `psi_1_n`; those where a row ended: `psi_1_end`."""
+def observed(
+    model: Model, suffix: str, values: Callable[[BlockResult], np.ndarray] = lambda block: block.last
+) -> list[Column]:
+    """The observables at a crossing: `psi_1_n`; those where a row ended: `psi_1_end`.
+
+    `values` gives the latter (n, k) from the results of a block; by default those of the last crossing.
+    """
     if suffix == "n":
         return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
     return [
-        Column(f"{q.name}_{suffix}", lambda records, i=i: records.block.last[:, i], q, False)
+        Column(f"{q.name}_{suffix}", lambda records, i=i: values(records.block)[:, i], q, False)
         for i, q in enumerate(model.observables)
     ]
 

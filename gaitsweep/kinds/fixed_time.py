@@ -7,14 +7,17 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.kinds.columns import GAIT, STALLED_BY, STATUS, Column, observed, traits
 from gaitsweep.kinds.numbers import Positive
 from gaitsweep.kinds.run_kind import Cost, Rows, RunKind
 
 
 class FixedTime(RunKind):
-    """Follow each row for a given time; one row a start, read at its last section crossing."""
+    """Follow each row for a given time; one row a start, read at that time.
+
+    The gait is that of the last section crossing before it.
+    """
 
     compared: ClassVar = "ends"
     one_a_row: ClassVar[bool] = True
@@ -33,7 +36,7 @@ class FixedTime(RunKind):
             Column("cycles", lambda records: records.block.cycles),
             Column("t_end", lambda records: records.block.t_end, repeats=False),
             STALLED_BY,
-            *observed(model, "end"),
+            *observed(model, "end", end_values),
             GAIT,
             *traits(model),
         ]

@@ -23,10 +23,17 @@ from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import Prepared, naming_the_file, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.refined import refine
-from gaitsweep.runs.self_check import SelfCheckError, self_check
+from gaitsweep.runs.self_check import (
+    Again,
+    SelfCheck,
+    SelfCheckError,
+    compare_stored,
+    rows_to_repeat,
+    self_check,
+)
 from gaitsweep.runs.self_check_report import advice, sentence
 from gaitsweep.runs.summary import describe, sum_up, summed_up
-from gaitsweep.table import EncodedPart, ResultDirectory, TableError
+from gaitsweep.table import EncodedPart, ResultDirectory, TableError, load
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -105,14 +112,14 @@ def _rows_leave_the_host_idle(ready: Prepared) -> bool:
 class _SelfCheck:
     """The self-check of a run: after the rows, or beside them in a thread if it has been begun before.
 
-    What it raises is raised by `found`. It reads no table, and its rows have lanes of their own.
+    What it raises is raised by `found`. Its rows have lanes of their own; the table is read at the end.
     """
 
     def __init__(self, ready: Prepared, directory: ResultDirectory) -> None:
         self._ready, self._directory = ready, directory
-        self._asked = min(ready.job.verify, ready.work.n_rows)
+        self._asked = rows_to_repeat(ready)
         self._thread = ThreadPoolExecutor(1)
-        self._begun: Future[dict[str, Any]] | None = None
+        self._begun: Future[tuple[SelfCheck | None, Again | None]] | None = None
         self._abandoned = threading.Event()
 
     def __enter__(self) -> _SelfCheck:
@@ -142,12 +149,16 @@ class _SelfCheck:
             progress(total, total, 0.0, 1.0, f"self-check: {now.done} of {now.rows} rows")
 
         if self._begun is None:
-            found = self_check(self._ready, self._asked, tell)
+            check, again = self_check(self._ready, self._asked, tell)
         else:
             while not self._begun.done():
                 progress(total, total, 0.0, 1.0, "self-check")  # where Ctrl-C is obeyed
                 wait([self._begun], timeout=0.1)
-            found = self._begun.result()
+            check, again = self._begun.result()
+        if check is not None and again is not None:
+            path = self._directory.path
+            compare_stored(self._ready, check, again, lambda rows: load(path, rows=rows), tell)
+        found = {"rows": 0, "verdict": "off"} if check is None else check.judged()
         self._directory.update_manifest(self_check=found)
         return found
 

@@ -1,8 +1,9 @@
-"""Whether a run's rows would have come out otherwise at half the step: a sample of them, repeated.
+"""Whether a run's rows are what the same rows give again, and with other steps: a sample of them, repeated.
 
-The sample runs once more as it ran, and beside that with half the step, or a tolerance 32 times finer. A row
-whose status or gait differs is tried again from starts moved by 1e-9: where these differ too, the row lies on
-a boundary between basins, and says nothing of the numerics.
+The sample runs once more as it ran, which has to give the stored rows, and beside that with steps (or
+tolerances) that are finer and no simple share of the run's own, so that what all of its steps leap over is
+found as well. A row that differs is tried again from starts moved by 1e-9: where these differ as much, the
+row lies on a boundary between basins, or is sensitive, and says nothing of the numerics.
 """
 
 from __future__ import annotations
@@ -15,37 +16,49 @@ from typing import Any
 
 import jax
 import numpy as np
+import pandas as pd
 
-from gaitsweep.contract import Model, Status, Verdict
-from gaitsweep.engine.numerics import SHARE
+from gaitsweep.contract import Model, Quantity, Status, Verdict
+from gaitsweep.engine.numerics import SHARE, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, SettleRecorder
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
+from gaitsweep.engine.recorders.recorder import Recorder
+from gaitsweep.engine.recorders.settle import LEAST_SCALE, SettleRecorder
+from gaitsweep.engine.recorders.staircase import StepRecorder
+from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.job import Plan
+from gaitsweep.kinds.columns import gaits
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
 
-# The sample's steps, as a share of the run's own.
-HALF = 0.5
+# The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
+FINER = 1.0 / math.sqrt(7.0)
+# The sample's share of a run's work, and the fewest rows, where a job does not say how many.
+MOST_WORK, LEAST_ROWS = 0.1, 4
 # Crossings over which rows are compared that do not come to rest, and those of kinds that do not ask for it.
 CROSSINGS = 10
 # A run that records its crossings is compared as it is, if it has no more than these.
 MOST_CROSSINGS = 100
 # By how much starts are moved (in their unit, or as a share where they are larger than 1).
 MOVED = 1e-9
-# The tolerance of kinds that have none (rad).
+# The tolerance of kinds that have none, as a share of an observable's size (rad for angles).
 TOLERANCE = 1e-3
-# A difference that starts moved by MOVED would explain if each had been off by less than this.
-LOCAL_ERROR = 1e-6
+# The least size of an observable, as a share of its magnitude.
+LEAST_SIZE = 1e-2
+# A difference that starts moved by MOVED would explain if each had been off by less than this; by rounding.
+LOCAL_ERROR, ROUNDING_ERROR = 1e-6, 1e-12
+# Numbers of stored rows may differ by this share of their size from those of the same rows run again.
+ROUNDING = 1e-6
 
 
 class SelfCheckError(UserError):
-    """A sample of a run's rows came out otherwise at half the step, and the run is strict about it."""
+    """A sample of a run's rows came out otherwise when it was repeated, and the run is strict about it."""
 
     exit_code = 3
 
@@ -54,33 +67,61 @@ class SelfCheckError(UserError):
 class SelfCheck:
     """What a self-check found.
 
-    `rows` repeated; of those how many came to another status (`status_differs`) or gait (`gait_differs`),
-    those aside that lie on a boundary (`sensitive`); `largest` change of each observable, of settled rows
-    where they ended and of others over their first crossings; `moved`, the rows that changed by more than is
-    allowed; `half`: what was made finer. `verdict`: passed, warned, or off.
+    `rows` repeated, of `of`; `stored_differs`: those whose stored records are not what they give again. With
+    finer steps, how many came to another status (`status_differs`), gait (`gait_differs`) or count of
+    crossings or of a whole-numbered observable (`count_differs`), and how many `moved` by more than is
+    allowed, in an observable or the time of a crossing; those aside that are `sensitive`. `largest` change
+    of each observable, of settled rows where they ended and of others over their first crossings, and the
+    `worst` of them by its size; `finer`: what was made finer. `verdict`: passed, warned, or off.
     """
 
     rows: int
+    of: int
+    stored_differs: int = 0
     status_differs: int = 0
     gait_differs: int = 0
+    count_differs: int = 0
     sensitive: int = 0
     moved: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
-    half: str = HALF_THE_STEP
+    worst: dict[str, str] = dataclasses.field(default_factory=dict)
+    finer: str = HALF_THE_STEP
     verdict: str = "passed"
+    _share: float = -1.0
 
-    def take_largest(self, model: Model, change: np.ndarray) -> None:
-        """Take the largest changes (n, observables), where they are known."""
-        for i, quantity in enumerate(model.observables):
-            column = change[:, i][np.isfinite(change[:, i])]
-            if column.size:
-                most = max(float(column.max()), self.largest.get(quantity.name, 0.0))
-                self.largest[quantity.name] = most
+    def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
+        """Take the largest changes (n, quantities), where they are known; `size` has the same shape."""
+        for i, quantity in enumerate(quantities):
+            column = change[:, i]
+            known = np.isfinite(column)
+            if known.any():
+                most = float(column[known].max())
+                self.largest[quantity.name] = max(most, self.largest.get(quantity.name, 0.0))
+                share = float((column / np.broadcast_to(size, change.shape)[:, i])[known].max())
+                if share > self._share:
+                    self._share = share
+                    self.worst = {"name": quantity.name, "unit": quantity.unit}
 
     def judged(self) -> dict[str, Any]:
         """Its fields, with its verdict."""
-        wrong = self.status_differs or self.gait_differs or self.moved
-        return dataclasses.asdict(self) | {"verdict": "warned" if wrong else "passed"}
+        differs = (
+            self.stored_differs,
+            self.status_differs,
+            self.gait_differs,
+            self.count_differs,
+            self.moved,
+        )
+        fields = {name: value for name, value in dataclasses.asdict(self).items() if name != "_share"}
+        return fields | {"verdict": "warned" if any(differs) else "passed"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Again:
+    """Rows (n,) that ran once more as they were: how they were recorded, and their results."""
+
+    rows: np.ndarray
+    recorder: Recorder
+    result: BlockResult
 
 
 def circular(model: Model) -> np.ndarray:
@@ -91,6 +132,50 @@ def circular(model: Model) -> np.ndarray:
 def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
     """How far observables (..., observables) are from each other, angles by the shorter way."""
     return np.abs(wrap_difference(once - again, circular(model)))
+
+
+def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
+    """The sizes (k,) by which quantities are compared, from their values (..., k).
+
+    They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
+    magnitude.
+    """
+    seen = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
+    found = np.full(len(quantities), LEAST_SCALE)
+    for i, quantity in enumerate(quantities):
+        column = seen[:, i][~np.isnan(seen[:, i])]
+        if quantity.circular or quantity.scale is not None:
+            found[i] = 1.0 if quantity.scale is None or quantity.circular else quantity.scale
+        elif column.size:
+            found[i] = max(np.ptp(column), LEAST_SIZE * np.abs(column).max(), LEAST_SCALE)
+    return found
+
+
+def counted(model: Model, *values: np.ndarray) -> np.ndarray:
+    """Which observables (k,) are counts: whole numbers wherever they are known, in all values (..., k)."""
+    whole = ~circular(model)
+    for each in values:
+        known = np.where(np.isfinite(each), each, 0.0).reshape(-1, whole.size)
+        whole &= np.all(known == np.round(known), axis=0)
+    return whole
+
+
+def rows_to_repeat(ready: Prepared) -> int:
+    """Rows of the sample: those that the job names, else at most 32 and `MOST_WORK` of the run's own work."""
+    job, plan = ready.job, ready.plan
+    if "verify" in job.model_fields_set or plan.n_rows <= LEAST_ROWS:
+        return min(job.verify, plan.n_rows)
+    values, _ = plan.values_in(np.zeros(1, np.int64))
+    values = ready.plan.model.on_host(values)
+    one = {name: np.asarray(column[0]) for name, column in values.items()}
+    period = float(jax.jit(lambda given: plan.model.period(plan.model.params(given)))(one))
+    cycles = job.run.cost(plan, 1.0, period).likely  # of a row, as a number of cycles
+    if job.run.compared in ("settled", "ends"):
+        repeated = (1.0 + 1.0 / FINER) * cycles
+    else:
+        repeated = (2.0 + 1.0 / FINER) * min(cycles, CROSSINGS)
+    most = int(MOST_WORK * plan.n_rows * cycles / max(repeated, 1e-300))
+    return min(job.verify, plan.n_rows, max(LEAST_ROWS, most))
 
 
 def sample_rows(plan: Plan, count: int) -> np.ndarray:
@@ -124,8 +209,8 @@ def sample_rows(plan: Plan, count: int) -> np.ndarray:
 
 def self_check(
     ready: Prepared, count: int, progress: Callable[[SweepProgress], None] | None = None
-) -> dict[str, Any]:
-    """Repeat a sample of a job's rows, and compare.
+) -> tuple[SelfCheck | None, Again | None]:
+    """Repeat a sample of a job's rows, and compare what they give with finer steps.
 
     Args:
         ready: the job made ready.
@@ -133,23 +218,131 @@ def self_check(
         progress: told how far it is.
 
     Returns:
-        The fields of a `SelfCheck`, as the manifest has them.
+        What it found, None where it is off; and the rows that ran as they were, to be compared with the
+        stored ones by `compare_stored`.
     """
     if count == 0:
-        return {"rows": 0, "verdict": "off"}
+        return None, None
     rows, compared = sample_rows(ready.plan, count), ready.job.run.compared
-    check = SelfCheck(rows=rows.size)
+    check = SelfCheck(rows=rows.size, of=ready.plan.n_rows)
     if compared == "starting_points":
         _compare_starting_points(ready, rows, check)
-        return check.judged()
+        return check, None
+    check.finer = f"{FINER:.2g} of the step"
     if ready.work.numerics.adaptive:
-        check.half = "tolerances 32 times finer"
+        check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
+    again = None
     if compared in ("settled", "ends"):
-        resting = _compare_ends(ready, rows, check, progress)
+        again, resting = _compare_ends(ready, rows, check, progress)
         rows = rows[~resting]
     if rows.size:
-        _compare_crossings(ready, rows, check, progress)
-    return check.judged()
+        crossings = _compare_crossings(ready, rows, check, progress)
+        again = again or crossings
+    return check, again
+
+
+def compare_stored(
+    ready: Prepared,
+    check: SelfCheck,
+    again: Again,
+    stored: Callable[[np.ndarray], pd.DataFrame],
+    progress: Callable[[SweepProgress], None] | None = None,
+) -> None:
+    """Count in `check` the rows whose stored records are not what they gave `again`.
+
+    Args:
+        ready: the job made ready.
+        check: what a self-check found.
+        again: the rows that it repeated as they were.
+        stored: gives the stored records of rows (n,).
+        progress: told how far it is.
+    """
+    if ready.job.run.one_a_row:
+        differs = _other_ends(ready, again, stored(again.rows), progress)
+    else:
+        recorder = _beginning(ready)
+        if recorder != again.recorder:
+            work, few = dataclasses.replace(ready.work, recorder=recorder), again.rows[:LEAST_ROWS]
+            again = Again(few, recorder, _repeated(work, ready.plan, [(few, 1.0, 0.0)], progress)[0])
+        differs = _other_records(ready.plan.model, again, stored(again.rows))
+    check.stored_differs = int(differs.sum())
+
+
+def _beginning(ready: Prepared) -> Recorder:
+    """The recorder of the first records of a row, of the same numbers as the run's own."""
+    recorder = ready.work.recorder
+    if isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) > MOST_CROSSINGS:
+        crossings = max(1, CROSSINGS - recorder.after_cycles)
+        return dataclasses.replace(recorder, crossings=crossings, duration=None, gaits=False)
+    if isinstance(recorder, TraceRecorder):
+        samples = min(recorder.samples, MOST_CROSSINGS)
+        return dataclasses.replace(recorder, duration=(samples - 1) * recorder.every)
+    if isinstance(recorder, StepRecorder):
+        stairs = recorder.stairs
+        first, second = stairs.values[:2]
+        first_two = (first, first + math.copysign(min(stairs.step, abs(second - first)), second - first))
+        return dataclasses.replace(recorder, stairs=dataclasses.replace(stairs, values=first_two))
+    return recorder
+
+
+def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
+    """Which rows (n,) have other first records in a table than they gave again."""
+    recorder, result = again.recorder, again.result
+    quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
+    names = [name for name in recorder.names if name in stored.columns and name not in ("settled", "slowest")]
+    samples = result.samples.reshape(-1, recorder.width)
+    given = pd.DataFrame(samples, columns=list(recorder.names)).assign(place=result.owner)
+    if isinstance(recorder, StepRecorder):
+        # two stairs, of which the last one ends before the end of the path
+        given = given[given["settled"] == 1.0]
+    given["nth"] = given.groupby("place").cumcount()
+    number = {int(row): place for place, row in enumerate(again.rows)}
+    known = stored.dropna(subset=names)
+    known = known.assign(
+        place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
+    )
+    if isinstance(recorder, StepRecorder):
+        given["nth"], known = given["stair"].astype(int), known.assign(nth=known["stair"].astype(int))
+    both = given.merge(known[["place", "nth", *names]], on=["place", "nth"], suffixes=("", " stored"))
+    described = tuple(quantities.get(name, Quantity(name, "1", "")) for name in names)
+    now = both[names].to_numpy(float)
+    before = both[[f"{name} stored" for name in names]].to_numpy(float)
+    angles = np.array([q.circular for q in described])
+    off = np.abs(wrap_difference(now - before, angles)) > ROUNDING * sizes(described, now)
+    differs = np.zeros(again.rows.size, bool)
+    differs[both["place"].to_numpy(int)[off.any(axis=1)]] = True
+    return differs
+
+
+def _other_ends(
+    ready: Prepared,
+    again: Again,
+    stored: pd.DataFrame,
+    progress: Callable[[SweepProgress], None] | None,
+) -> np.ndarray:
+    """Which rows (n,) end otherwise in a table than they did again."""
+    model, result = ready.plan.model, again.result
+    status = stored["status"].astype(str).to_numpy()
+    simulated = status != Status.inferred.name
+    differs = simulated & (status != np.array([Status(code).name for code in result.status]))
+    sound = simulated & ~differs & np.isin(status, list(Status.of(Verdict.sound)))
+    gait = np.asarray(gaits(model, result.labels["gait"]).astype(object))
+    differs |= sound & (stored["gait"].astype(object).to_numpy() != gait)
+    names = [f"{q.name}_end" for q in model.observables]
+    now, before = end_values_of(again.recorder, result), stored[names].to_numpy(float)
+    off = sound[:, None] & (changes(model, now, before) > ROUNDING * sizes(model.observables, now))
+    if off.any():
+        some = np.flatnonzero(off.any(axis=1))
+        lanes = [(again.rows[some], 1.0, MOVED)]
+        moved = end_values_of(again.recorder, _repeated(ready.work, ready.plan, lanes, progress)[0])
+        own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
+        off[some] &= changes(model, now, before)[some] > own
+    return differs | off.any(axis=1)
+
+
+def end_values_of(recorder: Recorder, result: BlockResult) -> np.ndarray:
+    """The observables (n, k) with which rows ended."""
+    return end_values(result) if isinstance(recorder, FixedTimeRecorder) else result.last
 
 
 def _repeated(
@@ -193,38 +386,64 @@ def _part(result: BlockResult, first: int, last: int) -> BlockResult:
 
 def _compare_ends(
     ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
-) -> np.ndarray:
-    """Compare how rows (n,) end; gives which of them came to rest, both times."""
-    work, plan = ready.work, ready.plan
-    once, half = _repeated(work, plan, [(rows, 1.0, 0.0), (rows, HALF, 0.0)], progress)
-    other_status = once.status != half.status
-    other_gait = ~other_status & (once.labels["gait"] != half.labels["gait"])
-    differs = np.flatnonzero(other_status | other_gait)
+) -> tuple[Again, np.ndarray]:
+    """Compare how rows (n,) end; gives them as they ran again, and which of them came to rest, both times."""
+    work, plan, model = ready.work, ready.plan, ready.plan.model
+    once, finer = _repeated(work, plan, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
+    at_times = ready.job.run.compared == "ends"
+    ends, finer_ends = (end_values_of(work.recorder, each) for each in (once, finer))
+    sound = np.isin(once.status, [each for each in Status if each.verdict is Verdict.sound])
+    other_status = once.status != finer.status
+    other_gait = ~other_status & (once.labels["gait"] != finer.labels["gait"])
+    own = own_steps(work.numerics.method, model) is not None
+    other_count = ~other_status & at_times & (not own) & (once.cycles != finer.cycles)
+    # an orbit of several cycles may have been read at another of its points
+    same = sound & ~other_status & ~other_gait & (once.period <= 1)
+    change = changes(model, ends, finer_ends)
+    size = sizes(model.observables, _with_starts(ready, rows, ends))
+    check.take_largest(model.observables, change[same], size)
+    off = np.zeros_like(change, bool)
+    if not own or not at_times:
+        tolerance = np.full(change.shape[1], TOLERANCE)
+        if isinstance(work.recorder, SettleRecorder):
+            tolerance[:] = work.recorder.tolerance
+        bound = TOLERANCES * tolerance * size
+        counts = counted(model, ends[same], finer_ends[same])
+        off = same[:, None] & (change > np.where(counts, 0.0, bound))
+        other_count |= np.any(off & counts, axis=1)
+    differs = np.flatnonzero(other_status | other_gait | other_count | off.any(axis=1))
     if differs.size:
         some = rows[differs]
-        tried = _repeated(work, plan, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress)
-        flips = np.zeros(some.size, bool)
-        for moved in tried:
+        flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
+        for moved in _repeated(work, plan, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
             flips |= moved.status != once.status[differs]
             flips |= moved.labels["gait"] != once.labels["gait"][differs]
-        check.sensitive += int(flips.sum())
-        check.status_differs += int((other_status[differs] & ~flips).sum())
-        check.gait_differs += int((other_gait[differs] & ~flips).sum())
-    settled = (once.status == Status.settled) & (half.status == Status.settled)
-    resting = settled | (once.status != half.status) | _failed(once.status)
-    # an orbit of several cycles may have been read at another of its points
-    same = settled & ~other_gait & (once.period <= 1)
-    if ready.job.run.compared == "ends":
-        same = ~other_status & ~other_gait & ~_failed(once.status)
-        resting = np.ones(rows.size, bool)
-    change = changes(plan.model, once.last, half.last)
-    check.take_largest(plan.model, change[same])
-    recorder = work.recorder
-    if isinstance(recorder, SettleRecorder):
-        # SETTLE_WINDOW tolerances, in each observable's unit
-        bound = np.asarray(jax.jit(jax.vmap(lambda last: recorder.bound(last[None, :])))(once.last[same]))
-        check.moved += int(np.sum(np.any(change[same] > TOLERANCES / SETTLE_WINDOW * bound, axis=1)))
-    return resting
+            flips |= at_times & (moved.cycles != once.cycles[differs])
+            spread = np.fmax(spread, changes(model, end_values_of(work.recorder, moved), ends[differs]))
+        wrong = np.any(off[differs] & (change[differs] > spread / MOVED * LOCAL_ERROR), axis=1)
+        discrete = (other_status | other_gait | other_count)[differs]
+        sensitive = np.where(discrete, flips | (other_count[differs] & ~wrong), ~wrong)
+        check.sensitive += int(sensitive.sum())
+        check.status_differs += int((other_status[differs] & ~sensitive).sum())
+        check.gait_differs += int((other_gait[differs] & ~sensitive).sum())
+        check.count_differs += int((other_count[differs] & ~sensitive).sum())
+        check.moved += int((wrong & ~discrete).sum())
+    resting = at_times | sound | other_status | _failed(once.status)
+    return Again(rows, work.recorder, once), np.broadcast_to(resting, rows.shape)
+
+
+def _with_starts(ready: Prepared, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """The observables (2 n, k) of rows where they start and where they end."""
+    model, drive = ready.plan.model, ready.work.drive
+    values, starts = ready.plan.values_in(rows)
+
+    def observed(held: Any, start: Any) -> Any:
+        params = model.params(held) if drive is None else drive(held, 0.0)
+        seen = model.observe(params, model.init(params, start))
+        return jax.numpy.stack([seen[q.name] for q in model.observables])
+
+    begun = jax.jit(jax.vmap(observed))(model.on_host(values), starts)
+    return np.concatenate([np.asarray(begun, float), ends])
 
 
 def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> None:
@@ -233,9 +452,9 @@ def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck
     both = once.found & half.found
     check.status_differs = int(np.sum(once.found != half.found))
     change = changes(model, once.observed, half.observed)
-    check.take_largest(model, change[both])
-    angles = change[:, circular(model)]
-    check.moved = int(np.sum(both & np.any(angles > TOLERANCES * TOLERANCE, axis=1)))
+    size = sizes(model.observables, once.observed[once.found])
+    check.take_largest(model.observables, change[both], size)
+    check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
 
 
 def _failed(status: np.ndarray) -> np.ndarray:
@@ -244,39 +463,76 @@ def _failed(status: np.ndarray) -> np.ndarray:
 
 def _compare_crossings(
     ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
-) -> None:
+) -> Again:
+    """Compare the first crossings of rows (n,), with their times; gives them as they ran again."""
     plan, model = ready.plan, ready.plan.model
-    recorder = ready.work.recorder
-    if not (isinstance(recorder, CrossingRecorder) and (recorder.crossings or math.inf) <= MOST_CROSSINGS):
+    recorder = _beginning(ready)
+    if not isinstance(recorder, CrossingRecorder):
         recorder = CrossingRecorder(model, crossings=CROSSINGS)
+    lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
     work = dataclasses.replace(ready.work, recorder=recorder)
-    lanes = [(rows, 1.0, 0.0), (rows, HALF, 0.0), (rows, 1.0, MOVED)]
-    once, half, moved = repeated = _repeated(work, plan, lanes, progress)
-    observed = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
-    differs = once.status != half.status
+    once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
+    seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
+    if not np.any(np.isfinite(seen[0][:, 1:])):
+        # no section was crossed: the state is compared after as many nominal periods
+        recorder = FixedTimeRecorder(model, _comparable_time(ready))
+        work = dataclasses.replace(ready.work, recorder=recorder)
+        once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
+        begun = _with_starts(ready, rows, np.zeros((0, len(model.observables))))
+        seen = [np.stack([begun, end_values(each)], axis=1) for each in repeated]
+        seen = [np.concatenate([np.zeros((*each.shape[:2], 1)), each], axis=2) for each in seen]
+    differs = once.status != finer.status
     boundary = differs & (once.status != moved.status)
     check.sensitive += int(boundary.sum())
     check.status_differs += int((differs & ~boundary).sum())
+    observed, times = [each[..., 1:] for each in seen], [each[..., 0] for each in seen]
     change = changes(model, observed[0], observed[1])
-    spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
     most = np.nanmax(change, axis=1, initial=0.0)
-    check.take_largest(model, most)
+    size = sizes(model.observables, observed[0])
+    check.take_largest(model.observables, most, size)
     if own_steps(ready.work.numerics.method, model) is not None:
         # its step is part of such a model: what changes with it is told, and is no fault of the run
-        return
-    off = np.where(circular(model), most, 0.0)
+        return Again(rows, recorder, once)
+    counts = counted(model, observed[0], observed[1])
+    off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
     # what a start moved by 1e-9 changes as much is the motion's own sensitivity
-    own = spread / MOVED * LOCAL_ERROR
-    wrong = np.any((off > TOLERANCES * TOLERANCE) & (off > own), axis=1)
-    check.sensitive += int(np.sum(np.any(off > TOLERANCES * TOLERANCE, axis=1) & ~wrong))
-    check.moved += int(wrong.sum())
+    spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
+    wrong = off & (most > spread / MOVED * LOCAL_ERROR)
+    late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)
+    own = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
+    interval = np.fmin(_mean_interval(times[0]), _mean_interval(times[1]))
+    off_time = late > TOLERANCES * TOLERANCE * interval
+    check.take_largest((Quantity("t", "s", "time"),), late[:, None], interval[:, None])
+    other_count = ~differs & np.any(wrong & counts, axis=1)
+    other = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > own)))
+    check.count_differs += int(other_count.sum())
+    check.moved += int(other.sum())
+    check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~other))
+    return Again(rows, recorder, once)
+
+
+def _comparable_time(ready: Prepared) -> float:
+    """Seconds after which rows without a section are compared: `CROSSINGS` periods, or the run's own end."""
+    model = ready.plan.model
+    values, _ = ready.plan.values_in(np.zeros(1, np.int64))
+    one = {name: np.asarray(column[0]) for name, column in model.on_host(values).items()}
+    period = float(jax.jit(lambda given: model.period(model.params(given)))(one))
+    return min(CROSSINGS * period, getattr(ready.work.recorder, "duration", None) or math.inf)
+
+
+def _mean_interval(times: np.ndarray) -> np.ndarray:
+    """The mean time (s) between the crossings (n, m) of each row; NaN where there are fewer than two."""
+    first, last = np.nanmin(times, axis=1, initial=np.inf), np.nanmax(times, axis=1, initial=-np.inf)
+    known = np.isfinite(times).sum(axis=1) - 1
+    return np.where(known > 0, (last - first) / np.maximum(known, 1), np.nan)
 
 
 def _crossings(result: BlockResult, n: int, after: int) -> np.ndarray:
-    """The observables (n, crossings, observables), NaN where a row did not get so far."""
-    observed = np.full((n, CROSSINGS + 1, result.last.shape[1]), np.nan)
-    samples = result.samples.reshape(-1, 2 + result.last.shape[1])
+    """The times (s) and observables (n, crossings, 1 + k), NaN where a row did not get so far."""
+    width = 1 + result.last.shape[1]
+    seen = np.full((n, CROSSINGS + 1, width), np.nan)
+    samples = result.samples.reshape(-1, 1 + width)
     at = samples[:, 0].astype(int) - after
     kept = at <= CROSSINGS
-    observed[result.owner[kept], at[kept]] = samples[kept, 2:]
-    return observed
+    seen[result.owner[kept], at[kept]] = samples[kept, 1:]
+    return seen

@@ -1,10 +1,10 @@
-"""What a self-check found, in words."""
+"""The sentences that state what a self-check found."""
 
 from __future__ import annotations
 
 from typing import Any
 
-# What is made finer where steps follow from no tolerance.
+# What is made finer where the steps of a return map are halved.
 HALF_THE_STEP = "half the step"
 # A settled row may move by this many times the tolerance of settling.
 TOLERANCES = 10.0
@@ -14,28 +14,54 @@ def sentence(found: dict[str, Any]) -> str:
     """What a self-check found, on one line."""
     if found.get("verdict") == "off":
         return "Self-check: off."
-    largest = {name: value for name, value in found.get("largest", {}).items() if value == value}
-    most = max(largest, key=lambda name: largest[name]) if largest else None
-    change = f"largest change {largest[most]:.1e} of {most}" if most is not None else "nothing to compare"
-    sensitive = f", {found['sensitive']} on a boundary" if found.get("sensitive") else ""
-    rows = f"{found['rows']} row{'s' * (found['rows'] != 1)}"
-    text = f"Self-check: {rows} repeated with {found['half']}: "
+    rows, of = found["rows"], found.get("of", found["rows"])
+    sample = f"{rows} row{'s' * (rows != 1)}" if rows == of else f"{rows} of {of} rows"
+    finer = found.get("finer") or found.get("half", HALF_THE_STEP)
+    how = f"rerun {'at' if 'step' in finer else 'with'} {finer}"
+    change = _largest(found)
     if found["verdict"] == "passed":
-        return f"{text}same status and gait{sensitive}, {change}."
+        sensitive = (
+            f", {found['sensitive']} of them on a boundary or sensitive" if found.get("sensitive") else ""
+        )
+        return f"Self-check: {sample} {how} kept their gait{sensitive}; {change}."
     wrong = [
-        f"{found[name]} came to another {word}"
-        for name, word in (("status_differs", "status"), ("gait_differs", "gait"))
+        f"{found[name]} {text}"
+        for name, text in (
+            ("stored_differs", "gave other records than the stored ones when they ran again as they were"),
+            ("status_differs", "came to another status"),
+            ("gait_differs", "came to another gait"),
+            ("count_differs", "came to another count"),
+            ("moved", f"moved by more than {TOLERANCES:g} tolerances"),
+        )
         if found.get(name)
     ]
-    if found.get("moved"):
-        wrong.append(f"{found['moved']} moved by more than {TOLERANCES:g} tolerances")
-    return f"{text}{', '.join(wrong)}{sensitive}, {change}."
+    if found.get("sensitive"):
+        wrong.append(f"{found['sensitive']} lie on a boundary or are sensitive")
+    return f"Self-check: {sample} {how}: {', '.join(wrong)}; {change}."
+
+
+def _largest(found: dict[str, Any]) -> str:
+    """The largest change of an observable; manifests of older versions do not say which is the worst."""
+    largest = {name: value for name, value in found.get("largest", {}).items() if value == value}
+    if not largest:
+        return "there was nothing to compare"
+    worst = found.get("worst") or {"name": max(largest, key=lambda name: largest[name]), "unit": "1"}
+    unit = "" if worst["unit"] == "1" else f" {worst['unit']}"
+    name = "the time of a crossing" if worst["name"] == "t" else worst["name"]
+    return f"{name} changed by at most {largest[worst['name']]:.1e}{unit}"
 
 
 def advice(found: dict[str, Any], dt: float | None) -> str:
     """What to change where a self-check warned."""
+    differs = ("status_differs", "gait_differs", "count_differs", "moved")
+    if found.get("stored_differs") and not any(found.get(name) for name in differs):
+        text = "The table was made by another model, file of data, cache or version than is here now"
+        return f"{text}: run the job into a new directory."
     if dt is not None:
         return f"The table depends on the step: make numerics.dt shorter than {dt:g} s, or leave it out."
-    if found.get("half") != HALF_THE_STEP:
-        return "The table depends on the tolerances: make numerics.rtol and numerics.atol finer."
+    if "step" not in (found.get("finer") or found.get("half", HALF_THE_STEP)):
+        return (
+            "The table depends on the steps: make numerics.rtol and numerics.atol finer, or numerics.dt "
+            "shorter, and compare."
+        )
     return "The table depends on the step: give a shorter one, numerics.dt, and compare."

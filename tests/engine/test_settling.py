@@ -12,6 +12,7 @@ import pytest
 from plane_maps import Logistic, Spiral
 from simplest_walker import ANGLE, RATE, SimplestWalker
 from sweeping import run_rows
+from toy_model import Toy
 
 import gaitsweep as gs
 from gaitsweep.analysis.attractors.attractors import attractors
@@ -65,16 +66,16 @@ def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> Non
 def test_no_period_is_found_that_is_not_there() -> None:
     """3 000 orbits, chaotic ones and slow ones near bifurcations among them, against 200 000 steps of NumPy.
 
-    The fixed points are left out: a row that stays within 1e-2 of an unstable one for 10 cycles settles.
+    No chaotic row that passes its unstable fixed point, or an orbit of up to 8 crossings, counts as settled.
     """
     random = np.random.default_rng(12)
     r, start = random.uniform(2.9, 4.0, 3000), random.uniform(0.05, 0.95, 3000)
     true = true_periods(r, start)
     for cycles in (150, 600):
         found = logistic(r, start=start, cycles=cycles).period
-        np.testing.assert_array_equal(found[found > 1], true[found > 1])
+        np.testing.assert_array_equal(found[found > 0], true[found > 0])
         there = (true > 1) & (true <= 8)
-        assert np.mean(found[there] == true[there]) > (0.9 if cycles == 150 else 0.97)
+        assert np.mean(found[there] == true[there]) > (0.88 if cycles == 150 else 0.97)
 
 
 @pytest.mark.parametrize("cycles", [150, 1000])
@@ -108,13 +109,13 @@ def test_observables_settle_by_their_own_size() -> None:
     for end in ends:
         assert end.status.tolist() == [Status.settled] * 3
         np.testing.assert_array_equal(end.cycles, ends[1].cycles)
-    # |x_n - x_(n - j)| < 1e-2 |x| on the exact orbit, from (1.5, 0) about (1, 1)
+    # |x_n - x_(n - j)| < 1e-2 of the range from crossing 1 on, on the exact orbit from (1.5, 0) about (1, 1)
     n = np.arange(200)
     at = (0.5 - 1.0j) * 0.9**n * np.exp(0.3j * n)
     points = np.stack([1.0 + at.real, 1.0 + at.imag], axis=1)
     for last in range(10, 200):
         near = np.abs(points[last] - points[last - 10 : last])
-        if np.all(near < 1e-2 * np.abs(points[last - 10 : last + 1]).max(axis=0)):
+        if np.all(near < 1e-2 * np.ptp(points[1 : last + 1], axis=0)):
             break
     assert ends[1].cycles[0] == last
 
@@ -141,9 +142,128 @@ def test_a_scale_of_the_models_own_counts_for_what_tends_to_0() -> None:
     found = run_rows(Declining(), SettleRecorder(Declining()), starts, params=given, numerics=ONE)
     # .9^n (.9^-10 - 1) < 10 * 1e-3 * 2
     assert found.cycles.tolist() == [int(np.ceil(np.log(0.02 / (0.9**-10 - 1.0)) / np.log(0.9)))]
-    # with none it has to fall below 1e-9 of its unit: the row says so by its name
+    # with none, its range counts, from crossing 1 on: .9^n (.9^-10 - 1) < 1e-2 (.9 - .9^n)
     found = run_rows(Scaleless(), SettleRecorder(Scaleless(), 150), starts, params=given, numerics=ONE)
-    assert (Status(found.status[0]).name, found.slowest[0]) == ("cycle_limit", 0)
+    assert found.cycles.tolist() == [int(np.ceil(np.log(0.009 / (0.9**-10 - 1.0 + 0.01)) / np.log(0.9)))]
+
+
+@dataclasses.dataclass(frozen=True)
+class Shifted(Logistic):
+    """Its x is counted from another zero."""
+
+    zero: float = 0.0
+
+    def observe(self, params, state):
+        return {"x": state.x + self.zero, "y": state.y + self.zero}
+
+
+def test_the_zero_of_an_observable_does_not_matter() -> None:
+    """Attractors some tenths wide: from 1000 on they are less than the tolerance of their magnitude."""
+    r = [2.8, 3.2, 3.5, 3.83, 3.7, 3.9]
+    found = [
+        run_rows(
+            Shifted(zero=zero),
+            SettleRecorder(Shifted(zero=zero), 200),
+            {"x_0": np.full(6, 0.3)},
+            params={"r": r},
+            numerics=ONE,
+            lanes=8,
+            engine="kernel",
+        )
+        for zero in (0.0, 1000.0)
+    ]
+    for each in found:
+        assert each.period.tolist() == [1, 2, 4, 3, 0, 0]
+        np.testing.assert_array_equal(each.cycles, found[0].cycles)
+
+
+def test_a_row_that_starts_at_its_fixed_point_settles() -> None:
+    """Its range is 0, or that of rounding; y copies x from crossing 1 on."""
+    r = np.array([2.5, 2.8, 2.9])
+    found = logistic(r, start=1.0 - 1.0 / r)
+    assert found.period.tolist() == [1, 1, 1]
+    assert found.cycles.tolist() == [11, 11, 11]
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_bounces_that_accumulate_never_settle(restitution: float) -> None:
+    """The launch speed shrinks to nothing, as do the times between bounces; with a kick both have a limit."""
+    model = Toy()
+    starts = {"launch_1": [1.0, 1.0]}
+    params = {"restitution": restitution, "kicking": [0.0, 1.0]}
+    numerics = Numerics(dt=0.02)
+    found = run_rows(model, SettleRecorder(model, 300), starts, params=params, numerics=numerics)
+    assert Status(found.status[0]) != Status.settled
+    assert (Status(found.status[1]).name, found.period[1]) == ("settled", 1)
+
+
+class Pendulum(gs.DeclaredModel):
+    """A damped pendulum with a torque: it hangs at asin(torque), or turns over and over."""
+
+    damping = gs.parameter("1", "damping", 0.2)
+    torque = gs.parameter("1", "torque", 0.5)
+    theta = gs.variable("rad", "angle", 0.5, circular=True)
+    omega = gs.variable("rad/s", "rate", 0.0, scale=1.0)
+
+    def flow(self, p, s):
+        return {"theta": s.omega, "omega": p.torque - p.damping * s.omega - jnp.sin(s.theta)}
+
+    @gs.event("it passes the top", section=True)
+    def top(self, p, s):
+        return jnp.sin(0.5 * (s.theta - jnp.pi))
+
+    def period(self, p):
+        return 2.0 * jnp.pi + 0.0 * p.damping
+
+
+class Unforced(gs.DeclaredModel):
+    """The same without a section, and with a place that its swings move."""
+
+    damping = gs.parameter("1", "damping", 0.2)
+    speed = gs.parameter("m/s", "speed", 0.0)
+    theta = gs.variable("rad", "angle", 0.5)
+    omega = gs.variable("rad/s", "rate", 0.0)
+    place = gs.variable("m", "place", 0.0)
+
+    def flow(self, p, s):
+        return {"theta": s.omega, "omega": -p.damping * s.omega - jnp.sin(s.theta), "place": p.speed}
+
+    def period(self, p):
+        return 2.0 * jnp.pi + 0.0 * p.damping
+
+
+def test_a_fixed_point_of_the_flow_is_an_attractor_beside_a_cycle() -> None:
+    table = gs.sweep(
+        Pendulum, theta_0=[-2.0, 0.0, 2.0], omega_0=[-1.0, 0.0, 4.0], run=gs.Settle(), verify=0
+    ).table
+    ends = {str(status): part for status, part in table.groupby("status", observed=True)}
+    assert set(ends) == {"at_rest", "settled"}
+    np.testing.assert_allclose(ends["at_rest"]["theta_end"], np.arcsin(0.5), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(ends["at_rest"]["omega_end"], 0.0, rtol=0, atol=1e-6)
+    assert (ends["at_rest"]["attractor_period"] == 0).all()
+    found = attractors(table)
+    assert sorted(found.summary["kind"]) == ["point", "rest"]
+    assert set(found.column[table["status"] == "at_rest"]).isdisjoint(
+        found.column[table["status"] == "settled"]
+    )
+
+
+def test_what_is_at_rest_and_what_is_not() -> None:
+    """Equilibria without a section; no undamped swing, no start by a saddle, no body that goes on."""
+    table = gs.sweep(
+        Unforced,
+        damping=[0.0, 0.3],
+        speed=[0.0, 0.1],
+        theta_0=[0.0, 0.1, 3.14, np.pi - 1e-9],
+        run=gs.Settle(max_cycles=40),
+        verify=0,
+    ).table
+    rests = (table["status"] == "at_rest").to_numpy()
+    expected = (table["speed"] == 0.0) & ((table["damping"] > 0.0) | (table["theta_0"] == 0.0))
+    np.testing.assert_array_equal(rests, expected.to_numpy())
+    # it left the saddle and hangs
+    np.testing.assert_allclose(np.sin(table["theta_end"].to_numpy()[rests]), 0.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(np.cos(table["theta_end"].to_numpy()[rests]), 1.0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -1,14 +1,16 @@
-"""Runs that check themselves: rows repeated at half the step, what differs, and what lies on a boundary."""
+"""Runs that check themselves: rows repeated as they were and with finer steps, and what differs."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -18,8 +20,8 @@ from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.runs import execute
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.self_check import sample_rows
-from gaitsweep.runs.self_check_report import sentence
+from gaitsweep.runs.self_check import counted, sample_rows
+from gaitsweep.runs.self_check_report import advice, sentence
 
 HOLD = {"kind": "fixed_time", "duration": 40.0}
 SETTLE = {"kind": "settle", "max_cycles": 2000, "tolerance": 1e-4}
@@ -42,15 +44,18 @@ def checked(tmp_path: Path, *, warns: bool = False, **fields: Any) -> dict[str, 
 def test_a_step_that_does_not_matter_passes(tmp_path: Path) -> None:
     found = checked(tmp_path, vary={"x_0": {"linspace": [-0.9, 0.9, 20]}})
     assert found["verdict"] == "passed"
-    assert found["rows"] == 20
+    assert (found["rows"], found["of"], found["stored_differs"]) == (4, 20, 0)
     assert 0.0 < found["largest"]["x"] < 1e-9  # both end in the same wells, by steps of their own
-    assert sentence(found).startswith("Self-check: 20 rows repeated with half the step: same status and gait")
+    assert sentence(found).startswith(
+        "Self-check: 4 of 20 rows rerun at 0.38 of the step kept their gait; x "
+    )
+    assert checked(tmp_path / "all", vary={"x_0": {"linspace": [-0.9, 0.9, 20]}}, verify=20)["rows"] == 20
 
 
-def test_another_gait_at_half_the_step_is_told(tmp_path: Path) -> None:
-    """The boundary lies at -lean dt: -5e-5 m, and -2.5e-5 m at half the step; starts between them differ."""
+def test_another_gait_with_finer_steps_is_told(tmp_path: Path) -> None:
+    """The boundary lies at -lean dt: -5e-5 m, and -1.9e-5 m with finer steps; starts between them differ."""
     starts = [-1e-4, -4e-5, -3e-5, -1e-5, 1e-4]
-    found = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, warns=True)
+    found = checked(tmp_path, vary={"x_0": starts}, params={"lean": 1e-3}, verify=5, warns=True)
     assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("warned", 2, 0)
     assert "2 came to another gait" in sentence(found)
 
@@ -61,17 +66,17 @@ def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
         tmp_path, vary={"x_0": [-4e-10, 0.3]}, params={"lean": 1e-8}, run={**HOLD, "duration": 60}
     )
     assert (found["verdict"], found["gait_differs"], found["sensitive"]) == ("passed", 0, 1)
-    assert "1 on a boundary" in sentence(found)
+    assert "1 of them on a boundary" in sentence(found)
 
 
 def test_a_settled_row_that_moves_is_told(tmp_path: Path) -> None:
-    """The well's bottom moves by lean dt / 4, 0.0125 m: more than ten tolerances."""
+    """The well's bottom moves by 0.62 lean dt / 2, 0.0156 m: more than ten tolerances."""
     fields: dict[str, Any] = {"vary": {"x_0": [0.5, 0.8]}, "params": {"lean": 1.0}}
     found = checked(tmp_path / "fine", run=SETTLE, warns=True, **fields)
     assert (found["verdict"], found["moved"], found["gait_differs"]) == ("warned", 2, 0)
-    assert found["largest"]["x"] == pytest.approx(0.0125, rel=0.1)
-    # from the well's bottom, which then moves by 2.5e-4 m: as much as settles
-    still = checked(tmp_path / "still", run=SETTLE, vary={"x_0": [1.0]}, params={"lean": 0.02})
+    assert found["largest"]["x"] == pytest.approx(0.0156, rel=0.1)
+    # from the well's bottom, 1 m from 0, which then moves by 7.8e-6 m: less than ten tolerances of 0.01 m
+    still = checked(tmp_path / "still", run=SETTLE, vary={"x_0": [1.0]}, params={"lean": 5e-4})
     assert still["verdict"] == "passed"
 
 
@@ -173,3 +178,160 @@ def test_a_sample_has_the_ends_of_each_axis(count: int) -> None:
         for axis, length in ((first, 40), (second, 25)):
             assert np.max(np.diff(np.unique(np.sort(axis)))) <= 0.25 * length
     assert sample_rows(plan, 10**6).size == plan.n_rows
+
+
+class Wheel(gs.DeclaredModel):
+    """A wheel that turns once in 2 pi s; its teeth are counted as they pass."""
+
+    teeth = gs.parameter("1", "teeth", 3.0)
+    phi = gs.variable("rad", "angle", 0.1, observed=False)
+    count = gs.variable("1", "teeth counted", 0.0)
+
+    def flow(self, p, s):
+        return {"phi": 1.0 + 0.0 * s.phi}
+
+    @gs.event("a tooth passes")
+    def tooth(self, p, s):
+        return jnp.sin(p.teeth * s.phi)
+
+    @tooth.jump
+    def add(self, p, s):
+        return s.replace(count=s.count + 1.0)
+
+    @gs.event("the wheel has turned", section=True)
+    def turn(self, p, s):
+        return s.phi - 2.0 * jnp.pi
+
+    @turn.jump
+    def back(self, p, s):
+        return s.replace(phi=s.phi - 2.0 * jnp.pi)
+
+    def period(self, p):
+        return 2.0 * jnp.pi + 0.0 * p.teeth
+
+
+class Spring(gs.DeclaredModel):
+    """An undamped spring; v rises through 0 once a period."""
+
+    w = gs.parameter("rad/s", "frequency", 2.0)
+    x = gs.variable("m", "place", 1.0, scale=1.0)
+    v = gs.variable("m/s", "speed", 0.0)
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": -(p.w**2) * s.x}
+
+    @gs.event("v rises through 0", section=True)
+    def turns(self, p, s):
+        return s.v
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.w
+
+
+class Rotor(gs.DeclaredModel):
+    """A rotor whose period is given for w = 1 rad/s only."""
+
+    w = gs.parameter("rad/s", "frequency", 1.0)
+    phi = gs.variable("rad", "phase", 0.5, circular=True)
+
+    def flow(self, p, s):
+        return {"phi": p.w}
+
+    @gs.event("its sine rises", section=True)
+    def turns(self, p, s):
+        return jnp.sin(s.phi)
+
+    def period(self, p):
+        return 2.0 * jnp.pi + 0.0 * p.w
+
+
+class Pulses(gs.DeclaredModel):
+    """u' = -u, and a pulse of area 1 in the middle of each 2 s that no step of the run's own meets."""
+
+    width = gs.parameter("s", "width of the pulse", 0.01)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+    u = gs.variable("1", "u", 1.0)
+
+    def flow(self, p, s):
+        on = (s.clock > 1.0) & (s.clock < 1.0 + p.width)
+        return {"clock": 1.0, "u": -s.u + jnp.where(on, 1.0 / p.width, 0.0)}
+
+    @gs.event("2 s are over", section=True)
+    def tick(self, p, s):
+        return s.clock - 2.0
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(clock=s.clock - 2.0)
+
+    def period(self, p):
+        return 2.0 + 0.0 * p.width
+
+
+def judged(model: type, run: Any, **given: Any) -> dict[str, Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return gs.sweep(model, run=run, **given).manifest["self_check"]
+
+
+def test_whole_numbers_are_counts() -> None:
+    """phi is an angle, count a count as long as both runs give whole numbers."""
+    model, whole = Wheel(), np.array([[3.0], [np.nan], [6.0]])
+    assert counted(model, whole, whole + 1.0).tolist() == [True]
+    assert counted(model, whole, whole + 1e-9).tolist() == [False]
+    assert counted(Rotor(), whole).tolist() == [False]
+    assert judged(Wheel, gs.ReturnMap(crossings=3), teeth=[3.0, 30.0])["verdict"] == "passed"
+
+
+def test_an_observable_of_any_unit_is_judged_by_its_size() -> None:
+    """Steps of 0.39 s of Runge and Kutta's method lose a phase of some tenths in 200 s."""
+    found = judged(Spring, gs.FixedTime(duration=200.0), numerics={"method": "rk4", "dt": 0.39})
+    assert (found["verdict"], found["moved"]) == ("warned", 1)
+    found = judged(Spring, gs.FixedTime(duration=20.0))
+    assert (found["verdict"], found["sensitive"]) == ("passed", 0)
+
+
+def test_the_time_of_a_crossing_is_compared() -> None:
+    """A step of many periods passes over crossings; phi is 0 at all of them, so only their times tell."""
+    steps = {"method": "rk4", "dt": 0.19}
+    found = judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 3000.0], numerics=steps)
+    assert (found["verdict"], found["moved"], found["worst"]["name"]) == ("warned", 1, "t")
+    assert judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 5.0])["verdict"] == "passed"
+
+
+def test_what_all_steps_of_a_run_leap_over_is_found_by_others() -> None:
+    """Every step of 2 s / 32 ends at a multiple of itself, and so does each half of one."""
+    steps = {"method": "rk4", "dt": 2.0 / 32.0}
+    found = judged(Pulses, gs.Settle(max_cycles=60), width=[0.01, 0.015], numerics=steps)
+    assert (found["verdict"], found["moved"]) == ("warned", 2)
+    assert found["largest"]["u"] > 0.1  # the run's own is 0
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        {"kind": "settle", "max_cycles": 2000, "tolerance": 1e-4},
+        {"kind": "return_map", "crossings": 12},
+        {"kind": "trace", "duration": 3.0, "every": 0.5},
+        {"kind": "staircase", "parameter": "lean", "path": [0.0, 0.1], "step": 0.05, "dwell": 30.0},
+        {"kind": "ramp", "parameter": "lean", "path": [0.0, 0.1], "rate": 0.01},
+    ],
+    ids=lambda run: run["kind"],
+)
+def test_stored_rows_that_are_not_what_the_rows_give_now_are_found(
+    tmp_path: Path, run: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fields: dict[str, Any] = {"vary": {"x_0": [0.5, 0.8]}, "run": run}
+    assert checked(tmp_path / "same", **fields)["stored_differs"] == 0
+
+    def altered(*given: Any, **more: Any) -> pd.DataFrame:
+        table = gs.load(*given, **more)
+        names = [name for name in table.columns if name in ("x", "x_n", "x_end")]
+        assert len(names) == 1
+        table[names[0]] = table[names[0]] + np.where(table["row"] == 1, 1e-4, 0.0)
+        return table
+
+    monkeypatch.setattr(execute, "load", altered)
+    found = checked(tmp_path / "other", warns=True, **fields)
+    assert (found["verdict"], found["stored_differs"]) == ("warned", 1)
+    assert "run the job into a new directory" in advice({"stored_differs": 1}, None)

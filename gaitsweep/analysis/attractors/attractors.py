@@ -34,14 +34,16 @@ _KINDS = ("point", "line", "surface", "space")
 class Attractors:
     """The attractors of a table's rows.
 
-    `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. All
+    `column`: the attractor of each row, a category; NaN where the row did not settle or was inferred. Rows at
+    rest (at a fixed point of the flow) are in no attractor with rows that settled on their section. All
     rows on orbits of p crossings are `period p`, since a table holds only one point of each: they are not
     grouped by their states, have the kind `orbit` and no state in `summary`, and are not in `states`.
     `summary`: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
     of a state in its middle, extent (the distance between its ends, in the columns' unit, over whole turns),
-    dimension and kind (point, line, surface, or space from 3 dimensions on). `link`: the largest link within
-    an attractor, inf where there is one attractor. `grain`: the distance below which states are equal.
-    `states`: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
+    dimension and kind (point, line, surface, or space from 3 dimensions on; `rest` at rest). `link`: the
+    largest link within an attractor, inf where there is one attractor. `grain`: the distance below which
+    states are equal. `states`: states of each attractor by its name, (m, d), one for each cell, in units of
+    the scales.
     """
 
     column: pd.Series
@@ -93,6 +95,8 @@ def attractors(
     if corners:
         gaps = np.where(lengths <= link, lengths, 0.0)
         group = _cut_at_corners(space, states, flat, group, links, gaps, gathered.side)
+    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[settled][gathered.first]
+    group = np.unique(np.stack([group, resting]), axis=1, return_inverse=True)[1].reshape(-1)
     # the largest first
     rows = np.bincount(group[gathered.of])
     group = np.argsort(np.argsort(-rows, kind="stable"), kind="stable")[group]
@@ -108,6 +112,8 @@ def attractors(
     column = pd.Series(pd.Categorical.from_codes(codes.tolist(), every), index=table.index, name="attractor")
     own = [group == number for number in range(rows.size)]
     records = [_described(space, states[mine], flat[mine], gathered.side, columns) for mine in own]
+    for record, mine in zip(records, own, strict=True):
+        record["kind"] = "rest" if resting[mine].any() else record["kind"]
     records += [{"dimension": 0, "kind": "orbit"} for _ in periods]
     summary = pd.DataFrame(records, columns=[*columns, "extent", "dimension", "kind"])
     rows = np.concatenate([rows, [np.count_nonzero(orbits == p) for p in periods]]).astype(int)
@@ -149,7 +155,8 @@ def _grain_of(table: pd.DataFrame) -> float:
 
 def _settled(table: pd.DataFrame, columns: Sequence[str]) -> np.ndarray:
     known = np.isfinite(table[list(columns)].to_numpy(float)).all(axis=1)
-    return known & (table["status"].astype(str) == Status.settled.name).to_numpy() & (_orbits(table) <= 1)
+    status = table["status"].astype(str)
+    return known & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_orbits(table) <= 1)
 
 
 def _orbits(table: pd.DataFrame) -> np.ndarray:

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.contract import HybridModel, Model, Params, State, Status, Verdict
+from gaitsweep.dynamics.declarations import Variable
+from gaitsweep.dynamics.declared_model import Declared
 from gaitsweep.engine.advance import FINISHED, Carry, fired_last, select, stalled
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ GUARDS_A_WORD = 32
 # How a row may end and still have a last section crossing at which its gait can be read.
 LABELLED = [s for s in Status if s.verdict is not Verdict.failed and s is not Status.running]
 # What of a record stays on the device.
-UNSEEN = ("window", "moves")
+UNSEEN = ("window", "memory")
 
 
 @jax.tree_util.register_dataclass
@@ -47,8 +49,8 @@ class Record:
     """The progress and the results of a row.
 
     `status` is a `Status`; `cycles` the number of crossings, without the start; `last` (n,) the observables
-    at the last crossing; `window` (w, n) those at the last w crossings; `moves` recent distances of
-    crossings, for some recorders; `filled` the records in the buffer that wait for the host, at most
+    at the last crossing; `window` (w, ...) numbers of the last w crossings, and `memory` what else of earlier
+    crossings a recorder remembers; `filled` the records in the buffer that wait for the host, at most
     `BUFFER`; `samples` the records kept so far; `period` the period of the attractor in crossings, 0 if
     unknown; `slowest` the number of the observable that kept the row from settling, else -1; `fired` the
     guards whose jumps stalled the row, a bit each.
@@ -58,7 +60,7 @@ class Record:
     cycles: jax.Array
     last: jax.Array
     window: jax.Array
-    moves: jax.Array
+    memory: Any
     filled: jax.Array
     samples: jax.Array
     period: jax.Array
@@ -132,7 +134,7 @@ class Recorder(abc.ABC):
             cycles=count,
             last=last,
             window=jnp.broadcast_to(last, (self.window, *last.shape)),
-            moves=jnp.zeros((0,), last.dtype),
+            memory=jnp.zeros((0,), last.dtype),
             filled=count,
             samples=count,
             period=count,
@@ -147,7 +149,8 @@ class Recorder(abc.ABC):
 
     def readings_at_the_end(self, block: Block) -> Readings:
         """The readings of rows that are labelled where they end."""
-        readable = np.isin(block.status, LABELLED) & (block.cycles > 0)
+        crossed = (block.cycles > 0) | (block.status == Status.at_rest)
+        readable = np.isin(block.status, LABELLED) & crossed
         return Readings(np.arange(block.rows), block.t_end, block.last, readable)
 
     @abc.abstractmethod
@@ -173,7 +176,8 @@ class Recorder(abc.ABC):
     def _illness(self, params: Params, carry: Carry, dt: jax.Array | float) -> jax.Array:
         moving = carry.state
         if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
-            moving = [getattr(carry.state, name) for name in self.model.flow(params, carry.state)]
+            names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])
+            moving = [getattr(carry.state, name) for name in names]
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
         endless = carry.attempts > self.max_attempts(params, dt)
@@ -182,6 +186,12 @@ class Recorder(abc.ABC):
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
         return jnp.where(jnp.any(jnp.isnan(flat)), Status.not_a_number, status).astype(jnp.int32)
+
+
+def _variables(model: Model) -> list[str]:
+    """The declared variables of a model; those that only jumps change are not in its `flow`."""
+    declared = model.declarations if isinstance(model, Declared) else {}
+    return [name for name, each in declared.items() if isinstance(each, Variable)]
 
 
 def counted(record: Record, keep: jax.Array) -> Record:

@@ -1,4 +1,4 @@
-"""The recorder of runs that end at a fixed point or a periodic orbit of the return map."""
+"""The recorder of runs that end at a fixed point or a periodic orbit of the return map, or of the flow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep.circular import wrapped_difference
-from gaitsweep.contract import Model, Params, Status
+from gaitsweep.contract import HybridModel, Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
 from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder, Taken
 
@@ -18,30 +18,74 @@ from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder, 
 SETTLE_WINDOW = 10
 # Largest change of a settled observable in a crossing, as a share of its scale.
 TOLERANCE = 1.0e-3
-# The smallest scale of an observable without a scale, in its unit, so that an observable at 0 settles.
+# The smallest scale of an observable without a scale of its own: a share of its magnitude (integration errors
+# and rounding are relative to that), and a number in its unit, so that an observable at 0 settles.
+LEAST_SHARE = 1.0e-5
 LEAST_SCALE = 1.0e-9
 # The longest period (crossings) of an attractor that is detected. The test is made at every crossing whose
 # number is a multiple of it, over two spans of that length.
 MOST_PERIOD = 8
 # The first crossing of the test, after three of the longest periods.
 FIRST_TEST = 3 * MOST_PERIOD
+# Crossings for which an orbit that was found has to be found again: as many as the test looks at.
+HOLD = 2 * MOST_PERIOD
 # Smallest ratio of the distance between an orbit's points to the remaining motion.
 APART = 10.0
 # Largest motion over all cycles of a row that counts as rest, as a share of the bound: event times have
 # errors.
 NO_MOTION = 1.0e-3
+# A state leaves an unstable fixed point if its latest change is this many times the smallest in the window.
+LEAVING = 2.0
+# Crossings in each of three successive spans whose lengths in time are extrapolated as a geometric series;
+# crossings accumulate if the limit of that length is less than a share of the present one. Lengths that
+# change by less than `STEADY` of themselves do not. They have accumulated if that length is a `NEGLIGIBLE`
+# share of the mean over the row.
+SPAN = 3
+ACCUMULATED = 0.1
+STEADY = 1.0e-3
+NEGLIGIBLE = 1.0e-4
+# A row is at rest if all rates of its flow, each as a share of the largest that it had, are below `REST` at
+# all polls in two successive spans of `REST_PERIODS` nominal periods, and not larger in the second one. A
+# rate by which a variable changes in a period by `LEAST_RATE` (in its unit, or as a share) is rounding.
+REST = 1.0e-6
+REST_PERIODS = 10.0
+LEAST_RATE = 1.0e-12
 # The maximal proper divisors of each period: if one of them is a period, the larger one is not.
 _WITHIN = {2: (1,), 3: (1,), 4: (2,), 5: (1,), 6: (2, 3), 7: (1,), 8: (4,)}
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """What a row remembers beside its last crossings.
+
+    `moves` (2, p) the largest distances from the state 1, ..., p crossings earlier, over the current span of
+    crossings and the one before it; `span` (2, n) the least and largest values of the observables, without
+    the start's (see `first_span`); `calm` successive crossings at which the state stood still; `orbit` the
+    period found by the last tests and the crossing of the first of these, both 0 if none; `fastest` (m,) the
+    largest rates of the flow; `rest` when the current span of rest began (s), its largest rate and that of
+    the span before it, -1 if there was none.
+    """
+
+    moves: jax.Array
+    span: jax.Array
+    calm: jax.Array
+    orbit: jax.Array
+    fastest: jax.Array
+    rest: jax.Array
+
+
 @dataclasses.dataclass(frozen=True)
 class SettleRecorder(Recorder):
-    """Ends a row at a fixed point of the return map, or at an orbit of period 2 to `MOST_PERIOD`.
+    """Ends a row at a fixed point of the return map, at an orbit of period 2 to `MOST_PERIOD`, or at rest.
 
     Settled with period 1: each observable differs from its values at the last `SETTLE_WINDOW` crossings by
-    less than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). Settled with period
-    p: see `_period`. `tolerance` is one for all observables, or one for each. `max_time` (s) is by default
-    four nominal periods for each of `max_cycles`.
+    less than `SETTLE_WINDOW` times its `tolerance`, in units of its scale (see `bounds`). A state that is
+    about to leave (`LEAVING`) has to do so for as many more crossings. Settled with period p: see `_period`;
+    the orbit is found again for `HOLD` more crossings. Crossings that accumulate do not settle. At rest: all
+    rates of the flow vanish (`REST`). `tolerance` is one for all observables, or one for each. `max_time`
+    (s) is by default four nominal periods for each of `max_cycles`. In the record's window a crossing has its
+    observables, its time (s) and its distance from the crossing before it, in units of the bound.
     """
 
     model: Model
@@ -54,10 +98,6 @@ class SettleRecorder(Recorder):
     def window(self) -> int:
         return SETTLE_WINDOW
 
-    def bound(self, latest: jax.Array) -> jax.Array:
-        """The largest change of each observable (n,) over the window, from the latest crossings (w, n)."""
-        return bounds(self.model, self.tolerance, latest)
-
     def stop(self, params: Params) -> jax.Array:
         period = self.model.period(params)
         if self.max_time is not None:
@@ -66,45 +106,104 @@ class SettleRecorder(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
         record, row, keep = super().begin(params, carry)
-        # of the current span of crossings and of the one before it, for each period
-        moves = jnp.zeros((2, MOST_PERIOD), record.last.dtype)
-        return dataclasses.replace(record, moves=moves), row, keep
+        dtype = record.last.dtype
+        more = jnp.zeros((self.window, 2), dtype)
+        none = jnp.zeros((), jnp.int32)
+        memory = Memory(
+            moves=jnp.zeros((2, MOST_PERIOD), dtype),
+            span=first_span(self.model, record.last),
+            calm=none,
+            orbit=jnp.stack([none, none]),
+            fastest=jnp.zeros_like(self._rates(params, carry)[0]),
+            rest=jnp.asarray([0.0, 0.0, -1.0], dtype),
+        )
+        window = jnp.concatenate([record.window, more], axis=1)
+        return dataclasses.replace(record, window=window, memory=memory), row, keep
 
     def take(self, params: Params, carry: Carry, record: Record) -> Taken:
-        crossed = carry.halt == CROSSING
+        crossed, memory = carry.halt == CROSSING, record.memory
         now = self.observables(params, carry.state)
+        before, times, steps = record.window[:, :-2], record.window[:, -2], record.window[:, -1]
         cycles = record.cycles + 1
         # a row with NaN in its window does not settle
         free = carry.t >= self.model.free_after(params)
-        latest = jnp.concatenate([now[None, :], record.window])
-        moved = jnp.abs(change(self.model, now[None, :] - record.window))
-        bound = bounds(self.model, self.tolerance, latest)
-        still = (cycles >= SETTLE_WINDOW) & jnp.all(moved < bound[None, :])
-        moved = moved / bound[None, :]
+        span = widened(memory.span, self.model, now)
+        moved = jnp.abs(change(self.model, now[None, :] - before))
+        latest = jnp.concatenate([now[None, :], before])
+        moved = moved / bounds(self.model, self.tolerance, latest, span)[None, :]
+        still = (cycles >= SETTLE_WINDOW) & jnp.all(moved < 1.0)
+        calm = jnp.where(still, memory.calm + 1, 0)
+        distances = jnp.max(moved, axis=1)
+        leaves = (distances[0] > LEAVING * jnp.min(steps[:-1])) & (distances[0] > NO_MOTION)
+        fixed = still & (~leaves | (calm > SETTLE_WINDOW)) & ~_accumulate(cycles, carry.t, times)
 
-        moves = jnp.maximum(record.moves[0], jnp.max(moved[:MOST_PERIOD], axis=1))
+        moves = jnp.maximum(memory.moves[0], distances[:MOST_PERIOD])
         tested = cycles % MOST_PERIOD == 0
-        found = jnp.where(tested & (cycles >= FIRST_TEST), self._period(moves, record.moves[1]), 0)
-        period = jnp.where(still, 1, found)
+        found = jnp.where(cycles >= FIRST_TEST, self._period(moves, memory.moves[1]), 0)
+        begun = jnp.where(found == memory.orbit[0], memory.orbit[1], cycles)
+        held = tested & (found > 0) & ~still & (cycles - begun >= HOLD)
+        orbit = jnp.where(tested, jnp.stack([found, begun]), memory.orbit)
+        period = jnp.where(fixed, 1, jnp.where(held, found, 0))
         # crossings at one instant are not cycles
         settled = (period > 0) & (carry.chain < SETTLE_WINDOW)
         given_up = cycles >= self.max_cycles
         ended = jnp.where(settled, Status.settled, jnp.where(given_up, Status.cycle_limit, Status.running))
-        status = jnp.where(crossed, ended, jnp.where(carry.halt == TIME, Status.time_limit, Status.running))
-        begun = jnp.stack([jnp.zeros_like(moves), moves])
-        after = jnp.where(tested, begun, jnp.stack([moves, record.moves[1]]))
+
+        fastest, rest, rests = self._rest(params, carry, memory)
+        rests = rests & free & ~crossed
+        timed = jnp.where(carry.halt == TIME, Status.time_limit, Status.running)
+        status = jnp.where(crossed, ended, jnp.where(rests, Status.at_rest, timed))
+        after = jnp.where(tested, jnp.stack([jnp.zeros_like(moves), moves]), memory.moves.at[0].set(moves))
+        first = jnp.concatenate([now, jnp.stack([carry.t.astype(now.dtype), distances[0]])])
+        window = jnp.concatenate([first[None, :], record.window[:-1]])
         taken = dataclasses.replace(
             record,
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, cycles, record.cycles),
-            last=jnp.where(crossed, now, record.last),
-            window=jnp.where(free, jnp.where(crossed, latest[:-1], record.window), jnp.nan),
-            moves=jnp.where(crossed, after, record.moves),
+            last=jnp.where(crossed | rests, now, record.last),
+            window=jnp.where(free, jnp.where(crossed, window, record.window), jnp.nan),
+            memory=Memory(
+                moves=jnp.where(crossed, after, memory.moves),
+                span=jnp.where(crossed, span, memory.span),
+                calm=jnp.where(crossed, calm, memory.calm).astype(jnp.int32),
+                orbit=jnp.where(crossed, orbit, memory.orbit).astype(jnp.int32),
+                fastest=fastest,
+                rest=rest.astype(now.dtype),
+            ),
             period=jnp.where(crossed & settled, period, 0).astype(jnp.int32),
             slowest=jnp.where(crossed & given_up & ~settled, slowest(moved), -1).astype(jnp.int32),
         )
         carry = dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt))
         return carry, taken, jnp.zeros((0,), record.last.dtype), jnp.asarray(False)
+
+    def _rates(self, params: Params, carry: Carry) -> tuple[jax.Array, jax.Array]:
+        """The absolute rates (m,) of the flow and the magnitudes of its variables; none without a flow."""
+        rates = {}
+        if isinstance(self.model, HybridModel) and self.model.located:
+            rates = self.model.flow(params, carry.state)
+        none = jnp.zeros((0,), carry.t.dtype)
+        sizes = [jnp.ravel(getattr(carry.state, name)) for name in rates]
+        flat = [jnp.ravel(jnp.broadcast_to(rate, getattr(carry.state, k).shape)) for k, rate in rates.items()]
+        return jnp.abs(jnp.concatenate([none, *flat])), jnp.abs(jnp.concatenate([none, *sizes]))
+
+    def _rest(self, params: Params, carry: Carry, memory: Memory) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """`Memory.fastest` and `Memory.rest` after a poll, and whether the row is at rest."""
+        rates, sizes = self._rates(params, carry)
+        if rates.size == 0:
+            return memory.fastest, memory.rest, jnp.asarray(False)
+        period = self.model.period(params)
+        fastest = jnp.where(rates > memory.fastest, rates, memory.fastest)
+        moves = rates * period > LEAST_RATE * jnp.maximum(sizes, 1.0)
+        share = jnp.max(jnp.where(moves, rates / jnp.where(moves, fastest, 1.0), 0.0))
+        slow = (share < REST) & (carry.halt != CROSSING)
+        begun, largest, before = memory.rest[0], memory.rest[1], memory.rest[2]
+        largest = jnp.maximum(largest, share)
+        over = carry.t - begun >= REST_PERIODS * period
+        rests = slow & over & (largest <= before)
+        next_span = jnp.stack([carry.t, 0.0 * largest, largest])
+        goes_on = jnp.where(over, next_span, jnp.stack([begun, largest, before]))
+        restless = jnp.stack([carry.t, 0.0 * largest, 0.0 * largest - 1.0])
+        return fastest, jnp.where(slow, goes_on, restless), rests
 
     def _period(self, newest: jax.Array, before: jax.Array) -> jax.Array:
         """The period, 2 to `MOST_PERIOD` crossings, of the periodic orbit that the state has reached; else 0.
@@ -144,21 +243,59 @@ def tolerances(model: Model, given: float | Mapping[str, float]) -> float | tupl
     return tuple(given.get(quantity.name, TOLERANCE) for quantity in model.observables)
 
 
-def bounds(model: Model, tolerance: float | tuple[float, ...], latest: jax.Array) -> jax.Array:
+def _accumulate(cycles: jax.Array, t: jax.Array, times: jax.Array) -> jax.Array:
+    """Whether the time between crossings tends to 0: the latest is at `t`, those before at `times` (w,).
+
+    The lengths a > b > c of three successive spans tend to c - (b - c)^2 / ((a - b) - (b - c)).
+    """
+    newest = t - times[SPAN - 1]
+    first = times[SPAN - 1] - times[2 * SPAN - 1] - newest
+    second = times[2 * SPAN - 1] - times[3 * SPAN - 1] - newest - first
+    shrinks = (first > STEADY * newest) & (second > 0.0)
+    accumulated = newest * cycles < NEGLIGIBLE * SPAN * t
+    return accumulated | shrinks & (first * first > (1.0 - ACCUMULATED) * newest * (second - first))
+
+
+def _unscaled(model: Model) -> list[int]:
+    """The observables without a scale of their own."""
+    return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
+
+
+def first_span(model: Model, like: jax.Array) -> jax.Array:
+    """The least and largest values (2, n) of no crossing, of the observables without a scale."""
+    none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
+    return jnp.stack([none, -none])
+
+
+def widened(span: jax.Array, model: Model, now: jax.Array) -> jax.Array:
+    """The span (2, n) with the observables of one more crossing; NaN and infinities are left out."""
+    if span.size == 0:
+        return span
+    own = now[np.asarray(_unscaled(model))]
+    finite = jnp.abs(own) < jnp.inf
+    least = jnp.where(finite & (own < span[0]), own, span[0])
+    return jnp.stack([least, jnp.where(finite & (own > span[1]), own, span[1])])
+
+
+def bounds(
+    model: Model, tolerance: float | tuple[float, ...], latest: jax.Array, span: jax.Array
+) -> jax.Array:
     """The largest change of each observable (n,) of a settled state over the window, in its unit; above 0.
 
     It is `SETTLE_WINDOW` times its tolerance times its scale: 1 rad for angles, `Quantity.scale` if defined,
-    else its largest magnitude at the `latest` crossings (w, n).
+    else the range of its values over the row, from their `span`. That scale is at least `LEAST_SHARE` of the
+    magnitude at the `latest` crossings (w, n), and `LEAST_SCALE`.
     """
     each = _each(tolerance)
     each = each * len(model.observables) if len(each) == 1 else each
     share = jnp.asarray([SETTLE_WINDOW * one for one in each], latest.dtype)
-    scales = [1.0 if q.circular else q.scale for q in model.observables]
-    given = jnp.asarray([0.0 if scale is None else scale for scale in scales], latest.dtype)
-    if all(scale is not None for scale in scales):
-        return share * given
-    own = jnp.maximum(jnp.max(jnp.abs(latest), axis=0), LEAST_SCALE)
-    return share * jnp.where(jnp.asarray([scale is None for scale in scales]), own, given)
+    given = [1.0 if q.circular else q.scale for q in model.observables]
+    scales = jnp.asarray([0.0 if scale is None else scale for scale in given], latest.dtype)
+    if not (unscaled := _unscaled(model)):
+        return share * scales
+    size = LEAST_SHARE * jnp.max(jnp.abs(latest[:, np.asarray(unscaled)]), axis=0)
+    own = jnp.maximum(jnp.maximum(span[1] - span[0], size), LEAST_SCALE)
+    return share * scales.at[np.asarray(unscaled)].set(own)
 
 
 def slowest(moved: jax.Array) -> jax.Array:

@@ -20,7 +20,15 @@ from gaitsweep.engine.recorders.recorder import (
     Taken,
     counted,
 )
-from gaitsweep.engine.recorders.settle import SETTLE_WINDOW, TOLERANCE, bounds, change, slowest
+from gaitsweep.engine.recorders.settle import (
+    SETTLE_WINDOW,
+    TOLERANCE,
+    bounds,
+    change,
+    first_span,
+    slowest,
+    widened,
+)
 from gaitsweep.engine.recorders.stairs import StepSchedule
 
 if TYPE_CHECKING:
@@ -70,7 +78,8 @@ class StepRecorder(Recorder):
 
     def begin(self, params: Params, carry: Carry) -> tuple[Record, jax.Array, jax.Array]:
         record, row, keep = super().begin(params, carry)
-        return dataclasses.replace(record, window=self._emptied(record)), row, keep
+        memory = first_span(self.model, record.last)
+        return dataclasses.replace(record, window=self._emptied(record), memory=memory), row, keep
 
     def take(self, params: Params, carry: Carry, record: Record) -> Taken:
         crossed = carry.halt == CROSSING
@@ -79,12 +88,12 @@ class StepRecorder(Recorder):
         cycles = jnp.where(crossed, record.cycles + 1, record.cycles)
         last = jnp.where(crossed, self.observables(params, carry.state), record.last)
         slot = self._slot(cycles)[:, None]
-        taken = dataclasses.replace(
-            record, cycles=cycles, last=last, window=jnp.where(slot & crossed, last, record.window)
-        )
+        span = jnp.where(crossed, widened(record.memory, self.model, last), record.memory)
+        window = jnp.where(slot & crossed, last, record.window)
+        taken = dataclasses.replace(record, cycles=cycles, last=last, window=window, memory=span)
         # what a stair has not crossed yet is NaN, which is near nothing
         moved = jnp.abs(change(self.model, last[None, :] - record.window))
-        bound = bounds(self.model, self.tolerance, record.window)[None, :]
+        bound = bounds(self.model, self.tolerance, record.window, record.memory)[None, :]
         settled = jnp.all(moved < bound)
         head = (record.samples, cycles, carry.t, settled, jnp.where(settled, -1, slowest(moved / bound)))
         row = jnp.concatenate([jnp.stack([x.astype(last.dtype) for x in head]), last])
