@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import collections
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,6 @@ import pandas as pd
 from gaitsweep import models
 from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
-from gaitsweep.job.stored import MODEL_FOLDER
 from gaitsweep.kinds.columns import Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
@@ -40,16 +41,22 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         versions=provenance.versions(),
-        **_model_folder(ready),
+        **_model_folder(ready, directory.path),
         git_commit=provenance.git_commit(),
         machine=provenance.machine(),
     )
 
 
-def _model_folder(ready: Prepared) -> dict[str, str]:
-    """The folder of a user's model, where commands find it from elsewhere; none for the papers' models."""
+def _model_folder(ready: Prepared, path: Path) -> dict[str, str]:
+    """The folder of a user's model, for `--trust` from elsewhere; none for the papers' models.
+
+    It is relative to the result directory, and left out where the two share no project's folder, so that
+    a directory which is passed on does not tell where its owner's files are.
+    """
     folder = None if ready.job.model in models.names() else folder_of_class(type(ready.work.model))
-    return {} if folder is None else {MODEL_FOLDER: str(folder)}
+    if folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
+        return {}
+    return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
 
 
 def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float]) -> None:
