@@ -293,7 +293,10 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
 
 def _write(found: Sensitivity, path: Path) -> None:
     with writing(f"{path / INDICES_FILE} could not be written"):
-        replace_file(path / INDICES_FILE, lambda file: found.indices.to_parquet(file, index=False))
+        replace_file(
+            path / INDICES_FILE,
+            lambda file: found.indices.to_parquet(file, index=False, write_page_checksum=True),
+        )
     with writing(f"{path / FIGURES / FIGURE} could not be written"):
         (path / FIGURES).mkdir(exist_ok=True)
         replace_file(
