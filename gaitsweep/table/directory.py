@@ -177,8 +177,8 @@ class ResultDirectory:
             return
         write_digests(self.path, read_digests(self.path) | examined.undigested)
         self.notes.append(
-            f"{told} in {DIGESTS}, but {'are' if n != 1 else 'is'} sound by what they tell themselves (job, "
-            "block, rows, checksums of pages): they are kept, and their digests are made anew."
+            f"{told} in {DIGESTS}. Their job, block, rows and page checksums are right: they are kept, and "
+            "the digests are made anew."
         )
 
     def _clear(self, fault: Fault) -> None:
