@@ -20,6 +20,7 @@ import numpy as np
 
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
+from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
@@ -55,6 +56,7 @@ def local_devices(count: int | None = None) -> list[Device]:
     Raises:
         ArgumentError: more devices are requested than there are.
     """
+    refuse_fork()
     see_all_cores()
     devices = jax.local_devices()
     if count is not None and count > len(devices):
@@ -63,7 +65,11 @@ def local_devices(count: int | None = None) -> list[Device]:
 
 
 def refuse_missing_platform() -> None:
-    """Raise UnsupportedSystem where JAX may only use devices that are not here (JAX_PLATFORMS=cuda)."""
+    """Raise UnsupportedSystem where JAX cannot compute here.
+
+    It may only use devices that are not here (JAX_PLATFORMS=cuda), or this process is a fork.
+    """
+    refuse_fork()
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if not platforms or platforms == "cpu":
         return
