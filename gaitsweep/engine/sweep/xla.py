@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
+import resource
 from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any
@@ -30,6 +31,8 @@ from gaitsweep.errors import ArgumentError, UnsupportedSystem
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.
 POLLS_PER_CHUNK = 64
+# Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
+LEAST_MEMORY = 2_300_000_000
 
 
 def usable_cores() -> int:
@@ -67,9 +70,16 @@ def local_devices(count: int | None = None) -> list[Device]:
 def refuse_missing_platform() -> None:
     """Raise UnsupportedSystem where JAX cannot compute here.
 
-    It may only use devices that are not here (JAX_PLATFORMS=cuda), or this process is a fork.
+    It may only use devices that are not here (JAX_PLATFORMS=cuda), this process is a fork, or it may use so
+    little memory that compilers end it.
     """
     refuse_fork()
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
+        raise UnsupportedSystem(
+            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but to compile and "
+            f"run a model takes {LEAST_MEMORY / 1e9:.1f} GB or more: raise the limit."
+        )
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if not platforms or platforms == "cpu":
         return
