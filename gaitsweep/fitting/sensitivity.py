@@ -249,7 +249,8 @@ def _at_half_the_step(
     n, ready = len(table), population.prepared({})
     model, asked = ready.plan.model, min(ready.job.verify, n)
     known = directory.manifest.get("half_step")
-    if isinstance(known, dict) and known.get("sets") == asked:
+    names = {field.name for field in dataclasses.fields(HalfStep)}
+    if isinstance(known, dict) and known.keys() == names and known["sets"] == asked:
         return HalfStep(**known)
     if asked == 0:
         return None
