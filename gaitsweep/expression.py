@@ -1,7 +1,9 @@
-"""Arithmetic written in jobs and models: checked against a short grammar, then evaluated.
+"""Arithmetic and conditions written in jobs, models and claims: checked by a short grammar, then evaluated.
 
 An expression is a number, or arithmetic with `+ - * / // % **` and parentheses over names, `pi`, `e` and the
-functions of `FUNCTIONS`. All other Python syntax is refused before anything is evaluated.
+functions of `FUNCTIONS`. A condition compares expressions, or a column of text with texts in quotes, by
+`< <= > >= == !=` and `in [...]`, and joins comparisons by `and`, `or` and `not`. All other Python syntax is
+refused before anything is evaluated.
 """
 
 from __future__ import annotations
@@ -35,6 +37,14 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Pow: operator.pow,
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
+}
+_COMPARISONS: dict[type, Callable[..., Any]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
 }
 _WORDS: dict[type, str] = {
     ast.Attribute: "a dot after a name",
@@ -128,14 +138,105 @@ def resolve(
     return known
 
 
+def read_condition(text: str) -> str:
+    """Return a condition unchanged if it is one, for a field of a file.
+
+    Raises:
+        ExpressionError: the text is not a condition, with a sentence that quotes it.
+    """
+    _parse(text, condition=True)
+    return text
+
+
+def fulfilled(
+    condition: str, columns: Mapping[str, Any], read: Callable[[Any], np.ndarray] = np.asarray
+) -> np.ndarray:
+    """Where a condition holds, (n,) of bool.
+
+    A missing number or text (NaN) is unequal to all others, and neither below nor above them.
+
+    Args:
+        condition: text such as `gait == 'trot' and 0.5 <= speed < 1`.
+        columns: arrays (n,) by name: numbers, texts (of dtype object) or truth values.
+        read: gives the array of a column; called for those that the condition names.
+
+    Raises:
+        ExpressionError: the text is not a condition, a name is no column, or text is compared with a number.
+    """
+    tree = _parse(condition, condition=True)
+    used = _names_of(tree) - (set(CONSTANTS) - set(columns))
+    for name in used:
+        if name not in columns:
+            near = near_miss.suggestion(name, list(columns))
+            raise ExpressionError(f"in {_quoted(condition)}, {name} is not a column{near}")
+    if not used:
+        raise ExpressionError(f"{_quoted(condition)} names no column.")
+    known = {name: read(columns[name]) for name in used}
+    with np.errstate(all="ignore"):
+        found = _truth(condition, tree, known)
+    return np.array(np.broadcast_to(found, np.shape(next(iter(known.values())))), bool)
+
+
+def _truth(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
+    """The truth values of a condition's part, which `_check_condition` has let through."""
+    match node:
+        case ast.BoolOp():
+            parts = [_truth(text, each, columns) for each in node.values]
+            return functools.reduce(np.logical_and if isinstance(node.op, ast.And) else np.logical_or, parts)
+        case ast.UnaryOp():
+            return np.logical_not(_truth(text, node.operand, columns))
+        case ast.Name():
+            if columns[node.id].dtype.kind != "b":
+                raise ExpressionError(
+                    f"in {_quoted(text)}, {node.id} is a column of values, not of truth values: compare it."
+                )
+            return columns[node.id]
+        case ast.Compare():
+            operands = [_operand(text, each, columns) for each in (node.left, *node.comparators)]
+            pairs = zip(operands, node.ops, operands[1:], strict=False)
+            return functools.reduce(np.logical_and, [_compared(text, *pair) for pair in pairs])
+    raise AssertionError(node)
+
+
+def _operand(text: str, node: ast.expr, columns: Mapping[str, np.ndarray]) -> Any:
+    """Numbers as float64, texts as str or an array of object, a list as a list of these."""
+    if isinstance(node, (ast.List, ast.Tuple)):
+        return [_operand(text, each, columns) for each in node.elts]
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.Name) and node.id in columns and columns[node.id].dtype.kind not in "biuf":
+        return columns[node.id].astype(object)
+    numbers: dict[str, Any] = {**CONSTANTS}
+    for name in _names_of(node) & set(columns):
+        if columns[name].dtype.kind not in "biuf":
+            raise ExpressionError(f"in {_quoted(text)}, {name} is a column of text, not of numbers.")
+        numbers[name] = columns[name].astype(np.float64)
+    return _evaluate_tree(text, node, numbers, functions_of(np), np.float64)
+
+
+def _compared(text: str, left: Any, how: ast.cmpop, right: Any) -> Any:
+    if isinstance(right, list):
+        alike = [_compared(text, left, ast.Eq(), each) for each in right]
+        found = functools.reduce(np.logical_or, alike, np.zeros(np.shape(left), bool))
+        return np.logical_not(found) if isinstance(how, ast.NotIn) else found
+    texts = [isinstance(each, str) or np.asarray(each).dtype.kind == "O" for each in (left, right)]
+    if texts[0] != texts[1]:
+        raise ExpressionError(f"{_quoted(text)} compares text with a number.")
+    if texts[0] and type(how) not in (ast.Eq, ast.NotEq):
+        raise ExpressionError(f"{_quoted(text)} orders texts; only ==, != and in [...] compare them.")
+    return np.asarray(_COMPARISONS[type(how)](left, right), bool)
+
+
 def names_in(expression: str | float) -> set[str]:
     """The names that an expression uses, constants and functions left out; empty for a number."""
     if not isinstance(expression, str):
         return set()
-    tree = _parse(expression)
+    return _names_of(_parse(expression)) - set(CONSTANTS)
+
+
+def _names_of(tree: ast.expr) -> set[str]:
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
-    used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
-    return used - set(CONSTANTS)
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
 
 
 def functions_of(module: Any) -> dict[str, Callable[..., Any]]:
@@ -202,10 +303,11 @@ def _arithmetic(error: Exception) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def _parse(text: str) -> ast.expr:
-    """The tree of `text` with every constant a float, checked to hold nothing but arithmetic."""
+def _parse(text: str, condition: bool = False) -> ast.expr:
+    """The tree of `text`, its numbers floats, checked to hold nothing but arithmetic, or a condition."""
+    sort = "a condition" if condition else "a number"
     if not text.strip():
-        raise ExpressionError("the text is empty where a number is needed.")
+        raise ExpressionError(f"the text is empty where {sort} is needed.")
     if len(text) > _LONGEST:
         raise ExpressionError(f"{_quoted(text)} is longer than {_LONGEST} characters.")
     try:
@@ -213,8 +315,9 @@ def _parse(text: str) -> ast.expr:
             warnings.simplefilter("ignore")
             body = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
-        raise ExpressionError(f"{_quoted(text)} is not a number or arithmetic{_hint(text)}.") from None
-    _check(text, body)
+        sort = sort if condition else f"{sort} or arithmetic"
+        raise ExpressionError(f"{_quoted(text)} is not {sort}{_hint(text)}.") from None
+    (_check_condition if condition else _check)(text, body)
     return body
 
 
@@ -222,6 +325,40 @@ def _hint(text: str) -> str:
     if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*([A-Za-z_]\w*|\()", text):
         return f"; a product needs its star, and a number no unit: {product[1]}*{product[2]}"
     return ""
+
+
+def _check_condition(text: str, node: ast.expr) -> None:
+    """Refuse what is not a condition; no deeper than _LONGEST allows, so that recursion ends."""
+    match node:
+        case ast.BoolOp():
+            for each in node.values:
+                _check_condition(text, each)
+        case ast.UnaryOp(op=ast.Not()):
+            _check_condition(text, node.operand)
+        case ast.Compare():
+            _check_operand(text, node.left)
+            for how, each in zip(node.ops, node.comparators, strict=True):
+                if type(how) in _COMPARISONS:
+                    _check_operand(text, each)
+                elif isinstance(how, (ast.In, ast.NotIn)) and isinstance(each, (ast.List, ast.Tuple)):
+                    for one in each.elts:
+                        _check_operand(text, one)
+                else:
+                    raise ExpressionError(
+                        f"in {_quoted(text)}, only < <= > >= == != and in [...] are comparisons."
+                    )
+        case ast.Name() if node.id not in FUNCTIONS:
+            pass
+        case _:
+            raise ExpressionError(
+                f"{_quoted(text)} is not a condition: conditions compare columns and numbers, such as "
+                "gait == 'trot' and speed < 1."
+            )
+
+
+def _check_operand(text: str, node: ast.expr) -> None:
+    if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+        _check(text, node)
 
 
 def _check(text: str, body: ast.expr) -> None:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
+from pydantic import AfterValidator
+
+from gaitsweep.expression import read_condition
+
+# Selects the records of a table; a claim's is checked when its list is read.
+Condition = Annotated[str, AfterValidator(read_condition)]
 Value = float | str | Sequence[float] | Sequence[str]
 Measure = TypeVar("Measure", bound=Callable[..., Value])
 

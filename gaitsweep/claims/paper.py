@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import inspect
+import typing
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
-from pydantic import Field, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
 from gaitsweep.claims.measure import MEASURES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.yaml_document import Document, read_document
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, from_pydantic
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
+from gaitsweep.kinds.numbers import InvalidValue, Stem, read_stem
 from gaitsweep.kinds.part import Part
 from gaitsweep.shipped import shipped
 
@@ -25,7 +27,7 @@ _Words = list[str]
 class PaperJob(Part):
     """A sweep that claims are measured from."""
 
-    job: str = Field(description="file of the job, in sweeps/ or beside the table of claims")
+    job: Stem = Field(description="file of the job, in sweeps/ or beside the table of claims")
     quick: dict[str, Any] | Literal[False] = Field(
         default={}, description="fields of the job that --quick replaces, dotted; false leaves the job out"
     )
@@ -66,7 +68,7 @@ class Claim(Part):
     )
     open: str = Field(default="", description="constants that the paper does not give, where these decide")
     tried: str = Field(default="", description="what was tried where the paper's value is not reached")
-    figure: str = Field(default="", description="figure of the first job that shows it")
+    figure: Stem | Literal[""] = Field(default="", description="figure of the first job that shows it")
     command: str = Field(default="", description="the command; the run of the first job if left out")
     quick: Quick | Literal[False] = Field(
         default=Quick(), description="what --quick replaces; false: not judged"
@@ -130,7 +132,7 @@ def read_paper(name: str | Path) -> Paper:
         if key not in ("paper", "jobs", "claims"):
             wrong.append(Diagnostic((key,), "is not a field of a table of claims: paper, jobs, claims are."))
     jobs = {
-        str(key): read
+        str(key).strip(): read
         for key, each in _mapping(data.get("jobs"), "jobs", wrong).items()
         if (read := _read(PaperJob, each, ("jobs", str(key)), wrong)) is not None
     }
@@ -199,6 +201,10 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
         if text is not None:
             yield Diagnostic(path, text)
     for name in paper.jobs:
+        try:
+            read_stem(name)
+        except InvalidValue as error:
+            yield Diagnostic(("jobs", name), str(error))
         if not paper.job_file(name).is_file():
             yield Diagnostic(
                 ("jobs", name, "job"), f"is {paper.jobs[name].job}, which is no file in sweeps/."
@@ -207,10 +213,19 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
 
 def _misfit(claim: Claim) -> str | None:
     """Why a measure does not take the tables and arguments of a claim."""
+    measure = MEASURES[claim.measure]
     try:
-        inspect.signature(MEASURES[claim.measure]).bind(*[pd.DataFrame()] * len(claim.of), **claim.with_)
+        inspect.signature(measure).bind(*[pd.DataFrame()] * len(claim.of), **claim.with_)
     except TypeError as error:
         return f"does not fit the measure {claim.measure}: {error}."
+    hints = typing.get_type_hints(measure, include_extras=True)
+    for name, value in claim.with_.items():
+        try:
+            TypeAdapter(hints.get(name, Any)).validate_python(value, strict=True)
+        except ValidationError as error:
+            first = error.errors()[0]
+            reason = first.get("ctx", {}).get("error") or f"{first['msg'].rstrip('.')}."
+            return f"has {name}: {found(value)}, which the measure {claim.measure} does not take: {reason}"
     return None
 
 

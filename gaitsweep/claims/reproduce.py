@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from gaitsweep.claims.page import page
 from gaitsweep.claims.paper import Claim, Paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
+from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import FigureError
@@ -120,9 +122,13 @@ def reproduce(
     for written, judged in asked:
         began = time.perf_counter()
         ours, found, why = _judge(judged, runs, table_of)
+        if judged is not None and why and found is ClaimVerdict.not_run:
+            say(f"{judged.id} is not judged: {why}")
         rows.append(_row(paper, judged or written, runs, ours, found, why, time.perf_counter() - began))
     table = pd.DataFrame(rows)
-    _write(folder, TABLE, lambda file: table.to_parquet(file, index=False))
+    # a folder that is passed on does not tell where it was made
+    stored = table.assign(figure=[each and os.path.relpath(each, folder) for each in table["figure"]])
+    _write(folder, TABLE, lambda file: stored.to_parquet(file, index=False, write_page_checksum=True))
     text = page(paper.paper, table, list(runs.values()), quick=quick)
     _write(folder, PAGE, lambda file: file.write(text.encode()))
     return Reproduction(table, folder, failed=any(run.path is None for run in runs.values()))
@@ -175,6 +181,8 @@ def _judge(
             return None, ClaimVerdict.not_run, f"the job {name} failed: {runs[name].failure}"
     try:
         ours = MEASURES[claim.measure](*[table_of(name) for name in claim.of], **claim.with_)
+    except ExpressionError as error:  # the question is wrong, not the answer
+        return None, ClaimVerdict.not_run, f"a condition cannot be evaluated: {error.sentence}"
     except UserError as error:  # the tables are there, and do not show it
         missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
         return None, missed, error.sentence

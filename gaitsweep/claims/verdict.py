@@ -31,7 +31,7 @@ _SENTENCES = {
     ClaimVerdict.not_reproduced: "our value does not agree with the paper's",
     ClaimVerdict.open_constants: "it does not agree, and the paper leaves out constants that decide it",
     ClaimVerdict.answered: "the paper leaves the question open; what is found here holds in this run too",
-    ClaimVerdict.not_run: "not judged: left out by --quick, or its job did not run",
+    ClaimVerdict.not_run: "not judged: left out by --quick, its job did not run, or its table lacks a column",
 }
 
 

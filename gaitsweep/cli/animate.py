@@ -44,6 +44,12 @@ def animate(
         float | None,
         typer.Option("--still", metavar="T", help="A PNG of six poses over the cycle from T, s."),
     ] = None,
+    trust: Annotated[
+        bool,
+        typer.Option(
+            "--trust", help="Run the code of a model of one's own that lies in DIR, or where DIR says."
+        ),
+    ] = False,
 ) -> None:
     """Show one row of a trace walking: a movie, or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
@@ -59,7 +65,9 @@ def animate(
             )
         pixels = movie.STILL_SIZE if size is None else _size(size)
         print(
-            movie.write_still(directory, out, row=row, at=still, size=pixels, renderer=renderer, tell=_tell)
+            movie.write_still(
+                directory, out, row=row, at=still, size=pixels, renderer=renderer, trust=trust, tell=_tell
+            )
         )
         return
     began = time.monotonic()
@@ -78,6 +86,7 @@ def animate(
             fps=25.0 if fps is None else fps,
             size=movie.SIZE if size is None else _size(size),
             renderer=renderer,
+            trust=trust,
             progress=progress,
             tell=_tell,
         )

@@ -27,6 +27,12 @@ def explore(
     max_size: Annotated[
         float | None, typer.Option("--max-size", metavar="MB", help="Largest size; 10 MB by default.")
     ] = None,
+    trust: Annotated[
+        bool,
+        typer.Option(
+            "--trust", help="Run the code of a model of one's own that lies in DIR, or where DIR says."
+        ),
+    ] = False,
 ) -> None:
     """Write explore.html into a result directory: click a start, and it walks."""
     from gaitsweep.cli.progress import shown_progress
@@ -44,6 +50,7 @@ def explore(
             y=y,
             walks=MOST_WALKS if walks is None else walks,
             max_size=MAX_SIZE if max_size is None else max_size,
+            trust=trust,
             progress=progress,
             tell=lambda sentence: print(sentence, file=sys.stderr),
         )

@@ -6,9 +6,11 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import io
 import os
+import resource
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -19,6 +21,14 @@ import typer
 from gaitsweep.cli.commands import STOPPED, app
 from gaitsweep.cli.compiled_programs import keep_compiled_programs
 from gaitsweep.errors import FAILED, UserError, refuse_windows
+
+# What JAX, Python and the loader of shared libraries say when they get no memory.
+_NO_MEMORY = (
+    "RESOURCE_EXHAUSTED",
+    "can't start new thread",
+    "failed to map segment",
+    "Cannot allocate memory",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,6 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # imports and tracing make few cycles and many objects, which would be searched again and again
     gc.set_threshold(50_000)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed (>&-)
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         # characters outside the terminal's encoding are written as escapes
         if isinstance(stream, io.TextIOWrapper):
@@ -42,19 +55,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
             keep_compiled_programs()
             code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
+            sys.stdout.flush()
     except KeyboardInterrupt as stop:
         return getattr(stop, "exit_code", STOPPED)
     except UserError as error:
-        print(error.sentence, file=sys.stderr)
-        return error.exit_code
+        return _ended(error.sentence, error.exit_code)
     except typer.TyperException as error:
-        print(error.format_message(), file=sys.stderr)
-        return error.exit_code
-    except BrokenPipeError:
-        # the reader of our output has closed it (| head): this is no error, and nothing can be printed
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        return _ended(error.format_message(), error.exit_code)
+    except Exception as error:
+        if (sentence := _of_the_machine(error)) is None:
+            raise  # a fault of the program
+        return _ended(sentence, FAILED)
     return code if isinstance(code, int) else 0
+
+
+def _ended(sentence: str, code: int) -> int:
+    """Print why a command ended, and return its exit code; a full or closed stream is used no more."""
+    for stream, text in ((sys.stderr, f"{sentence}\n" if sentence else ""), (sys.stdout, "")):
+        try:
+            stream.write(text)
+            stream.flush()
+        except OSError:  # Python would try again at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    return code
+
+
+def _of_the_machine(error: Exception) -> str | None:
+    """The sentence for what the machine may refuse anywhere: memory, threads, disk; None for all else."""
+    if isinstance(error, BrokenPipeError):
+        return ""  # the reader of our output has closed it (| head), which is no error
+    if isinstance(error, OSError):
+        from gaitsweep.table.files import reason  # which loads pandas
+
+        if error.filename is not None:
+            return f"{error.filename} cannot be used: {reason(error)}."
+        try:
+            os.getcwd()
+        except OSError:
+            return "The working directory does not exist any more: change to another one."
+        return f"The output cannot be written: {reason(error)}." if error.errno == errno.ENOSPC else None
+    limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+    no_memory = isinstance(error, MemoryError) or any(word in str(error) for word in _NO_MEMORY)
+    if no_memory or (limited and isinstance(error, ImportError)):  # a library that cannot be loaded
+        return (
+            "The memory that this process may use is not enough (ulimit -v, or the machine's). What was "
+            "written before is safe; fewer engine.lanes and a smaller engine.block need less."
+        )
+    return None
 
 
 def _shown_as_sentence(otherwise: Callable[..., None]) -> Callable[..., None]:

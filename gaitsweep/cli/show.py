@@ -129,8 +129,8 @@ def directory(snapshot: Snapshot) -> str:
         lines[f"part {number}"] = f"{what}: {fault.file}: {fault.what} Running the job again makes it anew"
     for fault in (*snapshot.files.strangers, *snapshot.files.open_faults):
         lines[fault.file.name] = fault.what
-    if snapshot.files.without_digest:
-        lines["digests"] = "none, as in older versions: not every damage of the parts is found"
+    if snapshot.files.undigested:
+        lines["digests"] = snapshot.without_digests
     if snapshot.job_edited:
         lines["job.yaml"] = "changed after the run; the job that was run is in the manifest"
     for key, value in snapshot.manifest.items():

@@ -341,7 +341,7 @@ class DeclaredModel(Declared, HybridModel):
         return self._rearmed(params, state, after, fired, rates) if self._armed() else after
 
     def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, jax.Array]:
-        """The state after the jump of an event that was crossed a little earlier, and the rate at its jump.
+        """The state after the jump of an event that was crossed a little earlier, and its rate there.
 
         The jump is applied where the surface was crossed, and the rest of the time is made up for. Otherwise a
         jump that sets a variable would lose that time, and clocks that strike together would come apart.
@@ -454,8 +454,8 @@ class _Surfaces:
 
         speed, acceleration = jax.jvp(rate, (self._point,), (self._along,))
         height, time = self.of(event).height, _RESTING * unit
-        near = jnp.abs(height) <= jnp.abs(speed) * time + self.of(event).rounding
-        return near & (speed <= 0.0) & (acceleration > 0.0) & (-2.0 * speed <= acceleration * time)
+        near = jnp.abs(height) <= acceleration * time**2 + self.of(event).rounding
+        return near & (acceleration > 0.0) & (2.0 * jnp.abs(speed) <= acceleration * time)
 
     @functools.cached_property
     def _along(self) -> dict[str, jax.Array]:

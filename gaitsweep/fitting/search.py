@@ -6,8 +6,8 @@ the rest: the optimiser is told what it was told before, and has to ask for the 
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
+import io
 import time
 import warnings
 from collections import deque
@@ -41,7 +41,7 @@ from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import naming_the_file
 from gaitsweep.runs.progress import Progress
-from gaitsweep.table import ResultDirectory, Snapshot, TableError, load, replace_file, writing
+from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -142,7 +142,10 @@ def run_search(
         _Search(job, population, directory, show, side_by_side).go_on()
         table = load(path)
         near = near_best(table, job)
-        finalists = _finalists(job, population, path, near, show)
+        told = len(directory.notes)
+        finalists = _finalists(job, population, directory, near, show)
+        for note in directory.notes[told:]:
+            tell(note)
         if (doubt := _depends_on_the_step(job, finalists)) is not None:
             tell(f"Warning: {doubt}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near.summary())
@@ -310,30 +313,29 @@ class _Search:
 
 
 def _finalists(
-    job: SearchJob, population: Population, path: Path, near: NearBest, show: Progress
+    job: SearchJob, population: Population, directory: ResultDirectory, near: NearBest, show: Progress
 ) -> pd.DataFrame | None:
     """The best sets, measured again at half the step; written beside the table."""
     count = min(job.choice.finalists, len(near.best))
     if not count:
         return None
-    best = near.best.iloc[:count]
-    file = path / FINALISTS
-    with contextlib.suppress(OSError, ValueError):
-        known = pd.read_parquet(file)
-        if np.array_equal(known["row"], best["row"]):
+    frame = near.best.iloc[:count][["row", *job.free, "score", *job.targets]].reset_index(drop=True)
+    if (stored := directory.read_beside(FINALISTS)) is not None:
+        known = pd.read_parquet(io.BytesIO(stored))
+        if np.array_equal(known["row"], frame["row"]):
             return known
     total = job.choice.budget
     show(total, total, 0.0, 1.0, f"{count} finalists at half the step")
-    sets = {name: free.column(best[name].tolist()) for name, free in job.free.items()}
+    sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
     measured = population.measure(sets, share=0.5)
     model = population.prepared(job.fit.structures[0]).plan.model
-    frame = best[["row", *job.free, "score", *job.targets]].reset_index(drop=True)
     misses = {name: target.misses(measured[name], model) for name, target in job.targets.items()}
     frame["score_half"] = scores(misses, job.targets)
     for name, target in job.targets.items():
         frame[f"{name}_half"] = target.shown(measured[name].values, model)
-    with writing(f"The finalists could not be written to {file}"):
-        replace_file(file, lambda handle: frame.to_parquet(handle, index=False))
+    file = io.BytesIO()
+    frame.to_parquet(file, index=False, write_page_checksum=True)
+    directory.write_beside(FINALISTS, file.getvalue())
     return frame
 
 

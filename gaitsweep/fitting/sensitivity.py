@@ -250,7 +250,8 @@ def _at_half_the_step(
     n, ready = len(table), population.prepared({})
     model, asked = ready.plan.model, min(ready.job.verify, n)
     known = directory.manifest.get("half_step")
-    if isinstance(known, dict) and known.get("sets") == asked:
+    names = {field.name for field in dataclasses.fields(HalfStep)}
+    if isinstance(known, dict) and known.keys() == names and known["sets"] == asked:
         return HalfStep(**known)
     if asked == 0:
         return None
@@ -294,7 +295,10 @@ def _analysed(job: SensitivityJob, table: pd.DataFrame, model: Model) -> Sensiti
 
 def _write(found: Sensitivity, path: Path) -> None:
     with writing(f"{path / INDICES_FILE} could not be written"):
-        replace_file(path / INDICES_FILE, lambda file: found.indices.to_parquet(file, index=False))
+        replace_file(
+            path / INDICES_FILE,
+            lambda file: found.indices.to_parquet(file, index=False, write_page_checksum=True),
+        )
     with writing(f"{path / FIGURES / FIGURE} could not be written"):
         (path / FIGURES).mkdir(exist_ok=True)
         replace_file(

@@ -63,10 +63,12 @@ class Plan:
         parameters = [quantity.name for quantity in self.model.parameters]
         formulas = {name: self.settings[name] for name in parameters if name in self.settings}
         derived = {name: text for name, text in formulas.items() if isinstance(text, str)}
-        for size, number in self.sizes.items():
-            word = rf"\b{re.escape(size)}\b"
-            derived = {name: re.sub(word, repr(number), text) for name, text in derived.items()}
-        return derived
+        # in parentheses where a minus would else bind less than the power after it
+        written = {size: f"{x!r}" if f"{x!r}"[0] != "-" else f"({x!r})" for size, x in self.sizes.items()}
+        return {
+            name: re.sub(r"\b[A-Za-z_]\w*", lambda word: written.get(word[0], word[0]), text)
+            for name, text in derived.items()
+        }
 
     def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
         """What varies in rows start..stop-1: a float64 array (stop - start,) by name.

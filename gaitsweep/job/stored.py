@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 
+from gaitsweep import models
 from gaitsweep.job.plan import Plan
 from gaitsweep.job.schema import Job
-
-# The field of a manifest with the folder from which a user's model was imported.
-MODEL_FOLDER = "model_folder"
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 
 
-def stored_job(attrs: Mapping[Any, Any]) -> Job:
+def stored_job(attrs: Mapping[Any, Any], trust: bool = False) -> Job:
     """The job that made a table, whatever `job.yaml` says by now.
-
-    A user's model is looked for where its run found it, then in the table's directory and where Python runs.
 
     Args:
         attrs: the table's `.attrs`.
+        trust: import a user's model from the table's directory or from the folder that it names; see
+            `gaitsweep.models.find_of_table`.
 
     Raises:
         JobError: the job cannot be read, or its model is not found.
     """
-    given = attrs.get("manifest", {}).get(MODEL_FOLDER)
-    folder = given if isinstance(given, str) and Path(given).is_dir() else attrs.get("path", ".")
-    return Job.model_validate(attrs["job"], context={"folder": Path(folder)})
+    try:
+        models.find_of_table(attrs, trust)
+    except models.ModelError as error:
+        raise JobError([Diagnostic(("model",), str(error))]) from error
+    return Job.model_validate(attrs["job"])
 
 
 def row_params(plan: Plan, row: int) -> Any:

@@ -38,17 +38,17 @@ SCOPE: ContextVar[Scope | None] = ContextVar("SCOPE", default=None)
 MOST_POINTS = 10**7  # of an axis
 
 _LONGEST_TEXT = 1000
-_STEM = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$")
+_STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _TRAPS: tuple[tuple[re.Pattern[str], str], ...] = (
     (re.compile(r"^\s*\d+:\d"), "which some YAML readers take for base 60: write one plain number"),
-    (re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}([Tt ].*)?$"), "which is a date, not a number"),
+    (re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}([Tt ].*)?\Z"), "which is a date, not a number"),
     (
-        re.compile(r"^\s*[-+]?0\d+\s*$"),
+        re.compile(r"^\s*[-+]?0\d+\s*\Z"),
         "which some readers take for base 8: write it without the leading zero",
     ),
-    (re.compile(r"^\s*[-+]?\.?(inf(inity)?|nan)\s*$", re.IGNORECASE), "but takes a finite number"),
-    (re.compile(r"^\s*[-+]?\d+,\d+\s*$"), "but a decimal point is a dot"),
-    (re.compile(r"^\s*(yes|no|on|off|true|false)\s*$", re.IGNORECASE), "but takes a number"),
+    (re.compile(r"^\s*[-+]?\.?(inf(inity)?|nan)\s*\Z", re.IGNORECASE), "but takes a finite number"),
+    (re.compile(r"^\s*[-+]?\d+,\d+\s*\Z"), "but a decimal point is a dot"),
+    (re.compile(r"^\s*(yes|no|on|off|true|false)\s*\Z", re.IGNORECASE), "but takes a number"),
 )
 
 
@@ -168,7 +168,7 @@ def read_each(value: Any) -> float | dict[str, float]:
 
 
 def read_text(value: Any) -> str:
-    """Text; raises InvalidValue where YAML made a number or a flag of it."""
+    """Text, without the line feed at the end of a block of YAML; raises InvalidValue for all else."""
     if not isinstance(value, str):
         quotes = ": put it in quotes" if isinstance(value, (int, float)) else ""
         raise InvalidValue(f"is {found(value)}, but takes text{quotes}.")
@@ -178,13 +178,13 @@ def read_text(value: Any) -> str:
         raise InvalidValue(f"is {found(value)}, which is longer than {_LONGEST_TEXT} characters.")
     if (wrong := not_text(value)) is not None:
         raise InvalidValue(f"has {wrong}, which is no text.")
-    return value
+    return value.rstrip("\n")
 
 
 def read_stem(value: Any) -> str:
-    """Text that can name a file; raises InvalidValue."""
-    text = read_text(value)
-    if not _STEM.match(text):
+    """Text that can name a file, without spaces around it; raises InvalidValue."""
+    text = read_text(value).strip()
+    if not _STEM.fullmatch(text):
         raise InvalidValue(
             f"is {found(text)}, but names files: letters, digits, _ - . (a letter or digit first)."
         )

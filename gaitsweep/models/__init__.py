@@ -7,11 +7,11 @@ import importlib.machinery
 import inspect
 import sys
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
@@ -52,6 +52,8 @@ _OWN = "a model of your own is written package.module:attribute"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
 _OF_SESSION = "session:"
+# the field of a manifest with the folder from which a user's model was imported, from the result directory
+MODEL_FOLDER = "model_folder"
 # when the files of users' modules were written, and their sizes, as they were loaded
 _WRITTEN: weakref.WeakKeyDictionary[ModuleType, Stamp] = weakref.WeakKeyDictionary()
 # the data files that these modules read as they were loaded
@@ -149,6 +151,51 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
         near = near_miss.suggestion(attribute, known)
         raise ModelError(f"is {name}, but {module_name} has no {attribute}{near}")
     return _as_model(name, getattr(module, attribute))
+
+
+def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
+    """The class of the model that made a table, which may be a stranger's.
+
+    The table's directory names the model, and to import a module runs its code. So a model of a user's own is
+    taken from where Python finds modules and from the working directory, but neither from the result
+    directory nor from the folder that its manifest names, unless `trust` is set.
+
+    Args:
+        attrs: the table's `.attrs`.
+        trust: look into these two folders, too.
+
+    Raises:
+        ModelError: as `find`; or the code is in one of these two folders, without `trust`.
+    """
+    name = attrs.get("job", {}).get("model")
+    if not isinstance(name, str):
+        raise ModelError(f"is {name!r}, which is not a name.")
+    directory = Path(attrs.get("path", Path.cwd()))
+    named = attrs.get("manifest", {}).get(MODEL_FOLDER)
+    theirs = [*([directory / named] if isinstance(named, str) else []), directory]
+    top = name.partition(":")[0].partition(".")[0]
+    if trust or name in _REGISTRY or name in _SESSION or top in sys.modules or not top.isidentifier():
+        return find(name, [folder for folder in theirs if folder.is_dir()] if trust else ())
+    here = _place_of(top, [*sys.path, str(Path.cwd())])
+    if here is not None and here.parent.resolve().is_relative_to(directory.resolve()):
+        theirs, here = [here.parent], None  # the working directory is the stranger's
+    place = next(
+        (each.resolve() for folder in theirs if (each := _place_of(top, [str(folder)])) is not None), None
+    )
+    if here is None and place is not None:
+        raise ModelError(
+            f"is {name}, whose code is in {place}: it came with {directory} and would run as you. Give "
+            "--trust (trust=True in Python) if you trust whoever made it, or put the module into the "
+            "working directory or on PYTHONPATH."
+        )
+    return find(name)
+
+
+def _place_of(top: str, folders: list[str]) -> Path | None:
+    """The file or folder from which a module or package would be imported; nothing is imported."""
+    spec = importlib.machinery.PathFinder.find_spec(top, folders)
+    places = [] if spec is None else [spec.origin, *(spec.submodule_search_locations or ())]
+    return next((Path(place).absolute() for place in places if place is not None), None)
 
 
 def _as_model(name: str, found: object) -> type[Model]:

@@ -70,7 +70,7 @@ def log_axes(axes: Axes, table: pd.DataFrame, **along: str) -> None:
 
 def base_name(name: str) -> str:
     """The quantity that a column holds: psi_1 for psi_1_end and psi_1_n."""
-    return re.sub(r"_(end|n)$", "", name) if re.fullmatch(r"\w+_\w+_(end|n)", name) else name
+    return re.sub(r"_(end|n)\Z", "", name) if re.fullmatch(r"\w+_\w+_(end|n)", name) else name
 
 
 def symbol(table: pd.DataFrame, name: str) -> str:
@@ -162,4 +162,4 @@ def _settable(text: str) -> str:
 
 def _bare(name: str) -> str:
     """A name without its suffix (speed for speed_n), even if that may be part of the name (m_end)."""
-    return re.sub(r"_(end|n)$", "", name)
+    return re.sub(r"_(end|n)\Z", "", name)

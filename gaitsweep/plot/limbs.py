@@ -43,8 +43,8 @@ def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
     """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names none."""
     job = table.attrs.get("job", {})
     try:
-        limbs = models.find(job["model"])(**job.get("structure", {})).limbs
-    except (KeyError, TypeError, ValueError, models.ModelError):  # a model that is not here, or no job
+        limbs = models.find_of_table(table.attrs)(**job.get("structure", {})).limbs
+    except (TypeError, ValueError, models.ModelError):  # a model that is not here, or no job
         limbs = ()
     if len(limbs) == count:
         return limbs

@@ -73,8 +73,8 @@ class Motion:
         return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
 
 
-def read_motion(directory: str | Path, row: int) -> Motion:
-    """Read a row of a result directory.
+def read_motion(directory: str | Path, row: int, trust: bool = False) -> Motion:
+    """Read a row of a result directory; `trust` as for `gaitsweep.models.find_of_table`.
 
     Raises:
         PlotError: the table is not a trace's, lacks signals, or has no such row or nothing recorded for it.
@@ -86,7 +86,7 @@ def read_motion(directory: str | Path, row: int) -> Motion:
     if kind != "trace":
         raise PlotError(f"{directory} holds {kind} rows, which have no motion: use a run of kind trace.")
     part = _samples(table, directory, row)
-    rows = stored_job(table.attrs).plan
+    rows = stored_job(table.attrs, trust).plan
     missing = [quantity.name for quantity in rows.model.signals if quantity.name not in part.columns]
     if missing:
         names = ", ".join(missing[:_NAMED]) + (", ..." if len(missing) > _NAMED else "")
@@ -134,6 +134,7 @@ def write_movie(
     fps: float = 25.0,
     size: tuple[int, int] = SIZE,
     renderer: str = "auto",
+    trust: bool = False,
     progress: Callable[[int, int], None] | None = None,
     tell: Told | None = None,
 ) -> Path:
@@ -158,7 +159,7 @@ def write_movie(
         PlotError, TableError, JobError: what is asked cannot be shown.
         WriteError: the file cannot be written.
     """
-    motion = read_motion(directory, row)
+    motion = read_motion(directory, row, trust)
     _check(size, renderer)
     speed = usual_speed(motion.period) if speed is None else speed
     for name, value in (("speed", speed), ("fps", fps), ("seconds", seconds)):
@@ -198,12 +199,13 @@ def write_still(
     at: float = 0.0,
     size: tuple[int, int] = STILL_SIZE,
     renderer: str = "auto",
+    trust: bool = False,
     tell: Told | None = None,
 ) -> Path:
     """Write a PNG of six poses over the cycle that begins at a time.
 
     Args:
-        directory, row, size, renderer, tell: as for `write_movie`.
+        directory, row, size, renderer, trust, tell: as for `write_movie`.
         out: .png; `figures/poses_rowN.png` in the directory by default.
         at: when the cycle begins, s.
 
@@ -214,7 +216,7 @@ def write_still(
         PlotError, TableError, JobError: what is asked cannot be shown.
         WriteError: the file cannot be written.
     """
-    motion = read_motion(directory, row)
+    motion = read_motion(directory, row, trust)
     _check(size, renderer)
     end = _end(motion, at, motion.period, tell)
     target = _target(directory, out, f"poses_row{row}.png")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import html
-import json
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -26,7 +25,7 @@ from gaitsweep.runs.progress import Progress, progress_lines
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.runs.summary import remarks
 from gaitsweep.table import load
-from gaitsweep.table.manifest import FIGURES, MANIFEST
+from gaitsweep.table.manifest import FIGURES, read_manifest
 
 if TYPE_CHECKING:
     import xarray  # pyright: ignore[reportMissingImports]
@@ -110,7 +109,7 @@ class Result:
         """Job, hash, versions, device, timings, counts by status, self-check."""
         if self._table is not None:
             return self._table.attrs["manifest"]
-        return json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        return read_manifest(self.path)
 
     @property
     def figures(self) -> list[Path]:
@@ -148,12 +147,13 @@ class Result:
         y: str | None = None,
         walks: int = MOST_WALKS,
         max_size: float = MAX_SIZE,
+        trust: bool = False,
     ) -> Path:
         """Write a page on which a click on a start makes it walk.
 
         Args:
             out: the file; `explore.html` in the result directory by default.
-            x, y, walks, max_size: as for `gaitsweep.runs.explorer.explorer.write_explorer`.
+            x, y, walks, max_size, trust: as for `gaitsweep.runs.explorer.explorer.write_explorer`.
 
         Returns:
             The file.
@@ -163,7 +163,7 @@ class Result:
             MissingPackageError, PlotError, WriteError: as there.
         """
         target = self.path / EXPLORE if out is None else Path(out)
-        return explorer_of(self.table, target, x=x, y=y, walks=walks, max_size=max_size)
+        return explorer_of(self.table, target, x=x, y=y, walks=walks, max_size=max_size, trust=trust)
 
     def __repr__(self) -> str:
         where = "in memory" if self._path is None else f"in {self._path}"

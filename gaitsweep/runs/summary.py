@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import collections
 import functools
+import os
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,7 +17,6 @@ from gaitsweep import models
 from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.sweep.lane import host_device
-from gaitsweep.job.stored import MODEL_FOLDER
 from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.own_modules import folder_of_class
@@ -46,14 +47,20 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
             for group in ready.plan.groups
         ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
-        **_model_folder(ready),
+        **_model_folder(ready, directory.path),
     )
 
 
-def _model_folder(ready: Prepared) -> dict[str, str]:
-    """The folder of a user's model, where commands find it from elsewhere; none for the papers' models."""
+def _model_folder(ready: Prepared, path: Path) -> dict[str, str]:
+    """The folder of a user's model, for `--trust` from elsewhere; none for the papers' models.
+
+    It is relative to the result directory, and left out where the two share no project's folder, so that
+    a directory which is passed on does not tell where its owner's files are.
+    """
     folder = None if ready.job.model in models.names() else folder_of_class(type(ready.work.model))
-    return {} if folder is None else {MODEL_FOLDER: str(folder)}
+    if folder is None or len(Path(os.path.commonpath([folder, path.resolve()])).parts) < 3:
+        return {}
+    return {models.MODEL_FOLDER: os.path.relpath(folder, path.resolve())}
 
 
 def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float]) -> None:

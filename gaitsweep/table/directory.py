@@ -151,11 +151,6 @@ class ResultDirectory:
                 raise TableError(f"{fault.sentence[:-1]}: move it out of this directory, and run again.")
             self._clear(fault)
         self._footers = examined.footers
-        if examined.without_digest:
-            self.notes.append(
-                f"{len(examined.without_digest)} parts of {self.path} are of an older version and carry no "
-                "digests: not every damage of them is found."
-            )
         stored: dict[int, list[Rows]] = {}
         self._last_open = examined.last_open
         for file, rows in examined.open_rows():
@@ -169,7 +164,22 @@ class ResultDirectory:
                 file.unlink(missing_ok=True)
         for fault in examined.open_faults:
             self._clear(fault)
+        if examined.undigested:
+            self._digest(examined)
         self._restored = {number: joined(parts) for number, parts in stored.items()}
+
+    def _digest(self, examined: Examination) -> None:
+        """Note the digests of files that have none and are sound by their own checks."""
+        n = len(examined.undigested)
+        told = f"{n} file{'s' * (n != 1)} of {self.path / TABLE} carr{'y' if n != 1 else 'ies'} no digests"
+        if self.manifest["format"] == 1:
+            self.notes.append(f"{told}, as in older versions: not every damage of them is found.")
+            return
+        write_digests(self.path, read_digests(self.path) | examined.undigested)
+        self.notes.append(
+            f"{told} in {DIGESTS}. Their job, block, rows and page checksums are right: they are kept, and "
+            "the digests are made anew."
+        )
 
     def _clear(self, fault: Fault) -> None:
         """Remove a file that cannot be used; a part of another job is renamed instead."""
@@ -341,6 +351,31 @@ class ResultDirectory:
         add_digest(self.path, f"{TABLE}/{name}", digest_of(data))
         replace_file(self.path / TABLE / name, lambda file: file.write(data))
 
+    def write_beside(self, name: str, data: bytes) -> None:
+        """Write a file beside the table, with its digest, for `read_beside`.
+
+        Raises:
+            WriteError: it cannot be written; the old file is unchanged, and is read no more.
+        """
+        with writing(f"{self.path / name} could not be written"):
+            add_digest(self.path, name, digest_of(data))
+            replace_file(self.path / name, lambda file: file.write(data))
+
+    def read_beside(self, name: str) -> bytes | None:
+        """The bytes that `write_beside` wrote; None, with a note, if they are gone, damaged or edited."""
+        digest = read_digests(self.path).get(name)
+        try:
+            data = read_file(self.path / name)
+        except FileNotFoundError:
+            return None
+        except OSError:
+            data = b""
+        if digest is not None and digest_of(data) == digest:
+            return data
+        what = "has no digest" if digest is None else f"has another digest than {DIGESTS} says"
+        self.notes.append(f"{self.path / name} {what}: it is made anew.")
+        return None
+
     def update_manifest(self, **fields: Any) -> None:
         """Set fields of `manifest.json` (JSON values; None removes a field).
 
@@ -370,6 +405,7 @@ class ResultDirectory:
         names = {JOB, *(f"{TABLE}/{PARTS.name(number)}" for number in self._footers)}
         names |= {f"{TABLE}/{file.name}" for file in self._open_files}
         known = read_digests(self.path)
+        names |= {name for name in known if "/" not in name and (self.path / name).is_file()}
         with writing(f"{self.path / DIGESTS} could not be written"):
             write_digests(self.path, {name: known[name] for name in names if name in known})
             for file in (*others, self.path / BLOCK_LOCKS):
@@ -396,14 +432,16 @@ class ResultDirectory:
 
 
 def _claimed(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] | DamagedManifest | None:
-    """The manifest from `claim`, or its error if it is damaged but the parts belong to this job."""
+    """The manifest from `claim`, or its error if it is damaged or gone but the parts belong to this job."""
     try:
         return claim(path, job_hash, n_rows, block)
     except DamagedManifest as error:
         assumed = new_manifest(job_hash, n_rows, block, {})
         examined = Examination(path, assumed)
         if not any(True for _ in examined.parts()) and not any(True for _ in examined.open_rows()):
-            raise
+            raise TableError(
+                f"{error} It holds no sound part of this job: choose another directory with --out."
+            ) from error
         return error
 
 

@@ -38,7 +38,7 @@ class Examination:
 
     The iteration over `parts` sets `footers` of valid parts and `faults` of the others, by block; `strangers`
     are files without a block; the iteration over `open_rows` sets `open_faults`. `digests` are those of the
-    files; `without_digest` lists blocks whose part has no digest, as in older versions.
+    files as they were noted; `undigested` those of the sound files for which none was, by name.
     """
 
     def __init__(self, path: Path, manifest: Mapping[str, Any]) -> None:
@@ -54,7 +54,7 @@ class Examination:
         self.faults: dict[int, Fault] = {}
         self.strangers: list[Fault] = []
         self.open_faults: list[Fault] = []
-        self.without_digest: list[int] = []
+        self.undigested: dict[str, str] = {}
         names: list[str] = []
         try:
             if self.folder.is_dir():
@@ -93,7 +93,7 @@ class Examination:
             try:
                 data = read_file(file)
                 footer, table = examined_part(data, digest, self.manifest, number), None
-                if records or digest is None:
+                if records:
                     table = read_records(data, footer, start, stop, columns)
             except FileNotFoundError:
                 continue
@@ -103,7 +103,7 @@ class Examination:
                 self.faults[number] = Fault(file, f"{what}.", foreign, digest is not None)
                 continue
             if digest is None:
-                self.without_digest.append(number)
+                self.undigested[name] = digest_of(data)
             self.footers[number] = footer
             yield number, table
 
@@ -111,12 +111,16 @@ class Examination:
         """Iterate over the files of ended rows of incomplete blocks."""
         for number in self._open_numbers:
             file = self.folder / OPEN_ROWS.name(number)
-            digest = self.digests.get(f"{TABLE}/{file.name}")
+            name = f"{TABLE}/{file.name}"
+            digest = self.digests.get(name)
             try:
                 data = read_file(file)
-                if digest is None or digest_of(data) != digest:
+                if digest is not None and digest_of(data) != digest:
                     raise DamagedPart(f"its bytes have another digest than {DIGESTS} says")
-                yield file, read_open(data, self.job_hash, self.rows)
+                rows = read_open(data, self.job_hash, self.rows)
+                if digest is None:
+                    self.undigested[name] = digest_of(data)
+                yield file, rows
             except FileNotFoundError:
                 continue
             except (OSError, DamagedPart) as error:
@@ -133,7 +137,7 @@ def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], 
 
     Args:
         data: the part's bytes.
-        digest: their digest as it was noted, if it was.
+        digest: their digest as it was noted; if it was not, the checksums of all pages are verified.
         manifest: the manifest, of which the format, the job's hash, the rows and the block count.
         number: the block.
 
@@ -150,8 +154,8 @@ def examined_part(data: bytes, digest: str | None, manifest: Mapping[str, Any], 
         raise DamagedPart(
             f"it holds {footer.rows} rows of part {footer.part}, not {stop - start} of {number}"
         )
-    if digest is None and manifest["format"] > 1:
-        raise DamagedPart(f"{DIGESTS} has no line for it")
+    if digest is None:
+        read_records(data, footer, start, stop)
     return footer
 
 

@@ -7,6 +7,7 @@ import errno
 import fcntl
 import os
 import re
+import secrets
 import socket
 import stat
 from collections.abc import Callable, Iterator
@@ -85,23 +86,21 @@ def read_file(path: Path, most: int | None = None) -> bytes:
         return file.read()
 
 
-def replace_file(path: Path, write: Callable[[BinaryIO], object], *, writer: str = "") -> None:
+def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Write a file to a hidden temporary name in the folder of `path`, flush it to disk, and rename it.
 
     A kill at any point leaves the old or the new file, and at most a temporary file, which `remove_partials`
-    removes. A link at either name is replaced, not followed.
+    removes. A link at either name is replaced, not followed. Of several that write the same file at the same
+    time, the last to end is read.
 
     Args:
         path: the path of the file; its folder exists.
         write: writes the content to the open file.
-        writer: the name of this writer, where others may write the same file at the same time.
 
     Raises:
         OSError: the file could not be written; `path` is unchanged, and the temporary file is removed.
     """
-    temporary = path.with_name(f".{path.name}{writer and '.'}{writer}{PARTIAL}")
-    with contextlib.suppress(FileNotFoundError):
-        temporary.unlink()
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PARTIAL}")
     try:
         # opened by path, since other programs that write it need the path
         with open(temporary, "xb", opener=_without_links) as file:
@@ -198,6 +197,7 @@ class Lock:
             TableError: the lock file is not a regular file.
             OSError: the lock file cannot be created.
         """
+        self._held = False
         self.exclusive = True  # or shared: whether the file system has locks
         path = folder / LOCK_NAME
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
@@ -226,11 +226,15 @@ class Lock:
                 self.release()
                 raise
             self.exclusive = False
+        self._held = not shared
         os.ftruncate(self._descriptor, 0)
         os.pwrite(self._descriptor, f"{this_process()}\n".encode(), 0)
 
     def release(self) -> None:
         """Release the lock; a second call does nothing."""
         if self._descriptor >= 0:
+            if self._held:  # a directory that is passed on does not tell which machine wrote it
+                with contextlib.suppress(OSError):
+                    os.ftruncate(self._descriptor, 0)
             os.close(self._descriptor)
             self._descriptor = -1

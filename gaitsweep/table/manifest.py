@@ -24,7 +24,7 @@ _LARGEST = 256 * 2**20  # bytes
 
 
 class DamagedManifest(TableError):
-    """A manifest that was changed after gaitsweep wrote it."""
+    """A manifest that was changed after gaitsweep wrote it, or removed from beside its table."""
 
 
 def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -38,13 +38,15 @@ def read_manifest(path: Path) -> dict[str, Any]:
     """Read the manifest of a directory.
 
     Raises:
-        DamagedManifest: it is not JSON, or was changed after it was written.
+        DamagedManifest: it is not JSON, was changed after it was written, or is gone from beside its table.
         TableError: there is none, or its format is unknown to this version of gaitsweep.
     """
     file = path / MANIFEST
     try:
         text = read_file(file, _LARGEST).decode()
     except (FileNotFoundError, NotADirectoryError):
+        if (path / TABLE).is_dir():
+            raise DamagedManifest(f"{path} has no {MANIFEST} any more: {_again(path)}") from None
         what = "is not a directory" if path.exists() and not path.is_dir() else f"has no {MANIFEST}"
         what = what if path.exists() else "does not exist"
         raise TableError(f"{path} is no result directory of gaitsweep: it {what}.") from None
@@ -219,7 +221,7 @@ def claim(path: Path, job_hash: str, n_rows: int, block: int) -> dict[str, Any] 
         raise TableError(f"The result directory {path} cannot be read: {reason(error)}.") from error
     if not entries:
         return None
-    if not (path / MANIFEST).exists():
+    if not (path / MANIFEST).exists() and not (path / TABLE).is_dir():
         raise TableError(
             f"{path} holds files that are not gaitsweep's ({min(entry.name for entry in entries)}) "
             f"and no {MANIFEST}: choose another directory with --out."

@@ -92,4 +92,4 @@ class PartWriter:
         name = PARTS.name(number)
         with writing(f"Part {number} (rows {start} to {stop - 1}) could not be written to {self.path}"):
             add_digest(self.path, f"{TABLE}/{name}", digest_of(data), writer=WRITER)
-            replace_file(self.path / TABLE / name, lambda file: file.write(data), writer=WRITER)
+            replace_file(self.path / TABLE / name, lambda file: file.write(data))

@@ -85,6 +85,13 @@ class Snapshot:
         """Whether all rows are present."""
         return self.rows_done == self.manifest["rows"]
 
+    @property
+    def without_digests(self) -> str:
+        """What it means that some files have no digest, which are sound as far as they tell themselves."""
+        n, told = len(self.files.undigested), "so not every damage would be found"
+        again = "" if self.manifest["format"] == 1 else ". Its job, run again, makes the digests anew"
+        return f"{n} file{'s' * (n != 1)} of the table carry no digests, {told}{again}"
+
     def require_sound(self) -> None:
         """Refuse a table with damaged files or files of another table.
 
@@ -201,7 +208,9 @@ def _job_of(
         raise TableError(f"{file} cannot be read: {text}. {_written_anew(path)}") from error
     if not is_job(written):
         raise TableError(f"{file} is no job any more. {_written_anew(path)}")
-    return (written, written) if known is None else (known, written)
+    if known is None or (digest is None and written == known):
+        return written, written
+    return known, written
 
 
 def _parsed(text: str) -> Any:
@@ -462,9 +471,8 @@ def _warn(snapshot: Snapshot) -> None:
             f"{snapshot.path / JOB} was changed after the run: the manifest's job is the one that was run.",
             stacklevel=4,
         )
-    if snapshot.files.without_digest:
+    if snapshot.files.undigested:
         warnings.warn(
-            f"{snapshot.path} is of an older version, whose parts carry no digests: "
-            "not every damage of them is found.",
+            f"{snapshot.path}: {snapshot.without_digests}.",
             stacklevel=4,
         )

@@ -12,6 +12,7 @@ from gaitsweep.claims.measures.general import MeasureError, share, texts, value
 from gaitsweep.claims.paper import known_papers, read_paper
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError
+from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.diagnostics import JobError
 
 JOB = """\
@@ -111,6 +112,14 @@ def test_a_job_that_fails_harms_no_other(
         ("paper: 0, tolerance: 0.1", "paper: 0", "needs a tolerance"),
         ("paper: Nobody (2026)", "papers: Nobody (2026)", "papers is not a field"),
         ("because: exact, tried", "tried", "because is missing"),
+        ("\"status == 'settled'\"", "\"@pd.os.system('true') == 0\"", "is not a condition"),
+        ("\"status == 'settled'\"", "\"psi_1.to_csv('out')\"", "is not a condition"),
+        ("\"status == 'settled'\"", "5", "where: 5"),
+        ("with: {column: nothing}", "with: {column: [1]}", "column: a list (1)"),
+        ("basins: {job", "../../basins: {job", "names files: letters"),
+        ("basins: {job", '"a\\nb": {job', "names files: letters"),
+        ("job: small.yaml", "job: ../small.yaml", "names files: letters"),
+        ("figure: basin", "figure: ../../../basin", "figure"),
     ],
 )
 def test_a_bad_table_of_claims_is_refused(table_of_claims: Path, old: str, new: str, told: str) -> None:
@@ -138,10 +147,11 @@ def test_general_measures() -> None:
     assert texts(table, column="gait") == ["walk", "trot"]
     for wrong in (
         lambda: share(table, where="gait == 'walk'", of="speed > 9"),
-        lambda: share(table, where="gaits == 'walk'"),
         lambda: value(table, column="speeds"),
         lambda: value(table, column="speed", take="mode"),
         lambda: texts(table, column="gait", where="speed > 9"),
     ):
         with pytest.raises(MeasureError):
             wrong()
+    with pytest.raises(ExpressionError, match="did you mean gait"):
+        share(table, where="gaits == 'walk'")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import io
 import json
 import os
+import resource
 import subprocess
 import sys
 import types
@@ -260,6 +262,61 @@ def test_a_fault_of_ours_keeps_its_traceback(job_file: Path, runner: FakeRunner)
     runner.error = ZeroDivisionError("a bug")
     with pytest.raises(ZeroDivisionError):
         main(["run", str(job_file)])
+
+
+@pytest.mark.parametrize("command", [["--version"], ["models"]])
+def test_a_full_or_closed_output_is_a_sentence(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert main(command) == 1
+        assert "output cannot be written: the disk is full" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdout", None)
+    assert main(command) == 0
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        with contextlib.suppress(SystemExit):  # of typer, which ends by itself here
+            assert main(command) == 1
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (MemoryError(), 1, "memory"),
+        (RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes."), 1, "memory"),
+        (RuntimeError("can't start new thread"), 1, "memory"),
+        (PermissionError(13, "Permission denied", "/a/file"), 1, "/a/file cannot be used: permission denied"),
+    ],
+)
+def test_what_the_machine_refuses_is_a_sentence(
+    job_file: Path, runner: FakeRunner, capsys: Capture, error: Exception, code: int, told: str
+) -> None:
+    runner.error = error
+    assert main(["run", str(job_file)]) == code
+    assert told in capsys.readouterr().err
+
+
+def test_a_working_directory_that_is_gone_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert main(["check", "builtin:quick_basins"]) == 1
+    assert "working directory" in capsys.readouterr().err
+
+
+def test_a_small_limit_of_memory_is_refused_before_a_compiler_ends_the_process(
+    job_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (10**9, 10**9))
+    assert main(["check", str(job_file)]) == 2
+    assert "1.0 GB" in capsys.readouterr().err
 
 
 def test_ctrl_c_says_how_to_continue(job_file: Path, runner: FakeRunner, capsys: Capture) -> None:

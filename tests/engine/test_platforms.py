@@ -1,15 +1,20 @@
-"""Where JAX is told to see no CPU (JAX_PLATFORMS=cuda), nothing asks it for one."""
+"""Where JAX cannot compute: it is told to see no CPU (JAX_PLATFORMS=cuda), or its process was forked."""
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from sweeping import devices_on, run_rows
 from toy_model import Toy, launches
 
+import gaitsweep as gs
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep import lane
@@ -65,3 +70,40 @@ def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest
         assert lane.host_device() is real[0]
     assert set(asked) == {"cpu"}
     assert devices_on("cpu", "kernel")[0].platform == "cpu"
+
+
+def _in_a_fork(call: Callable[[], object]) -> str:
+    """The error of a call in a fork of this process; one that waits is ended after 20 s."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        signal.alarm(20)
+        try:
+            call()
+            said = "nothing"
+        except BaseException as error:
+            said = f"{type(error).__name__}: {error}"
+        os.write(writer, said.encode())
+        os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader) as pipe:
+        said = pipe.read()
+    os.waitpid(child, 0)
+    return said
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:RuntimeWarning", "ignore:.*fork:DeprecationWarning")
+def test_a_fork_refuses_to_compute() -> None:
+    jnp.zeros(1).block_until_ready()
+    mapping = gs.return_map(Toy())
+    for call in (
+        lambda: gs.sweep(Toy(), launch_1=[1.0], run=gs.FixedTime(duration=0.1), verify=0),
+        lambda: gs.simulate(Toy(), duration=1.0),
+        lambda: gs.return_map(Toy()),
+        lambda: mapping(np.ones(len(mapping.coordinates))),
+        lambda: mapping.settled({"launch_1": 1.0}),
+    ):
+        said = _in_a_fork(call)
+        assert said.startswith("UnsupportedSystem"), said
+        assert all(word in said for word in ("spawn", "client=", "lanes"))
+    assert _in_a_fork(lambda: gs.Settle(max_cycles=3)) == "nothing"

@@ -574,6 +574,9 @@ def test_finalists_are_kept(tmp_path: Path) -> None:
     found = gs.search(asked, tmp_path / "out")
     known = pd.read_parquet(tmp_path / "out" / FINALISTS)
     assert len(known) == min(3, len(found.near.best))
+    known.assign(score=-1.0).to_parquet(tmp_path / "out" / FINALISTS, index=False)
+    assert found.finalists is not None
+    assert_frame_equal(gs.search(asked, tmp_path / "out").finalists, found.finalists, check_exact=True)
     assert toy_model.Toy.name == "toy"
 
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gaitsweep.expression import FUNCTIONS, ExpressionError, evaluate, functions_of, names_in
+from gaitsweep.expression import FUNCTIONS, ExpressionError, evaluate, fulfilled, functions_of, names_in
 
 NAMES = {"beta": 0.8, "kappa": 100.0, "m_B": 0.9}
 
@@ -223,3 +223,48 @@ def test_names_in() -> None:
     assert names_in("2*(1-beta)*pi + sqrt(kappa/m_B) - max(beta, e)") == {"beta", "kappa", "m_B"}
     assert names_in("2*pi") == set()
     assert names_in(3.0) == set()
+
+
+# Conditions
+
+COLUMNS = {
+    "gait": np.array(["trot", "walk", np.nan, "trot"], object),
+    "speed": np.array([0.5, 1.0, np.nan, 2.0]),
+    "stair": np.array([0, 1, 2, 3]),
+    "settled": np.array([True, False, True, True]),
+}
+
+
+@pytest.mark.parametrize(
+    ("condition", "expected"),
+    [
+        ("gait == 'trot'", [1, 0, 0, 1]),
+        ("gait != 'trot'", [0, 1, 1, 0]),  # a missing text is unequal to all
+        ("gait in ['walk', 'pace'] or stair == 3", [0, 1, 0, 1]),
+        ("gait not in ('walk',)", [1, 0, 1, 1]),
+        ("0.5 <= speed < 2", [1, 1, 0, 0]),
+        ("not speed < 2", [0, 0, 1, 1]),
+        ("settled and abs(speed - 2) < 1e-9", [0, 0, 0, 1]),
+        ("settled and not (stair**2 > 4 or gait == 'trot')", [0, 0, 1, 0]),
+        ("settled or stair == 1 and speed == 1", [1, 1, 1, 1]),
+        ("speed == speed", [1, 1, 0, 1]),
+        ("pi < 2*stair", [0, 0, 1, 1]),
+    ],
+)
+def test_a_condition_selects_records(condition: str, expected: list[int]) -> None:
+    assert fulfilled(condition, COLUMNS).tolist() == [bool(each) for each in expected]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "@pd.io.common.os.system('touch PWNED') == 0", "speed.to_csv('/path')", "speed.dtype == 'f'",
+        "__import__('os') == 1", "speed[0] > 1", "[gait for gait in ()] == 1", "f'{speed}' == 'a'",
+        "speed", "speed + 1", "not 3", "", "speed >", "speed == True", "(speed > 1) + 1 > 1", "speed is 1",
+        "gait in stair", "settled & settled", "abs > 1", "1 < 2", "speeds > 1", "gait < 'b'", "gait == 1",
+        "stair == 'a'", "-gait > 1", "not " * 130 + "settled", "(speed := 1) > 0", "`speed` > 1", "lambda: 1",
+    ],
+)  # fmt: skip
+def test_nothing_but_a_condition_is_evaluated(text: str) -> None:
+    with pytest.raises(ExpressionError):
+        fulfilled(text, COLUMNS)

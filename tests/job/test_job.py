@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import itertools
 import math
 import pickle
@@ -17,8 +18,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import qmc
+from toy_model import Toy
 
 from gaitsweep import models
+from gaitsweep.expression import evaluate
 from gaitsweep.job import Job, JobError, Plan, load_job, schema
 from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.kinds.ramp import Ramp
@@ -258,6 +261,20 @@ def test_large_formulas_are_checked_block_by_block() -> None:
         rows.values(3_998_000, 4_000_000)
 
 
+# Names of files
+
+
+@pytest.mark.parametrize("text", ["small\n", " small", "small\n\n"])
+def test_a_name_has_no_space_around_it(text: str) -> None:
+    assert toy(name=text).name == "small"
+
+
+@pytest.mark.parametrize("text", ["small\nlarge", "sm all", "\n", "small/\n", "..\n"])
+def test_a_name_that_names_no_file_is_refused(text: str) -> None:
+    with pytest.raises(JobError, match="name is "):
+        toy(name=text)
+
+
 # Formulas
 
 
@@ -283,6 +300,17 @@ def test_formulas_may_use_the_structure() -> None:
     assert rows.values(0, 1)[0]["mass"].tolist() == [0.5]
     assert rows.values(0, 1)[1]["launch_1"].tolist() == [2.0]
     assert rows.derived["mass"] == "2.0/4"
+
+
+@dataclasses.dataclass(frozen=True)
+class Shifted(Toy):
+    c: float = dataclasses.field(default=-2.0, metadata={"low": -9.0})
+
+
+def test_a_negative_number_of_the_structure_keeps_its_sign_in_a_formula() -> None:
+    rows = toy(model=f"{__name__}:Shifted", params={"ceiling": "-c**3*stiffness/2 - c"}).plan
+    ceiling = rows.values(0, 1)[0]["ceiling"].item()
+    assert evaluate(rows.derived["ceiling"], {"stiffness": 4.0}) == ceiling == 18.0
 
 
 def test_a_ramp_starts_at_its_path_and_takes_formulas_along() -> None:

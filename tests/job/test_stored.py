@@ -45,15 +45,40 @@ def test_a_model_is_found_from_another_folder(tmp_path: Path, monkeypatch: pytes
     (own / "job.yaml").write_text(JOB)
     monkeypatch.chdir(elsewhere)
     table = gs.run(own / "job.yaml", elsewhere / "out").table
-    assert table.attrs["manifest"]["model_folder"] == str(own)
+    assert table.attrs["manifest"]["model_folder"] == "../../own"  # tells nothing of the folders above
     # as a new process would see it
     del sys.modules["a_bouncer"]
     again = gs.load(elsewhere / "out")
+    with pytest.raises(gs.JobError, match=r"own/a_bouncer\.py.*--trust"):
+        stored_job(again.attrs)
+    assert "a_bouncer" not in sys.modules
+    assert stored_job(again.attrs, trust=True).plan.model.name == "bouncer"
+    del sys.modules["a_bouncer"]
+    monkeypatch.chdir(own)
     assert stored_job(again.attrs).plan.model.name == "bouncer"
     del sys.modules["a_bouncer"]
     shutil.rmtree(own)
+    monkeypatch.chdir(elsewhere)
     with pytest.raises(gs.JobError, match="a_bouncer does not import"):
-        stored_job(again.attrs)
+        stored_job(again.attrs, trust=True)
+
+
+@pytest.mark.parametrize("place", [".", "table"])
+@pytest.mark.parametrize("inside", [True, False])
+def test_no_code_in_a_result_directory_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, inside: bool
+) -> None:
+    """Neither from elsewhere, nor where the working directory is the stranger's."""
+    gift = tmp_path / "gift"
+    (gift / "table").mkdir(parents=True)
+    (gift / place / "a_gift.py").write_text("raise SystemExit('the code of the stranger ran')")
+    monkeypatch.chdir(gift / place if inside else tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(Path.cwd())])
+    attrs = {"path": str(gift), "job": {"model": "a_gift:Model"}, "manifest": {"model_folder": place}}
+    with pytest.raises(gs.JobError, match="--trust"):
+        stored_job(attrs)
+    with pytest.raises(gs.JobError, match="the code of the stranger ran"):
+        stored_job(attrs, trust=True)
 
 
 def test_the_papers_models_have_no_folder() -> None:

@@ -137,6 +137,77 @@ def test_a_manifest_that_was_edited_is_refused_and_made_anew(whole: Path) -> Non
         file.write_text(good)
 
 
+@pytest.mark.parametrize("lost", [("SHA256SUMS",), ("manifest.json",), ("SHA256SUMS", "manifest.json")])
+def test_a_small_file_that_is_lost_costs_no_row(whole: Path, lost: tuple[str, ...]) -> None:
+    expected, parts = load(whole), [file.stat().st_ino for file in sorted((whole / "table").iterdir())]
+    for name in lost:
+        (whole / name).unlink()
+    if "manifest.json" in lost:
+        with pytest.raises(TableError, match=r"no manifest\.json any more"):
+            load(whole)
+    else:
+        with pytest.warns(UserWarning, match="3 files of the table carry no digests"):
+            pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+    notes = mended(whole)
+    assert [file.stat().st_ino for file in sorted((whole / "table").iterdir())] == parts
+    assert all(any(word in note for note in notes) for word in lost)
+    assert not mended(whole)
+    pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+
+
+def test_a_part_without_digest_is_kept_only_if_its_pages_are_sound(whole: Path) -> None:
+    import pyarrow.parquet as pq
+
+    expected = load(whole)
+    lines = (whole / "SHA256SUMS").read_text().splitlines(keepends=True)
+    (whole / "SHA256SUMS").write_text("".join(line for line in lines if "part-0000" not in line))
+    data = bytearray(part(whole, 1).read_bytes())
+    column = pq.read_metadata(part(whole, 1)).row_group(0).column(4)
+    data[column.data_page_offset + column.total_compressed_size - 1] ^= 1
+    part(whole, 1).write_bytes(data)
+    part(whole, 0).write_bytes(part(whole, 2).read_bytes())
+    with pytest.raises(TableError, match=r"part-00000.*part-00001"):
+        load(whole, columns=["a"])
+    notes = mended(whole)
+    assert [name for name in ("part-00000", "part-00001", "part-00002") if name in "".join(notes)] == [
+        "part-00000",
+        "part-00001",
+    ]
+    assert "1 file of" in notes[-1]
+    pd.testing.assert_frame_equal(load(whole), expected, check_exact=True)
+
+
+def test_a_folder_of_another_program_is_not_taken_for_ours(tmp_path: Path) -> None:
+    (tmp_path / "mine" / "table").mkdir(parents=True)
+    (tmp_path / "mine" / "table" / "precious.txt").write_text("")
+    with pytest.raises(TableError, match="choose another directory"):
+        open_toy(tmp_path / "mine")
+    with open_toy(tmp_path / "other", job_hash="b" * 60) as directory:
+        fill(directory)
+    (tmp_path / "other" / "manifest.json").unlink()
+    before = files_of(tmp_path)
+    with pytest.raises(TableError, match="choose another directory"):
+        open_toy(tmp_path / "other")
+    assert files_of(tmp_path) == before
+
+
+def test_a_file_beside_the_table_is_read_only_as_it_was_written(whole: Path) -> None:
+    with open_toy(whole) as directory:
+        directory.write_beside("best.parquet", b"12345")
+        directory.tidy_digests()
+        assert directory.read_beside("best.parquet") == b"12345"
+        for other in (b"12346", b"", b"123456"):
+            (whole / "best.parquet").write_bytes(other)
+            assert directory.read_beside("best.parquet") is None
+        (whole / "best.parquet").write_bytes(b"12345")
+        (whole / "SHA256SUMS").unlink()
+        assert directory.read_beside("best.parquet") is None
+        assert len(directory.notes) == 4
+        (whole / "best.parquet").unlink()
+        assert directory.read_beside("best.parquet") is None
+        assert len(directory.notes) == 4
+
+
 ODD = [None, True, 0, -1, 1e308, float("nan"), 10**40, "text", [], {}, [1], {"foo": 1}, {"foo": []}, [[[{}]]]]
 
 
@@ -337,6 +408,11 @@ def test_damaged_rows_of_open_blocks_are_run_again(tmp_path: Path) -> None:
         directory.write_part(0, block_frame(0, 4))
         keep(directory, [5])
         keep(directory, [6])
+    lines = (path / "SHA256SUMS").read_text()
+    (path / "SHA256SUMS").unlink()
+    with open_toy(path) as directory:
+        assert directory.rows_open == 2
+    assert sorted((path / "SHA256SUMS").read_text().splitlines()) == sorted(set(lines.splitlines()))
     file = path / "table" / "open-00001.parquet"
     file.write_bytes(file.read_bytes()[:-9])
     assert len(Snapshot.of(path).files.open_faults) == 1

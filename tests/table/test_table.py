@@ -13,7 +13,7 @@ import textwrap
 import time
 import tracemalloc
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pandas as pd
@@ -33,6 +33,7 @@ from gaitsweep.table import (
     load_parts,
     parts,
 )
+from gaitsweep.table.files import replace_file
 from gaitsweep.table.parts import part_bytes, readable
 
 
@@ -290,6 +291,22 @@ def test_two_writers_at_once(tmp_path: Path) -> None:
     with open_toy(tmp_path / "toy"), pytest.raises(TableError, match=f"process {os.getpid()} on .*--out"):
         open_toy(tmp_path / "toy")
     open_toy(tmp_path / "toy").close()
+    assert (tmp_path / "toy" / ".lock").read_text() == ""  # nothing of the machine's name stays
+
+
+def test_a_file_that_two_write_at_once_is_whole(tmp_path: Path) -> None:
+    """As the figures of two `plot`; the one that ends last is read."""
+    file, inner = tmp_path / "figure.png", []
+
+    def slowly(stream: BinaryIO) -> None:
+        stream.write(b"first, ")
+        replace_file(file, lambda other: other.write(b"second"))
+        inner.append(file.read_bytes())
+        stream.write(b"slowly")
+
+    replace_file(file, slowly)
+    assert (inner, file.read_bytes()) == ([b"second"], b"first, slowly")
+    assert [each.name for each in tmp_path.iterdir()] == ["figure.png"]
 
 
 def test_stray_temporaries_are_removed_by_the_next_run_alone(tmp_path: Path) -> None:

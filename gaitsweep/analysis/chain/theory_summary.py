@@ -85,7 +85,7 @@ def _counted(values: np.ndarray) -> str:
     texts = [
         f"{value.real:.6f}" + (f"{value.imag:+.6f}i" if abs(value.imag) > 1e-9 else "") for value in values
     ]
-    texts = [re.sub(r"\.?0+$", "", text) for text in texts]
+    texts = [re.sub(r"\.?0+\Z", "", text) for text in texts]
     return ", ".join(
         f"{text} ({n})" if (n := texts.count(text)) > 1 else text for text in dict.fromkeys(texts)
     )

@@ -20,7 +20,7 @@ from gaitsweep.analysis.chain.travelling_wave import (
     waves,
 )
 from gaitsweep.circular import wrapped_difference
-from gaitsweep.claims.measure import measure
+from gaitsweep.claims.measure import Condition, measure
 from gaitsweep.claims.measures.ambe2021_equations import chain_defaults
 from gaitsweep.claims.measures.general import MeasureError, masked, numbers, one_row, records
 from gaitsweep.models.multilegged.theory.chain import Chain, wavelength
@@ -250,12 +250,12 @@ def drift_of_sum(table: pd.DataFrame, *, row: int, cycles: int = 20) -> float:
 
 
 @measure
-def drift_over_law(table: pd.DataFrame, *, where: str | None = None) -> list[float]:
+def drift_over_law(table: pd.DataFrame, *, where: Condition | None = None) -> list[float]:
     """Smallest and largest drift of E over that of the law on a ground of finite stiffness (1).
 
     Args:
         table: a return_map table.
-        where: a query over the columns of `source_drift`, such as `m_slope != 0`.
+        where: a condition over the columns of `source_drift`, such as `m_slope != 0`.
     """
     found = records(source_drift(table), where)
     ratios = numbers(found, "drift") / numbers(found, "law_on_ground")
@@ -263,18 +263,18 @@ def drift_over_law(table: pd.DataFrame, *, where: str | None = None) -> list[flo
 
 
 @measure
-def largest_drift(table: pd.DataFrame, *, where: str | None = None) -> float:
-    """Largest absolute drift of E in a cycle over the rows of a query (rad)."""
+def largest_drift(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """Largest absolute drift of E in a cycle over the rows of a condition (rad)."""
     return float(np.abs(numbers(records(source_drift(table), where), "drift")).max())
 
 
 @measure
-def fewest_source_legs(table: pd.DataFrame, *, where: str | None = None) -> float:
-    """The number of legs at which the source settles, the smallest over the sets of a query (1).
+def fewest_source_legs(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """The number of legs at which the source settles, the smallest over the sets of a condition (1).
 
     Args:
         table: a settle table, several starts for each set of parameters.
-        where: a query over the table's columns.
+        where: a condition over the table's columns.
     """
     places = source_place(records(table, where))
     names = [name for name in places.columns if name not in ("leg", "source", "meeting", "neither", "starts")]
@@ -283,8 +283,8 @@ def fewest_source_legs(table: pd.DataFrame, *, where: str | None = None) -> floa
 
 
 @measure
-def meeting_share(table: pd.DataFrame, *, leg: int, where: str | None = None) -> float:
-    """Share of the starts whose waves meet at a leg, the smallest over the sets of a query (1)."""
+def meeting_share(table: pd.DataFrame, *, leg: int, where: Condition | None = None) -> float:
+    """Share of the starts whose waves meet at a leg, the smallest over the sets of a condition (1)."""
     places = source_place(records(table, where))
     return float(numbers(masked(places, places["leg"] == leg), "meeting").min())
 
@@ -310,8 +310,8 @@ def wave_column(table: pd.DataFrame, *, row: int, column: str, over: str | None 
 
 
 @measure
-def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: str | None = None) -> float:
-    """The ratio of two columns of measured waves that is farthest from 1, over the rows of a query (1)."""
+def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: Condition | None = None) -> float:
+    """The ratio of two columns of measured waves that is farthest from 1, over rows of a condition (1)."""
     found = records(waves(table), where)
     ratio = numbers(found, column) / numbers(found, over)
     return float(ratio[np.abs(ratio - 1.0).argmax()])
@@ -326,27 +326,27 @@ def smallest_rise(table: pd.DataFrame, *, column: str, along: str = "beta") -> f
 
 
 @measure
-def three_gaits(table: pd.DataFrame, *, where: str | None = None) -> float:
-    """Share of the sets of parameters at which all three gaits occur, among those that fulfil a query (1).
+def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float:
+    """Share of the sets of parameters at which all three gaits occur, among those of a condition (1).
 
     Args:
-        where: a query over the columns of `gait_shares`, such as `conditions`.
+        where: a condition over the columns of `gait_shares`, such as `conditions`.
     """
     chosen = records(gait_shares(table), where)
     return float(np.mean((np.asarray(chosen[list(GAITS)]) > 0.0).all(axis=1)))
 
 
 @measure
-def no_gaits(table: pd.DataFrame, *, where: str) -> float:
-    """Share of the sets of parameters at which none of the three gaits occurs, among those of a query (1)."""
+def no_gaits(table: pd.DataFrame, *, where: Condition) -> float:
+    """Share of the sets of parameters at which none of the three gaits occurs, of a condition's sets (1)."""
     chosen = records(gait_shares(table), where)
     return float(np.mean((np.asarray(chosen[list(GAITS)]) == 0.0).all(axis=1)))
 
 
 @measure
-def gaits_left(table: pd.DataFrame, *, where: str) -> list[str]:
-    """The gaits in which the settled rows of a query end, in the order of the gaits."""
-    ends = set(records(table, where).query("status == 'settled'")["gait"].astype(str))
+def gaits_left(table: pd.DataFrame, *, where: Condition) -> list[str]:
+    """The gaits in which the settled rows of a condition end, in the order of the gaits."""
+    ends = set(records(records(table, where), "status == 'settled'", True)["gait"].astype(str))
     if not ends:
         raise MeasureError(f"No row of {where} has settled.")
     return [gait for gait in LABELS if gait in ends]

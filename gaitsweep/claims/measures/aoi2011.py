@@ -28,8 +28,8 @@ from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.analysis.transitions import return_map
 from gaitsweep.analysis.transitions.transition_points import transition_points, transition_points_by_gait
 from gaitsweep.circular import TURN, wrapped_difference
-from gaitsweep.claims.measure import measure
-from gaitsweep.claims.measures.general import defaults, records, value
+from gaitsweep.claims.measure import Condition, measure
+from gaitsweep.claims.measures.general import defaults, masked, records, value
 from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import turned
 from gaitsweep.job.stored import row_params, stored_job
@@ -408,19 +408,19 @@ def least_change_of_transition(
 
 
 @measure
-def means_of_feet(table: pd.DataFrame, *, column: str, where: str | None = None) -> list[float]:
+def means_of_feet(table: pd.DataFrame, *, column: str, where: Condition | None = None) -> list[float]:
     """Mean of a column of each of the four feet, in its unit.
 
     Args:
         table: a return map's table.
         column: the column, with {} in place of the foot's number.
-        where: a query that selects records.
+        where: a condition that selects records.
     """
-    return [value(table, column=column.format(i + 1), where=where, take="mean") for i in LIMBS]
+    return [value(table, column=column.replace("{}", f"{i + 1}"), where=where, take="mean") for i in LIMBS]
 
 
 @measure
-def spread_over(table: pd.DataFrame, *, column: str, over: str, where: str) -> float:
+def spread_over(table: pd.DataFrame, *, column: str, over: str, where: Condition) -> float:
     """Range of the medians of a column at the values of another, in its unit."""
     part = records(table, where)
     require(part, column, over)
@@ -429,13 +429,13 @@ def spread_over(table: pd.DataFrame, *, column: str, over: str, where: str) -> f
 
 @measure
 def difference_of_gaits(
-    table: pd.DataFrame, other: pd.DataFrame, *, observable: str, where: str, gaits: Sequence[str]
+    table: pd.DataFrame, other: pd.DataFrame, *, observable: str, where: Condition, gaits: Sequence[str]
 ) -> float:
     """Largest difference (rad) of the median of an angle in each gait, between a settle table and holds."""
-    worst = 0.0
+    worst, chosen = 0.0, records(other, where)
     for gait in gaits:
-        one = value(table, column=f"{observable}_end", where=f"gait == '{gait}'")
-        two = value(other, column=f"{observable}_n", where=f"({where}) and gait == '{gait}'")
+        one = value(masked(table, table["gait"] == gait), column=f"{observable}_end")
+        two = value(masked(chosen, chosen["gait"] == gait), column=f"{observable}_n")
         worst = max(worst, abs(float(wrapped_difference(one - two))))
     return worst
 
@@ -444,7 +444,9 @@ def difference_of_gaits(
 
 
 @measure
-def farthest_angle(table: pd.DataFrame, *, column: str, centre: float, where: str | None = None) -> float:
+def farthest_angle(
+    table: pd.DataFrame, *, column: str, centre: float, where: Condition | None = None
+) -> float:
     """Largest distance (rad) of an angle from a centre."""
     part = records(table, where)
     require(part, column)
@@ -455,7 +457,7 @@ def farthest_angle(table: pd.DataFrame, *, column: str, centre: float, where: st
 
 
 @measure
-def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: str | None = None) -> float:
+def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condition | None = None) -> float:
     """Largest distance (rad) between an angle at the start of a row and at its end."""
     part = records(table, where)
     require(part, start, end)

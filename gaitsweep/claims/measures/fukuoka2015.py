@@ -19,7 +19,7 @@ from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
 from gaitsweep.analysis.transitions.speed_transitions import after_dwell
-from gaitsweep.claims.measure import measure
+from gaitsweep.claims.measure import Condition, measure
 from gaitsweep.claims.measures.general import MeasureError, default_values, records, value
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE
@@ -44,7 +44,7 @@ def gait_share(
     table: pd.DataFrame,
     *,
     gaits: Sequence[str],
-    where: str | None = None,
+    where: Condition | None = None,
     begin: float = -math.inf,
     threshold: float = THRESHOLD,
 ) -> float:
@@ -66,7 +66,7 @@ def gaits_shown(
 
 @measure
 def nearest_speed(
-    table: pd.DataFrame, *, gait: str, speed: float, column: str = "speed_end", where: str | None = None
+    table: pd.DataFrame, *, gait: str, speed: float, column: str = "speed_end", where: Condition | None = None
 ) -> float:
     """Speed nearest to `speed` at which a row has the gait at its end (m/s)."""
     part = records(table, where)
@@ -79,7 +79,7 @@ def nearest_speed(
 
 @measure
 def speed_gap(
-    table: pd.DataFrame, *, slow: Sequence[str], fast: Sequence[str], where: str | None = None
+    table: pd.DataFrame, *, slow: Sequence[str], fast: Sequence[str], where: Condition | None = None
 ) -> float:
     """Least speed of the fast families of gaits less the largest speed of the slow ones (m/s)."""
     part = records(table, where)
@@ -93,7 +93,9 @@ def speed_gap(
 
 
 @measure
-def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str | None = None) -> float:
+def parameter_sets_with(
+    table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None
+) -> float:
     """Number of parameter sets at which different starts come to each of the gaits (1)."""
     part = records(table, where)
     require(part, "gait")
@@ -103,8 +105,8 @@ def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str], where: str
 
 
 @measure
-def difference_of_medians(table: pd.DataFrame, *, column: str, where: str, less: str) -> float:
-    """Median of a column in the records of one query, less that in the records of another (its unit)."""
+def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition, less: Condition) -> float:
+    """Median of a column in the records of one condition, less that in the records of another (its unit)."""
     return value(table, column=column, where=where) - value(table, column=column, where=less)
 
 
@@ -114,7 +116,7 @@ def share_in_order(
     *,
     order: Sequence[str],
     falling: bool = False,
-    where: str | None = None,
+    where: Condition | None = None,
     by: str = "family",
     at: str = "all",
 ) -> float:
@@ -128,7 +130,7 @@ def share_in_order(
 
 @measure
 def share_up_and_down(
-    table: pd.DataFrame, *, up: Sequence[str], down: Sequence[str], where: str | None = None
+    table: pd.DataFrame, *, up: Sequence[str], down: Sequence[str], where: Condition | None = None
 ) -> float:
     """Share of the rows of a ramp with one order of gaits as it rises and one as it falls (1).
 
@@ -141,7 +143,7 @@ def share_up_and_down(
 
 @measure
 def most_frequent_order(
-    table: pd.DataFrame, *, falling: bool = False, where: str | None = None, by: str = "family"
+    table: pd.DataFrame, *, falling: bool = False, where: Condition | None = None, by: str = "family"
 ) -> list[str]:
     """The sequence of gaits that most rows of a ramp show in one pass."""
     sequences = [tuple(names) for names in _sequences(records(table, where), falling, by).values()]
@@ -154,7 +156,7 @@ def acceleration(
     *,
     between: Sequence[float],
     falling: bool = False,
-    where: str | None = None,
+    where: Condition | None = None,
 ) -> float:
     """Slope of the speed over time in one pass of a ramp, of the cycles between two speeds (m/s2)."""
     part = _passes(records(table, where))
@@ -165,7 +167,7 @@ def acceleration(
 
 
 @measure
-def narrowest_family(table: pd.DataFrame, *, where: str | None = None) -> str:
+def narrowest_family(table: pd.DataFrame, *, where: Condition | None = None) -> str:
     """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
     bouts = _bouts(records(table, where), False, "family")
     bouts["width"] = np.abs(bouts["speed_end"].to_numpy(float) - bouts["speed_begin"].to_numpy(float))
@@ -178,7 +180,7 @@ def narrowest_family(table: pd.DataFrame, *, where: str | None = None) -> str:
 
 @measure
 def bout_time_ratio(
-    table: pd.DataFrame, other: pd.DataFrame, *, family: str, where: str | None = None
+    table: pd.DataFrame, other: pd.DataFrame, *, family: str, where: Condition | None = None
 ) -> float:
     """Median time in a family of gaits in the rising passes of one ramp, over that of another (1)."""
     times = []
@@ -192,7 +194,7 @@ def bout_time_ratio(
 
 
 @measure
-def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: str | None = None) -> float:
+def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: Condition | None = None) -> float:
     """Share of the gallops of rising passes that follow the canter of the same lead, or a trot (1)."""
     before = []
     for _, mine in _bouts(records(table, where), False, "gait").groupby("row"):
@@ -206,7 +208,7 @@ def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: str | None = 
 
 
 @measure
-def swing_order(table: pd.DataFrame, *, gait: str, where: str | None = None) -> str:
+def swing_order(table: pd.DataFrame, *, gait: str, where: Condition | None = None) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
     found = gaits_in(records(table, where))
     found = found.loc[found["gait"].astype(str) == gait]
@@ -218,7 +220,7 @@ def swing_order(table: pd.DataFrame, *, gait: str, where: str | None = None) -> 
 
 @measure
 def rule_agreement(
-    table: pd.DataFrame, *, measure: str, what: str = "right", where: str | None = None
+    table: pd.DataFrame, *, measure: str, what: str = "right", where: Condition | None = None
 ) -> float:
     """Agreement of a load or pitch with the rule: share of right signs, or r with the shift (1)."""
     found = loading_rule(records(table, where)).set_index("measure")
@@ -233,7 +235,7 @@ def foretold(table: pd.DataFrame, *, measure: str) -> float:
 
 @measure
 def pair_measure(
-    table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: str | None = None
+    table: pd.DataFrame, *, gait: str, pair: int, measure: str, where: Condition | None = None
 ) -> float:
     """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait."""
     pairs = pairs_in(records(table, where))
@@ -270,7 +272,7 @@ def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
 
 
 @measure
-def pitch_cycles(table: pd.DataFrame, *, where: str | None = None) -> float:
+def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> float:
     """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
     found = body_oscillation(records(table, where))
     return float(np.median(np.where(found["twice"] > found["once"], 2.0, 1.0)))
@@ -278,7 +280,7 @@ def pitch_cycles(table: pd.DataFrame, *, where: str | None = None) -> float:
 
 @measure
 def body_cycles_along(
-    table: pd.DataFrame, *, families: Sequence[str], where: str | None = None
+    table: pd.DataFrame, *, families: Sequence[str], where: Condition | None = None
 ) -> list[float]:
     """Pitch oscillations in a gait cycle, 1 or 2, of each family's longest bout along a ramp (1)."""
     bouts = oscillation_along(records(table, where))
@@ -292,13 +294,15 @@ def body_cycles_along(
 
 
 @measure
-def stance_ratio(table: pd.DataFrame, *, where: str, to: str) -> float:
-    """Mean duration of stance in the rows of one query, over that in the rows of another (1)."""
+def stance_ratio(table: pd.DataFrame, *, where: Condition, to: Condition) -> float:
+    """Mean duration of stance in the rows of one condition, over that in the rows of another (1)."""
     return _stance_time(records(table, where)) / _stance_time(records(table, to))
 
 
 @measure
-def largest_deviation(table: pd.DataFrame, *, column: str, value: float, where: str | None = None) -> float:
+def largest_deviation(
+    table: pd.DataFrame, *, column: str, value: float, where: Condition | None = None
+) -> float:
     """Largest distance of a column from a value (its unit)."""
     require(table, column)
     return float(np.nanmax(np.abs(records(table, where)[column].to_numpy(float) - value)))
@@ -306,7 +310,7 @@ def largest_deviation(table: pd.DataFrame, *, column: str, value: float, where: 
 
 @measure
 def rise_with(
-    table: pd.DataFrame, *, parameter: str, where: str | None = None, columns: Sequence[str]
+    table: pd.DataFrame, *, parameter: str, where: Condition | None = None, columns: Sequence[str]
 ) -> float:
     """Spearman's correlation of the mean size of columns with a parameter as it rises (1)."""
     part = records(table, where)

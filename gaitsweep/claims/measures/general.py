@@ -10,9 +10,9 @@ import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.measure import measure
+from gaitsweep.claims.measure import Condition, measure
 from gaitsweep.contract import Quantity
-from gaitsweep.expression import resolve
+from gaitsweep.expression import fulfilled, resolve
 from gaitsweep.near_miss import suggestion
 
 
@@ -21,28 +21,29 @@ class MeasureError(AnalysisError):
 
 
 @measure
-def share(table: pd.DataFrame, *, where: str, of: str | None = None) -> float:
+def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None) -> float:
     """Share of the rows that fulfil `where` among those that fulfil `of` (1).
 
     Args:
         table: a result table with one record a row.
-        where, of: queries of pandas, such as `gait == 'direct'`; of all rows without `of`.
+        where, of: conditions, such as `gait == 'direct'`; of all rows without `of`.
 
     Raises:
-        MeasureError: no row fulfils `of`, or a query cannot be evaluated.
+        MeasureError: no row fulfils `of`.
+        ExpressionError: a condition cannot be evaluated over the table's columns.
     """
     among = records(table, of)
     return len(records(among, where, may_be_empty=True)) / len(among)
 
 
 @measure
-def value(table: pd.DataFrame, *, column: str, where: str | None = None, take: str = "median") -> float:
+def value(table: pd.DataFrame, *, column: str, where: Condition | None = None, take: str = "median") -> float:
     """One number from a column, in its unit.
 
     Args:
         table: a result table.
         column: the column.
-        where: a query of pandas that selects records; all by default.
+        where: a condition that selects records; all by default.
         take: min, max, median, mean, first, last or count.
 
     Raises:
@@ -59,13 +60,13 @@ def value(table: pd.DataFrame, *, column: str, where: str | None = None, take: s
 
 
 @measure
-def texts(table: pd.DataFrame, *, column: str, where: str | None = None) -> list[str]:
+def texts(table: pd.DataFrame, *, column: str, where: Condition | None = None) -> list[str]:
     """The distinct texts of a column, in the order in which they appear.
 
     Args:
         table: a result table.
         column: the column.
-        where: a query of pandas that selects records; all by default.
+        where: a condition that selects records; all by default.
 
     Raises:
         MeasureError: no record fulfils `where`, or the table has no such column.
@@ -77,8 +78,8 @@ def texts(table: pd.DataFrame, *, column: str, where: str | None = None) -> list
 
 
 @measure
-def ratio_of_medians(table: pd.DataFrame, *, column: str, where: str, to: str) -> float:
-    """Median of a column in the records of one query, over that in the records of another (1)."""
+def ratio_of_medians(table: pd.DataFrame, *, column: str, where: Condition, to: Condition) -> float:
+    """Median of a column in the records of one condition, over that in the records of another (1)."""
     return value(table, column=column, where=where) / value(table, column=column, where=to)
 
 
@@ -107,22 +108,28 @@ def defaults(parameters: Iterable[Quantity]) -> dict[str, float]:
 
 
 def records(table: pd.DataFrame, where: str | None, may_be_empty: bool = False) -> pd.DataFrame:
-    """The records of a table that fulfil a query of pandas; all of them without one.
+    """The records of a table that fulfil a condition; all of them without one.
 
     Raises:
-        MeasureError: no record fulfils the query, unless that is allowed, or it cannot be evaluated.
+        MeasureError: no record fulfils the condition, unless that is allowed.
+        ExpressionError: the condition cannot be evaluated over the table's columns.
     """
-    if where is None:
-        found = table
-    else:
-        try:
-            found = table.query(where, engine="python")
-        except (ValueError, SyntaxError, KeyError, TypeError, NameError, AttributeError) as error:
-            raise MeasureError(f"The query {where} cannot be evaluated: {error}.") from error
+    found = table
+    if where is not None:
+        found = masked(table, fulfilled(where, {str(name): each for name, each in table.items()}, _plain))
         found.attrs = table.attrs
     if found.empty and not may_be_empty:
         raise MeasureError(f"No record of the table fulfils {where}." if where else "The table is empty.")
     return found
+
+
+def _plain(column: pd.Series) -> np.ndarray:
+    """Truth values and numbers as they are, all else as objects; missing ones are NaN."""
+    if pd.api.types.is_bool_dtype(column.dtype) and not column.hasnans:
+        return column.to_numpy(bool)
+    if pd.api.types.is_numeric_dtype(column.dtype):
+        return column.to_numpy(np.float64, na_value=np.nan)
+    return column.astype(object).where(column.notna(), np.nan).to_numpy(object)
 
 
 def masked(table: pd.DataFrame, mask: Any) -> pd.DataFrame:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
@@ -122,6 +123,7 @@ class Map(abc.ABC):
     def _evaluated(
         self, points: Points, values: Values, over: str | None, derivatives: bool
     ) -> MapEvaluation:
+        refuse_fork()
         program = _program(self, over, derivatives)
         held = self.complete(values, len(points))
         found = []

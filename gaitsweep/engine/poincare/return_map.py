@@ -19,6 +19,7 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.leaves import float_leaves, is_float, with_float_leaves
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Map, Points, Values
@@ -151,6 +152,7 @@ class BatchedReturnMap(Map):
         Returns:
             The points, and their `ReturnStatus` (n,).
         """
+        refuse_fork()
         n = max([np.size(v) for v in (*starts.values(), *values.values())], default=1)
         given = {
             q.name: np.broadcast_to(np.asarray(starts.get(q.name, q.default), np.float64), (n,))

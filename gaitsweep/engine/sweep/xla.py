@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
+import resource
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -21,6 +22,7 @@ import numpy as np
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.advance import Carry, select
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.fork import refuse_fork
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, UNSEEN, Record, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Device, OneLane, RowDrive, Values
@@ -30,6 +32,8 @@ from gaitsweep.errors import ArgumentError, UnsupportedSystem
 # Polls of the recorder in one call of the device: 4 096 attempts, a fraction of a second. Between two calls
 # the host shows progress, stores ended rows and refills lanes.
 POLLS_PER_CHUNK = 64
+# Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
+LEAST_MEMORY = 2_300_000_000
 
 
 def usable_cores() -> int:
@@ -56,6 +60,7 @@ def local_devices(count: int | None = None) -> list[Device]:
     Raises:
         ArgumentError: more devices are requested than there are.
     """
+    refuse_fork()
     see_all_cores()
     devices = jax.local_devices()
     if count is not None and count > len(devices):
@@ -64,7 +69,18 @@ def local_devices(count: int | None = None) -> list[Device]:
 
 
 def refuse_missing_platform() -> None:
-    """Raise UnsupportedSystem where JAX may only use devices that are not here (JAX_PLATFORMS=cuda)."""
+    """Raise UnsupportedSystem where JAX cannot compute here.
+
+    It may only use devices that are not here (JAX_PLATFORMS=cuda), this process is a fork, or it may use so
+    little memory that compilers end it.
+    """
+    refuse_fork()
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
+        raise UnsupportedSystem(
+            f"This process may use {limit / 1e9:.1f} GB of virtual memory (ulimit -v), but to compile and "
+            f"run a model takes {LEAST_MEMORY / 1e9:.1f} GB or more: raise the limit."
+        )
     platforms: str | None = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
     if not platforms or platforms == "cpu":
         return

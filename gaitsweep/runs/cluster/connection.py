@@ -40,8 +40,9 @@ _NEVER = 10**9
 _SETTINGS = {
     # a worker that was killed is started again, however long that takes
     "distributed.deploy.lost-worker-timeout": "1 day",
-    # they talk over the loopback address, without certificates
-    "distributed.comm.require-encryption": False,
+    # no page of the scheduler and the workers tells other users of this machine what they do
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
     # what Dask measures of itself takes time of the cores that compute
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -239,7 +240,12 @@ class GivenClient(Connection):
 
 
 class LocalWorkers(Connection):
-    """Workers on this machine, children of this process, with a scheduler that no other machine reaches."""
+    """Workers on this machine, children of this process, with a scheduler that no other machine reaches.
+
+    They talk by TLS with a certificate that is made for this run and never written to a file that others can
+    read: whoever reaches a scheduler without it, such as another user of this machine, is refused. Else he
+    could run code as this user.
+    """
 
     def __init__(self, count: int) -> None:
         super().__init__(f"local:{count}")
@@ -249,11 +255,20 @@ class LocalWorkers(Connection):
 
     def try_to_connect(self) -> bool:
         import dask.config
-        from distributed import Client, Nanny, Scheduler, SpecCluster
+        from distributed import Client, Nanny, Scheduler, Security, SpecCluster
 
+        try:
+            security = Security.temporary()
+        except ImportError as error:
+            raise RunError(
+                f"--cluster {self.where} needs the package cryptography, which is not installed: "
+                "pip install 'gaitsweep[cluster]'."
+            ) from error
         self._scratch = tempfile.TemporaryDirectory(prefix="gaitsweep-workers-")
         options: dict[str, Any] = {
             "host": _LOOPBACK,
+            "protocol": "tls://",
+            "security": security,
             "nthreads": max(1, usable_cores() // self._count),
             "memory_limit": 0,
             "dashboard_address": f"{_LOOPBACK}:0",
@@ -270,7 +285,7 @@ class LocalWorkers(Connection):
                 "cls": Nanny,
                 "options": {**options, "env": {**_environment(), **card}},
             }
-        scheduler = {"host": _LOOPBACK, "port": 0, "dashboard_address": f"{_LOOPBACK}:0"}
+        scheduler = {name: options[name] for name in ("host", "protocol", "security", "dashboard_address")}
         dask.config.set(_SETTINGS)
         quiet: Any = logging.CRITICAL
         # a terminal sends Ctrl-C to the workers too: the command obeys it, and ends them; they inherit what
@@ -280,7 +295,8 @@ class LocalWorkers(Connection):
         try:
             self._cluster = SpecCluster(
                 workers=workers,
-                scheduler={"cls": Scheduler, "options": {**scheduler, "allowed_failures": _NEVER}},
+                scheduler={"cls": Scheduler, "options": {**scheduler, "port": 0, "allowed_failures": _NEVER}},
+                security=security,
                 silence_logs=quiet,
                 name="gaitsweep",
             )

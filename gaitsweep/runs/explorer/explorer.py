@@ -65,6 +65,7 @@ def write_explorer(
     y: str | None = None,
     walks: int = MOST_WALKS,
     max_size: float = MAX_SIZE,
+    trust: bool = False,
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Path:
@@ -77,6 +78,7 @@ def write_explorer(
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
         walks: how many starts (records of a ramp or a staircase) are simulated again at most.
         max_size: the largest size of the page, MB.
+        trust: import a user's model from the directory, or from the folder that its manifest names.
         progress: told how far it is.
         tell: told, in a sentence each, what the page lacks.
 
@@ -94,7 +96,9 @@ def write_explorer(
     plotly_source()  # refuses before a large table is read
     table = load(directory)
     target = directory / EXPLORE if out is None else Path(out)
-    return explorer_of(table, target, x=x, y=y, walks=walks, max_size=max_size, progress=progress, tell=tell)
+    return explorer_of(
+        table, target, x=x, y=y, walks=walks, max_size=max_size, trust=trust, progress=progress, tell=tell
+    )
 
 
 def explorer_of(
@@ -105,18 +109,19 @@ def explorer_of(
     y: str | None = None,
     walks: int = MOST_WALKS,
     max_size: float = MAX_SIZE,
+    trust: bool = False,
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write the page of a table, as `write_explorer` does."""
     plotly = plotly_source()
-    page = _page(table, _job_of(table), plotly, (x, y), walks, max_size, progress, tell)
+    page = _page(table, _job_of(table, trust), plotly, (x, y), walks, max_size, progress, tell)
     with writing(f"{target} could not be written"):
         replace_file(target, lambda file: file.write(page.encode()))
     return target
 
 
-def _job_of(table: pd.DataFrame) -> Job:
+def _job_of(table: pd.DataFrame, trust: bool) -> Job:
     """The job that made a table, whatever `job.yaml` says by now."""
     fields, where = table.attrs["job"], table.attrs.get("path", "This result")
     for other in ("search", "sensitivity"):
@@ -132,7 +137,7 @@ def _job_of(table: pd.DataFrame) -> Job:
             f"{where} holds {kind} rows, which the explorer does not show. "
             f"Allowed: {', '.join(KINDS)}.{instead}"
         )
-    return stored_job(table.attrs)
+    return stored_job(table.attrs, trust)
 
 
 def _page(

@@ -305,7 +305,7 @@ def columns_of(table: pd.DataFrame) -> list[dict[str, Any]]:
     found = []
     for name in map(str, table.columns):
         values = table[name]
-        known = quantities.get(name) or quantities.get(re.sub(r"_(end|n)$", "", name)) or {}
+        known = quantities.get(name) or quantities.get(re.sub(r"_(end|n)\Z", "", name)) or {}
         entry: dict[str, Any] = {
             "name": name,
             "symbol": html_symbol(table, name),

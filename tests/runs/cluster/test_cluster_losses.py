@@ -24,6 +24,7 @@ import yaml
 from cluster_processes import DaskProcesses, environment, until
 
 import gaitsweep as gs
+from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.table import Snapshot
 
 pytest.importorskip("distributed")
@@ -122,6 +123,53 @@ def test_local_workers_are_children_on_the_loopback_address(tmp_path: Path) -> N
     run.ended()
     until(lambda: not any(_lives(each) for each in family))
     check(run.out, tmp_path, job)
+
+
+# What another user of the machine can do: connect without a certificate, and with one of his own whose
+# owner does not look at ours.
+_STRANGER = """
+import asyncio, ssl, sys
+from distributed import Security
+from distributed.core import connect
+
+async def reached(address, given):
+    try:
+        comm = await asyncio.wait_for(connect(address, timeout=2, **given), 4)
+        await comm.write({"op": "identity"})
+        return await asyncio.wait_for(comm.read(), 3)
+    except Exception as error:
+        return type(error).__name__
+
+async def tried():
+    own = Security.temporary().get_connection_args("client")
+    own["ssl_context"].verify_mode = ssl.CERT_NONE
+    bare = ssl.create_default_context()
+    bare.check_hostname, bare.verify_mode = False, ssl.CERT_NONE
+    for address in sys.argv[1:]:
+        print(await reached(address.replace("tls:", "tcp:"), {}))
+        print(await reached(address, own))
+        print(await reached(address, {**own, "ssl_context": bare}))
+
+asyncio.run(tried())
+"""
+
+
+def test_no_other_user_of_the_machine_reaches_local_workers() -> None:
+    pytest.importorskip("cryptography")
+    workers = LocalWorkers(1)
+    try:
+        assert workers.try_to_connect()
+        found = workers.client.scheduler_info()
+        addresses = [found["address"], *found["workers"]]
+        assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
+        line = [sys.executable, "-c", _STRANGER, *addresses]
+        done = subprocess.run(line, capture_output=True, text=True, timeout=120)
+        answers = done.stdout.split()
+        assert len(answers) == 3 * len(addresses), done.stderr
+        assert all(answer.endswith("Error") for answer in answers), answers
+        assert workers.client.run(os.getpid)  # its own client does reach them
+    finally:
+        workers.close()
 
 
 def test_a_terminals_ctrl_c_reaches_local_workers_too_and_is_obeyed_by_the_command(tmp_path: Path) -> None:
