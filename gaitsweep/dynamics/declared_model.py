@@ -343,8 +343,8 @@ class DeclaredModel(Declared, HybridModel):
     def _applied(self, event: Event, params: Any, state: Any) -> tuple[Any, jax.Array]:
         """The state after the jump of an event that was crossed a little earlier, and its rate there.
 
-        The jump is applied where the surface was crossed, and the rest of the time is made up for. Otherwise a
-        jump that sets a variable would lose that time, and clocks that strike together would come apart.
+        The jump is applied where the surface was crossed, and the time since then is made up for. Otherwise
+        a jump that sets a variable would lose that time, and clocks that strike together would come apart.
         """
         seen = _Surfaces(self, params, state)
         unit = self.period(params)

@@ -72,7 +72,9 @@ class NumericsSpec(Part):
         description="float64; where a model allows it, float32, or mixed: forces in float32, the state and "
         "time in float64",
     )
-    event_tolerance: Positive = Field(default=1e-12, description="error of an event's time, as a share of the nominal period")
+    event_tolerance: Positive = Field(
+        default=1e-12, description="error of an event's time, as a share of the nominal period"
+    )
 
     def engine(self, model: Model) -> Numerics:
         """The engine's numerics for a model, the method and the tolerances resolved."""

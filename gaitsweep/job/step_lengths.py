@@ -33,6 +33,8 @@ MOST_RECOMMENDED = 65_536
 # Of those, sets for which a simulator's compiler has to work out numbers, or eigenvalues have to be found.
 FEW_SETS = 64
 _CHUNK = 65_536
+# The largest tolerance on event times, as a share of the nominal period: well below the longest step.
+LARGEST_EVENT_TOLERANCE = 1e-3
 # A step may be longer by rounding.
 _ROUNDING = 1.0 + 1e-9
 
@@ -41,8 +43,8 @@ def check_numerics(model: Model, numerics: NumericsSpec) -> list[Diagnostic]:
     """Diagnostics about numerics that do not suit a model, whatever its parameters."""
     diagnostics = []
     resolved = numerics.engine(model)
-    if numerics.dt != "auto" and numerics.event_tolerance >= numerics.dt:
-        text = f"is {numerics.event_tolerance:g} s, but must be below numerics.dt, {numerics.dt:g} s."
+    if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
+        text = f"is {numerics.event_tolerance:g}, but must be at most {LARGEST_EVENT_TOLERANCE:g} of a period."
         diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
     if numerics.precision not in model.precisions:
         allowed = ", ".join(model.precisions)

@@ -260,7 +260,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (
         7,
         "numerics: {dt: 2e-3, event_tolerance: 1}",
-        ["line 7", "numerics.event_tolerance is 1 s", "below numerics.dt"],
+        ["line 7", "numerics.event_tolerance is 1,", "at most 0.001 of a period"],
     ),
     (7, "numerics: {dt: 32}", ["line 7", "numerics.dt is 32 s, too long for", "the longest step of tsit5"]),
     (7, "numerics: {method: rk4, rtol: 1e-3}", ["line 7", "numerics.rtol is given, but the steps of rk4"]),
