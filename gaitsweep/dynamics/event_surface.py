@@ -19,7 +19,7 @@ _LATEST = 1.0e-6
 CORRECTED = 1.0e-11
 _BAND = 8.0
 # Crossings in succession, each without having been below 0, beyond which bounces have accumulated.
-MOST_RETURNS = 4
+MOST_RETURNS = 2
 
 
 @jax.tree_util.register_dataclass

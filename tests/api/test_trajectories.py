@@ -181,7 +181,7 @@ def test_a_result_shows_itself() -> None:
     result = gs.sweep(toy_model.Toy(), **AXES, run=gs.Settle(max_cycles=40))
     for text in (repr(result), result._repr_html_()):
         assert "rows: 8" in text
-        assert "Self-check: 8 rows" in text
+        assert "Self-check: 4 of 8 rows" in text
     assert "in memory" in repr(result)
     assert result._repr_html_().count("<tr>") == 5  # the first records
     assert result.figures == []

@@ -384,7 +384,7 @@ def test_sets_are_measured_again_at_half_the_step(far: float, differ: int) -> No
             outputs={"straight": {"kind": "value", "of": "linear", "at": {"y_0": far}}},
             method="morris",
             n=8,
-            run=gs.FixedTime(duration=1.5),
+            run=gs.FixedTime(duration=1.0),
             numerics={"method": "rk4", "dt": 0.05},
             verify=8,
             x_3=0.0,

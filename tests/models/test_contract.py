@@ -50,8 +50,8 @@ def begun(model: Model):
 def test_each_status_is_a_number_with_a_sentence() -> None:
     assert [Status(number).name for number in (0, 1, 3, 9)] == ["running", "settled", "fell", "inferred"]
     names = "running settled cycle_limit fell diverged not_a_number event_stall time_limit complete inferred"
-    kept = [*names.split(), "step_limit", "no_fixed_point"]
-    assert [Status(number).name for number in range(12)] == kept, "tables keep these numbers' names"
+    kept = [*names.split(), "step_limit", "no_fixed_point", "at_rest"]
+    assert [Status(number).name for number in range(13)] == kept, "tables keep these numbers' names"
     assert [int(status) for status in Status] == list(range(len(Status)))
     assert len({status.sentence for status in Status}) == len(Status)
     assert all(status.sentence.endswith(".") for status in Status)
@@ -59,7 +59,7 @@ def test_each_status_is_a_number_with_a_sentence() -> None:
 
 def test_each_status_has_one_verdict() -> None:
     assert Status.of(Verdict.failed) == {"fell", "diverged", "not_a_number", "event_stall"}
-    assert Status.of(Verdict.sound) == {"settled", "complete", "inferred"}
+    assert Status.of(Verdict.sound) == {"settled", "complete", "inferred", "at_rest"}
     assert Status.of(*Verdict) == {status.name for status in Status}
     assert not {status.verdict for status in LABELLED} & {Verdict.failed}
     assert set(STATUSES) == Status.of(*Verdict) - {"running"}

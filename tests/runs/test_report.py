@@ -70,7 +70,7 @@ def test_the_report_says_how_the_table_was_made(toy: Path) -> None:
     for piece in (
         manifest["job_hash"],
         provenance.machine(),
-        "Self-check: 3 rows",
+        "Self-check: 3 of 12 rows",
         manifest["versions"]["jax"],
     ):
         assert piece in text

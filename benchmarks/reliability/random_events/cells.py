@@ -102,6 +102,7 @@ class Chain(DeclaredModel):
     Cells beyond `m` stay at 0. The event fires again at once while another cell is full.
     """
 
+    longest_chain = 10 * MOST_CELLS
     drive = parameter("1", "drive", 1.2)
     eps = parameter("1", "pulse", 0.05)
     m = parameter("1", "cells that charge", 2.0)

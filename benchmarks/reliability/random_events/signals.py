@@ -151,7 +151,7 @@ def _bump(case: Case) -> Solution:
 
 
 def _draw_bump(random: np.random.Generator) -> Case:
-    values = {"at": float(random.uniform(0.35, 0.65)), "width": float(10.0 ** random.uniform(-4.0, -0.8))}
+    values = {"at": float(random.uniform(0.35, 0.65)), "width": float(10.0 ** random.uniform(-2.2, -0.8))}
     return Case(values, gs.ReturnMap(crossings=3))
 
 
