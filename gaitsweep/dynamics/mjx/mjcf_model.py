@@ -41,13 +41,15 @@ class MjcfModel(Declared, SteppedModel):
     variables. `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
 
     Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
-    joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of the MJCF's first keyframe, or of its
-    joints. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
+    joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of a keyframe, or of the joints where
+    the MJCF has none. A start has the keyframe's act, time, mpos and mquat too; its ctrl is `keyframe_ctrl`,
+    for `control`. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
 
     Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters.
     """
 
     body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
+    keyframe: ClassVar[str] = ""  # the name of the keyframe of a start; the first one by default
 
     @classmethod
     def _other_fields(cls) -> list[str]:
@@ -56,6 +58,13 @@ class MjcfModel(Declared, SteppedModel):
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> jax.Array:
         """The controls (nu,) of the MJCF's actuators, in their order."""
+
+    @property
+    def keyframe_ctrl(self) -> jax.Array:
+        """The controls (nu,) of the keyframe of a start; zeros where the MJCF has none."""
+        m = _body(type(self)).mj_model
+        number = _keyframe(m, self.keyframe)
+        return jnp.zeros(m.nu) if number is None else jnp.asarray(m.key_ctrl[number])
 
     def rates(self, params: Any, state: Any, /) -> Rates:
         """Time derivatives of the declared variables, by name; a step moves them by one step of Euler."""
@@ -91,18 +100,33 @@ class MjcfModel(Declared, SteppedModel):
 
     def init(self, params: Any, start: Values, /) -> Any:
         body = _body(type(self))
-        places = [jnp.asarray(each) for each in _keyframe(body.mj_model)]
+        places = [jnp.asarray(each) for each in _places(type(self))]
         for which, i, quantity in _coordinates(type(self)):
             places[which] = places[which].at[i].set(start[quantity.name])
         sensors = jnp.zeros(body.mj_model.nsensordata)
         return self.State(**self._started(start), body=body.start(*places), sensors=sensors)
 
     def step(self, params: Any, state: Any, dt: jax.Array, /) -> Any:
-        controls = jnp.asarray(self.control(params, state), float)
-        moved, data = _body(type(self)).step({}, state.body, dt, ctrl=controls)
+        moved, data = _body(type(self)).step({}, state.body, dt, ctrl=self.controls(params, state))
         rates = self.rates(params, state)
         changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
         return state.replace(**changes, body=moved, sensors=data.sensordata)
+
+    def controls(self, params: Any, state: Any, /) -> jax.Array:
+        """What `control` gives, (nu,).
+
+        Raises:
+            ValueError: it has another shape.
+        """
+        given = jnp.asarray(self.control(params, state), float)
+        m = _body(type(self)).mj_model
+        if given.shape != (m.nu,):
+            names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
+            raise ValueError(
+                f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each actuator "
+                f"of the MJCF ({names})."
+            )
+        return given
 
     def events(self, params: Any, before: Any, after: Any, /) -> jax.Array:
         fired = []
@@ -167,23 +191,40 @@ def _body(kind: type[MjcfModel]) -> MjxBody:
         FileNotFoundError: there is no such file.
     """
     if kind.body_file.lstrip().startswith("<"):
-        return _compiled(kind.body_file, None)
+        return _compiled(kind.body_file, None, kind.keyframe)
     path = _path(kind)
-    return _compiled(str(path), path.stat().st_mtime_ns if path.is_file() else None)
+    return _compiled(str(path), path.stat().st_mtime_ns if path.is_file() else None, kind.keyframe)
 
 
 @functools.lru_cache(maxsize=32)
-def _compiled(source: str, _written: int | None) -> MjxBody:
-    from gaitsweep.dynamics.mjx.body import MjxBody
+def _compiled(source: str, _written: int | None, keyframe: str) -> MjxBody:
+    from gaitsweep.dynamics.mjx.body import MjxBody, compiled
 
-    return MjxBody(source, contact=True)
+    model = compiled(source)
+    return MjxBody(model, contact=True, keyframe=_keyframe(model, keyframe))
 
 
-def _keyframe(m: Any) -> tuple[np.ndarray, np.ndarray]:
-    """qpos and qvel of the first keyframe; of the joints where there is none."""
-    if m.nkey:
-        return np.array(m.key_qpos[0]), np.array(m.key_qvel[0])
-    return np.array(m.qpos0), np.zeros(m.nv)
+def _keyframe(m: Any, name: str) -> int | None:
+    """The number of the keyframe of this name, of the first one for an empty name; None: there is none.
+
+    Raises:
+        ValueError: the MJCF has no keyframe of this name.
+    """
+    if not name:
+        return 0 if m.nkey else None
+    names = [m.key(i).name for i in range(m.nkey)]
+    if name not in names:
+        raise ValueError(f"The MJCF has no keyframe '{name}'{suggestion(name, names)}")
+    return names.index(name)
+
+
+def _places(kind: type[MjcfModel]) -> tuple[np.ndarray, np.ndarray]:
+    """qpos and qvel of the keyframe of a start; of the joints where there is none."""
+    m = _body(kind).mj_model
+    number = _keyframe(m, kind.keyframe)
+    if number is None:
+        return np.array(m.qpos0), np.zeros(m.nv)
+    return np.array(m.key_qpos[number]), np.array(m.key_qvel[number])
 
 
 def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
@@ -191,7 +232,7 @@ def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
     import mujoco
 
     m = _body(kind).mj_model
-    defaults = _keyframe(m)
+    defaults = _places(kind)
     found: list[tuple[int, int, Quantity]] = []
 
     def add(which: int, i: int, name: str, unit: str, meaning: str) -> None:

@@ -1,0 +1,85 @@
+"""Contacts of capsules, boxes and cylinders with a plane, at the points and in the frames of MuJoCo C.
+
+MJX's own functions choose other friction axes below a steep capsule, and other points of boxes and
+cylinders, so that bodies land otherwise than in MuJoCo C. These functions take their places in MJX's table.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not installed
+    from mujoco import mjx as mjx  # the other modules take it from here
+from mujoco.mjx._src import collision_driver, math
+from mujoco.mjx._src.collision_primitive import collider
+from mujoco.mjx._src.collision_types import GeomInfo
+from mujoco.mjx._src.types import GeomType
+
+Contacts = tuple[jax.Array, jax.Array, jax.Array]  # distances (k,), positions (k, 3), frames (k, 3, 3)
+
+_SIGNS = np.array([[1.0 if i >> axis & 1 else -1.0 for axis in range(3)] for i in range(8)])
+
+
+def _at(points: jax.Array, plane: GeomInfo, frame: jax.Array) -> Contacts:
+    """Contacts of a body's points (k, 3) with a plane: midway between a point and the plane."""
+    normal = plane.mat[:, 2]
+    distances = (points - plane.pos) @ normal
+    middles = points - 0.5 * distances[:, None] * normal
+    return distances, middles, jnp.broadcast_to(frame, (len(points), 3, 3))
+
+
+@collider(ncon=2)
+def _plane_capsule(plane: GeomInfo, capsule: GeomInfo) -> Contacts:
+    """Both ends of a capsule; friction acts along the axis as the plane sees it, however steep it is."""
+    normal, axis = plane.mat[:, 2], capsule.mat[:, 2]
+    along = axis - normal * jnp.dot(normal, axis)
+    length = jnp.linalg.norm(along)
+    upright = length < mujoco.mjMINVAL
+    along = jnp.where(upright, jnp.array([1.0, 0.0, 0.0]), along / jnp.where(upright, 1.0, length))
+    frame = jnp.stack([normal, along, jnp.cross(normal, along)])
+    ends = capsule.pos + jnp.array([[1.0], [-1.0]]) * axis * capsule.size[1]
+    return _at(ends - capsule.size[0] * normal, plane, frame)
+
+
+@collider(ncon=4)
+def _plane_box(plane: GeomInfo, box: GeomInfo) -> Contacts:
+    """The four lowest corners, which are those below the centre."""
+    normal = plane.mat[:, 2]
+    corners = (_SIGNS * box.size) @ box.mat.T
+    _, lower = jax.lax.top_k(-(corners @ normal), 4)
+    return _at(box.pos + corners[lower], plane, math.make_frame(normal))
+
+
+@collider(ncon=4)
+def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
+    """The lowest point of each end, and two more of the lower end, a third of a turn to either side."""
+    normal, axis = plane.mat[:, 2], cylinder.mat[:, 2]
+    axis = jnp.where(jnp.dot(normal, axis) > 0.0, -axis, axis)
+    radius, half = cylinder.size[0], cylinder.size[1]
+    down = axis * jnp.dot(normal, axis) - normal
+    length = jnp.linalg.norm(down)
+    flat = length < mujoco.mjMINVAL
+    down = jnp.where(flat, cylinder.mat[:, 0], down / jnp.where(flat, 1.0, length)) * radius
+    aside = np.sqrt(0.75) * radius * math.normalize(jnp.cross(down, axis))
+    end = half * axis
+    points = jnp.stack([down + end, down - end, aside - 0.5 * down + end, -aside - 0.5 * down + end])
+    return _at(cylinder.pos + points, plane, math.make_frame(normal))
+
+
+def use() -> None:
+    """Let MJX, in this process, take these contacts."""
+    for other, function in (
+        (GeomType.CAPSULE, _plane_capsule),
+        (GeomType.BOX, _plane_box),
+        (GeomType.CYLINDER, _plane_cylinder),
+    ):
+        collision_driver._COLLISION_FUNC[GeomType.PLANE, other] = function
