@@ -24,6 +24,7 @@ import numpy as np
 from gaitsweep.dynamics.mjx import plane_contacts
 from gaitsweep.dynamics.mjx.plane_contacts import mjx as mjx
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals
+from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
@@ -31,7 +32,7 @@ plane_contacts.use()
 
 _INTEGRATE = {
     mujoco.mjtIntegrator.mjINT_EULER: mjx.euler,
-    mujoco.mjtIntegrator.mjINT_RK4: mjx.rungekutta4,
+    mujoco.mjtIntegrator.mjINT_RK4: runge_kutta,
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST: mjx.implicit,
 }
 
@@ -88,9 +89,8 @@ class MjxBody:
         if complaints := refusals(model):
             raise ValueError(" ".join(complaints))
         self.mj_model = model
-        at_start = mujoco.MjData(model)
-        if keyframe is not None:
-            mujoco.mj_resetDataKeyframe(model, at_start, keyframe)
+        self._keyframe = keyframe
+        at_start = self.at_start()
         self._act, self._time = np.array(at_start.act), np.full(_clocks(model), at_start.time)
         # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
@@ -121,6 +121,13 @@ class MjxBody:
         """The state at these positions (nq,) and velocities (nv,)."""
         act, time = jnp.asarray(self._act, q.dtype), jnp.asarray(self._time, q.dtype)
         return BodyState(q, v, act, jnp.zeros(v.size if self._constrained else 0, q.dtype), time)
+
+    def at_start(self) -> mujoco.MjData:
+        """MuJoCo's own data at the start."""
+        data = mujoco.MjData(self.mj_model)
+        if self._keyframe is not None:
+            mujoco.mj_resetDataKeyframe(self.mj_model, data, self._keyframe)
+        return data
 
     @property
     def _constrained(self) -> bool:

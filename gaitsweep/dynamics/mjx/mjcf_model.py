@@ -28,7 +28,7 @@ from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
 
 BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are declared
 
@@ -60,9 +60,14 @@ class MjcfModel(Declared, SteppedModel):
         """The controls (nu,) of the MJCF's actuators, in their order."""
 
     @property
+    def mjx_body(self) -> MjxBody:
+        """The compiled MJCF."""
+        return _body(type(self))
+
+    @property
     def keyframe_ctrl(self) -> jax.Array:
         """The controls (nu,) of the keyframe of a start; zeros where the MJCF has none."""
-        m = _body(type(self)).mj_model
+        m = self.mjx_body.mj_model
         number = _keyframe(m, self.keyframe)
         return jnp.zeros(m.nu) if number is None else jnp.asarray(m.key_ctrl[number])
 
@@ -76,7 +81,7 @@ class MjcfModel(Declared, SteppedModel):
         Raises:
             ValueError: the MJCF has no such sensor.
         """
-        m = _body(type(self)).mj_model
+        m = self.mjx_body.mj_model
         names = [m.sensor(i).name for i in range(m.nsensor)]
         if name not in names:
             raise ValueError(f"The MJCF has no sensor '{name}'{suggestion(name, names)}")
@@ -91,15 +96,15 @@ class MjcfModel(Declared, SteppedModel):
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        qpos = (Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(_body(type(self)).mj_model.nq))
+        qpos = (Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(self.mjx_body.mj_model.nq))
         return (*super().signals, *qpos)
 
     def signal(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
-        qpos = {f"q_{i}": state.body.q[i] for i in range(_body(type(self)).mj_model.nq)}
+        qpos = {f"q_{i}": state.body.q[i] for i in range(self.mjx_body.mj_model.nq)}
         return {**super().signal(params, state), **qpos}
 
     def init(self, params: Any, start: Values, /) -> Any:
-        body = _body(type(self))
+        body = self.mjx_body
         places = [jnp.asarray(each) for each in _places(type(self))]
         for which, i, quantity in _coordinates(type(self)):
             places[which] = places[which].at[i].set(start[quantity.name])
@@ -107,26 +112,7 @@ class MjcfModel(Declared, SteppedModel):
         return self.State(**self._started(start), body=body.start(*places), sensors=sensors)
 
     def step(self, params: Any, state: Any, dt: jax.Array, /) -> Any:
-        moved, data = _body(type(self)).step({}, state.body, dt, ctrl=self.controls(params, state))
-        rates = self.rates(params, state)
-        changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
-        return state.replace(**changes, body=moved, sensors=data.sensordata)
-
-    def controls(self, params: Any, state: Any, /) -> jax.Array:
-        """What `control` gives, (nu,).
-
-        Raises:
-            ValueError: it has another shape.
-        """
-        given = jnp.asarray(self.control(params, state), float)
-        m = _body(type(self)).mj_model
-        if given.shape != (m.nu,):
-            names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
-            raise ValueError(
-                f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each actuator "
-                f"of the MJCF ({names})."
-            )
-        return given
+        return stepped(self, params, state, dt, {})
 
     def events(self, params: Any, before: Any, after: Any, /) -> jax.Array:
         fired = []
@@ -149,17 +135,22 @@ class MjcfModel(Declared, SteppedModel):
 
     def longest_step(self, params: Any, /) -> jax.Array:
         """The MJCF's timestep."""
-        return jnp.asarray(_body(type(self)).mj_model.opt.timestep) + 0.0 * self.period(params)
+        return jnp.asarray(self.mjx_body.mj_model.opt.timestep) + 0.0 * self.period(params)
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return _source(type(self))
+
+    def caveats(self) -> list[str]:
+        from gaitsweep.dynamics.mjx.against_c import at_first_use
+
+        return at_first_use(self)
 
     @property
     def data_digest(self) -> str:
         """A digest of the compiled MJCF, with its meshes."""
         import mujoco
 
-        model = _body(type(self)).mj_model
+        model = self.mjx_body.mj_model
         buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
@@ -202,6 +193,31 @@ def _compiled(source: str, _written: int | None, keyframe: str) -> MjxBody:
 
     model = compiled(source)
     return MjxBody(model, contact=True, keyframe=_keyframe(model, keyframe))
+
+
+def stepped(model: MjcfModel, params: Any, state: Any, dt: jax.Array, numbers: Numbers) -> Any:
+    """The state one step later, with some numbers of mjx.Model replaced."""
+    moved, data = model.mjx_body.step(numbers, state.body, dt, ctrl=controls_of(model, params, state))
+    rates = model.rates(params, state)
+    changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
+    return state.replace(**changes, body=moved, sensors=data.sensordata)
+
+
+def controls_of(model: MjcfModel, params: Any, state: Any) -> jax.Array:
+    """What a model's function control gives, (nu,).
+
+    Raises:
+        ValueError: it has another shape.
+    """
+    given = jnp.asarray(model.control(params, state), float)
+    m = model.mjx_body.mj_model
+    if given.shape != (m.nu,):
+        names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
+        raise ValueError(
+            f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each actuator of "
+            f"the MJCF ({names})."
+        )
+    return given
 
 
 def _keyframe(m: Any, name: str) -> int | None:

@@ -99,33 +99,33 @@ def _of_types(m: mujoco.MjModel) -> Iterator[str]:
         for i, number in enumerate(getattr(m, field)):
             ignored = all_types is _SENSOR and number == _SENSOR.mjSENS_TACTILE
             if number == mujoco.mjtTrn.mjTRN_BODY and field == "actuator_trntype":
-                yield f"{_named(m, kind, i)} is an adhesion, which MJX does not have."
+                yield f"{named(m, kind, i)} is an adhesion, which MJX does not have."
             elif number not in set(known) or ignored:
                 has = f"has {what}" if what else "is of type "
-                yield f"{_named(m, kind, i)} {has}{_words(all_types(number))}, which MJX does not have."
+                yield f"{named(m, kind, i)} {has}{_words(all_types(number))}, which MJX does not have."
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_CONTACT):
         ends = {mujoco.mjtObj(t) for t in (m.sensor_objtype[i], m.sensor_reftype[i])}
         others = ends - {mujoco.mjtObj.mjOBJ_UNKNOWN, mujoco.mjtObj.mjOBJ_GEOM}
         if others:
             what = ", ".join(sorted(map(_words, others)))
-            yield f"{_named(m, 'sensor', int(i))} is of contacts by {what}, but MJX has them by geom only."
+            yield f"{named(m, 'sensor', int(i))} is of contacts by {what}, but MJX has them by geom only."
         elif m.sensor_intprm[i, 1] == 3:
-            yield f"{_named(m, 'sensor', int(i))} reduces contacts by netforce, which MJX does not have."
+            yield f"{named(m, 'sensor', int(i))} reduces contacts by netforce, which MJX does not have."
     seen = {int(t) for t in m.geom_type} & {
         _GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF
     }  # fmt: skip
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_RANGEFINDER):
         if m.sensor_objtype[i] != mujoco.mjtObj.mjOBJ_SITE or m.sensor_dim[i] != 1:
-            yield f"{_named(m, 'sensor', int(i))} gives more than the distance from a site, which MJX ignores."
+            yield f"{named(m, 'sensor', int(i))} gives more than the distance from a site, which MJX ignores."
         elif seen:
             what = " and ".join(sorted(_words(_GEOM(t)) for t in seen))
-            yield f"{_named(m, 'sensor', int(i))} is a rangefinder, for which MJX does not see a {what}."
+            yield f"{named(m, 'sensor', int(i))} is a rangefinder, for which MJX does not see a {what}."
 
 
 def _of_contacts(m: mujoco.MjModel) -> Iterator[str]:
     for one, other, pair in collision_driver.geom_pairs(m):
         shapes = _shape(m, one), _shape(m, other)
-        names = f"{_named(m, 'geom', one)} ({_words(shapes[0])}) and '{_name(m, 'geom', other)}'"
+        names = f"{named(m, 'geom', one)} ({_words(shapes[0])}) and '{_name(m, 'geom', other)}'"
         margin = m.pair_margin[pair] if pair >= 0 else m.geom_margin[one] + m.geom_margin[other]
         if not collision_driver.has_collision_fn(*shapes):
             yield f"{names} ({_words(shapes[1])}) may touch, but MJX has no contacts of these shapes."
@@ -147,10 +147,10 @@ def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
     for field, kind, what in _ACTING:
         values = np.asarray(getattr(m, field, ()))
         for i in np.flatnonzero(values.reshape(len(values), -1).any(axis=1) if values.size else values):
-            yield f"{_named(m, kind, int(i))} has {what}, which MJX ignores."
+            yield f"{named(m, kind, int(i))} has {what}, which MJX ignores."
     for kind in ("body", "geom", "actuator"):
         for i in np.flatnonzero(np.asarray(getattr(m, f"{kind}_plugin", ())) >= 0):
-            yield f"{_named(m, kind, int(i))} has a plugin, which MJX ignores."
+            yield f"{named(m, kind, int(i))} has a plugin, which MJX ignores."
     for kind, limited in (("jnt", m.jnt_limited), ("tendon", m.tendon_limited)):
         width = np.diff(getattr(m, f"{kind}_range"))[:, 0] if len(limited) else np.zeros(0)
         # of both limits within their margins MJX takes the nearer; the range of a ball begins at 0
@@ -158,9 +158,9 @@ def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
         if kind == "jnt":
             both &= m.jnt_type != mujoco.mjtJoint.mjJNT_BALL
         for i in np.flatnonzero(both):
-            yield f"{_named(m, kind, int(i))} can be within the margins of both limits, of which MJX takes one."
+            yield f"{named(m, kind, int(i))} can be within the margins of both limits, of which MJX takes one."
     for i in np.flatnonzero(np.isin(m.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD))):
-        yield f"{_named(m, 'eq', int(i))} is a connect or weld, of whose acceleration MJX ignores a term."
+        yield f"{named(m, 'eq', int(i))} is a connect or weld, of whose acceleration MJX ignores a term."
 
 
 def _of_options(m: mujoco.MjModel) -> Iterator[str]:
@@ -168,7 +168,7 @@ def _of_options(m: mujoco.MjModel) -> Iterator[str]:
         yield "The option noslip_iterations is set, which MJX ignores."
     groups = [g for g in range(31) if m.opt.disableactuator >> g & 1]
     for i in np.flatnonzero(np.isin(m.actuator_group, groups)):
-        yield f"{_named(m, 'actuator', int(i))} is disabled by its group, which MJX ignores: remove it."
+        yield f"{named(m, 'actuator', int(i))} is disabled by its group, which MJX ignores: remove it."
     for flag in mujoco.mjtEnableBit.__members__.values():
         if m.opt.enableflags & flag and flag not in HARMLESS and flag != mujoco.mjtEnableBit.mjNENABLE:
             yield f"The flag {_words(flag)} is enabled, which MJX ignores or does not have."
@@ -188,7 +188,22 @@ def _of_options(m: mujoco.MjModel) -> Iterator[str]:
         yield "The integrator is one that MJX does not have. Allowed: Euler, RK4, implicitfast."
 
 
-def _named(m: mujoco.MjModel, kind: str, number: int) -> str:
+def contact_words(m: mujoco.MjModel, one: int, other: int, *, same: bool = True) -> str:
+    """The words for a contact of two geoms; empty for shapes treated as in C, unless `same`."""
+    one, other = sorted((one, other), key=lambda geom: m.geom_type[geom])
+    shapes = _shape(m, one), _shape(m, other)
+    if shapes in _SAME_CONTACTS:
+        note = "" if same else None
+    else:
+        note = ", which MJX finds by another algorithm"
+    if note is None:
+        return ""
+    first, second = (f"{_words(shape)} '{_name(m, 'geom', i)}'" for shape, i in zip(shapes, (one, other)))
+    return f"the contact of {first} with {second}{note}"
+
+
+def named(m: mujoco.MjModel, kind: str, number: int) -> str:
+    """The kind of an element and its name."""
     return f"{_WORDS.get(kind, kind).capitalize()} '{_name(m, kind, number)}'"
 
 
