@@ -81,7 +81,8 @@ def arm(
         f"<geom name='g' type='capsule' size='.03' fromto='0 0 0 .4 0 0' mass='1' {geom}/>"
         "<site name='s' pos='.3 0 0' euler='10 20 30'/>"
         "<body name='two' pos='.4 0 0'><joint name='k' type='ball' damping='.02'/>"
-        "<geom name='g2' type='capsule' size='.03' fromto='0 0 0 .2 .1 0' mass='.5'/><site name='tip' pos='.2 0 0'/>"
+        "<geom name='g2' type='capsule' size='.03' fromto='0 0 0 .2 .1 0' mass='.5'/>"
+        "<site name='tip' pos='.2 0 0'/>"
         f"</body></body></worldbody><actuator>{motor}</actuator>{after}</mujoco>"
     )
 
@@ -103,26 +104,49 @@ def _contacts() -> dict[str, str]:
         SHAPES["box"], "type='plane' size='5 5 .1' euler='25 10 0' pos='0 0 -.1'"
     )
     pairs = [
-        ("sphere", "sphere"), ("sphere", "capsule"), ("capsule", "capsule"), ("sphere", "box"),
-        ("capsule", "box"), ("box", "box"), ("sphere", "cylinder"), ("capsule", "cylinder"),
-        ("cylinder", "cylinder"), ("sphere", "ellipsoid"), ("capsule", "ellipsoid"),
-        ("ellipsoid", "ellipsoid"), ("ellipsoid", "cylinder"), ("cylinder", "box"), ("ellipsoid", "box"),
-        ("sphere", "mesh"), ("box", "mesh"), ("mesh", "mesh"), ("cylinder", "mesh"),
-    ]  # fmt: skip
+        ("sphere", "sphere"),
+        ("sphere", "capsule"),
+        ("capsule", "capsule"),
+        ("sphere", "box"),
+        ("capsule", "box"),
+        ("box", "box"),
+        ("sphere", "cylinder"),
+        ("capsule", "cylinder"),
+        ("cylinder", "cylinder"),
+        ("sphere", "ellipsoid"),
+        ("capsule", "ellipsoid"),
+        ("ellipsoid", "ellipsoid"),
+        ("ellipsoid", "cylinder"),
+        ("cylinder", "box"),
+        ("ellipsoid", "box"),
+        ("sphere", "mesh"),
+        ("box", "mesh"),
+        ("mesh", "mesh"),
+        ("cylinder", "mesh"),
+    ]
     for one, other in pairs:
         found[f"pair {one} {other}"] = thrown(SHAPES[one], SHAPES[other] + " pos='.03 .02 0'")
     for one in ("sphere", "capsule", "box", "mesh", "cylinder"):
         found[f"pair {one} hfield"] = thrown(SHAPES[one], "type='hfield' hfield='h'")
-    found["pair parallel capsules"] = thrown(
-        "type='capsule' size='.05 .1' euler='0 0 0'", "type='capsule' size='.05 .3' pos='0 0 .1'"
-    ).replace("euler='20 30 10'", "").replace("qpos='0 0 .25 .95 .2 .22 .05' qvel='.5 .2 -1 .3 .2 .1'",
-        "qpos='0.02 0 .51 1 0 0 0'")  # fmt: skip
+    found["pair parallel capsules"] = (
+        thrown("type='capsule' size='.05 .1' euler='0 0 0'", "type='capsule' size='.05 .3' pos='0 0 .1'")
+        .replace("euler='20 30 10'", "")
+        .replace("qpos='0 0 .25 .95 .2 .22 .05' qvel='.5 .2 -1 .3 .2 .1'", "qpos='0.02 0 .51 1 0 0 0'")
+    )
     for name, text in {
-        "friction": "friction='.3 .01 .001'", "solref": "solref='.01 .7'", "solref direct": "solref='-900 -20'",
-        "solimp": "solimp='.8 .9 .01 .4 3'", "margin": "margin='.02'", "gap": "margin='.02' gap='.01'",
-        "gap alone": "gap='.02'", "priority": "priority='2' friction='.1'", "solmix": "solmix='3' solref='.05 1'",
-        "adhesion": "adhesion='1'", "surfacevel": "surfacevel='1 0 0 0 0 0'", "contype": "contype='2'",
-    }.items():  # fmt: skip
+        "friction": "friction='.3 .01 .001'",
+        "solref": "solref='.01 .7'",
+        "solref direct": "solref='-900 -20'",
+        "solimp": "solimp='.8 .9 .01 .4 3'",
+        "margin": "margin='.02'",
+        "gap": "margin='.02' gap='.01'",
+        "gap alone": "gap='.02'",
+        "priority": "priority='2' friction='.1'",
+        "solmix": "solmix='3' solref='.05 1'",
+        "adhesion": "adhesion='1'",
+        "surfacevel": "surfacevel='1 0 0 0 0 0'",
+        "contype": "contype='2'",
+    }.items():
         found[f"contact {name}"] = thrown(f"size='.1' {text}")
     for name, text in {
         "pair": "<pair geom1='g' geom2='floor' condim='4' friction='.5 .4 .01 .001 .001' solref='.03 1'/>",
@@ -142,16 +166,26 @@ def _joints() -> dict[str, str]:
     found = {
         f"joint {name}": arm(text)
         for name, text in {
-            "plain": "", "damping": "damping='.3'", "stiffness": "stiffness='5'", "springref": "stiffness='5' springref='30'",
-            "frictionloss": "frictionloss='.2'", "armature": "armature='.1'", "limited": limited,
-            "margin": f"{limited} margin='.1'", "both margins": f"{limited} margin='.4'",
-            "solreflimit": f"{limited} solreflimit='.05 .8' solimplimit='.8 .9 .1'", "ref": f"ref='15' {limited}",
-            "actuatorfrcrange": "actuatorfrcrange='-.1 .1'", "springdamper": "springdamper='.1 .5'",
-            "solreffriction": "frictionloss='.2' solreffriction='.05 1'", "damping poly": "damping='.1 .2'",
-            "stiffness poly": "stiffness='1 2'", "springyield": "stiffness='1' springyield='.1'",
+            "plain": "",
+            "damping": "damping='.3'",
+            "stiffness": "stiffness='5'",
+            "springref": "stiffness='5' springref='30'",
+            "frictionloss": "frictionloss='.2'",
+            "armature": "armature='.1'",
+            "limited": limited,
+            "margin": f"{limited} margin='.1'",
+            "both margins": f"{limited} margin='.4'",
+            "solreflimit": f"{limited} solreflimit='.05 .8' solimplimit='.8 .9 .1'",
+            "ref": f"ref='15' {limited}",
+            "actuatorfrcrange": "actuatorfrcrange='-.1 .1'",
+            "springdamper": "springdamper='.1 .5'",
+            "solreffriction": "frictionloss='.2' solreffriction='.05 1'",
+            "damping poly": "damping='.1 .2'",
+            "stiffness poly": "stiffness='1 2'",
+            "springyield": "stiffness='1' springyield='.1'",
             "actuatorgravcomp": "actuatorgravcomp='true'",
         }.items()
-    }  # fmt: skip
+    }
     found["joint slide limited"] = arm("range='-.05 .05' limited='true'", kind="slide")
     found["joint ball limited"] = arm("range='0 25' limited='true'", kind="ball", motor="")
     found["joint gravcomp"] = arm(body="gravcomp='.7'")
@@ -159,10 +193,14 @@ def _joints() -> dict[str, str]:
     tendon = "<tendon><spatial name='t' {}><site site='wall'/>{}<site site='tip'/></spatial></tendon>"
     wrap = "<geom name='w' type='{}' size='.08 .1' pos='.3 0 1.1' contype='0' conaffinity='0'/>"
     for name, text in {
-        "stiffness": "stiffness='20'", "damping": "damping='2'", "limited": "range='0 .5' limited='true'",
-        "both margins": "range='.4 .6' limited='true' margin='.3'", "frictionloss": "frictionloss='1'",
-        "armature": "armature='.1'", "deadband": "stiffness='20' springlength='.2 .4'",
-    }.items():  # fmt: skip
+        "stiffness": "stiffness='20'",
+        "damping": "damping='2'",
+        "limited": "range='0 .5' limited='true'",
+        "both margins": "range='.4 .6' limited='true' margin='.3'",
+        "frictionloss": "frictionloss='1'",
+        "armature": "armature='.1'",
+        "deadband": "stiffness='20' springlength='.2 .4'",
+    }.items():
         found[f"tendon {name}"] = arm(after=tendon.format(text, ""))
     for shape in ("sphere", "cylinder"):
         text = tendon.format("stiffness='20'", "<geom geom='w'/>")
@@ -177,9 +215,10 @@ def _joints() -> dict[str, str]:
     slider = "<body pos='1 0 1'><joint name='x' axis='0 1 0'/><geom size='.1' pos='.1 0 0' mass='1'/></body>"
     for name, text in {
         "joint": "<joint joint1='j' joint2='x' polycoef='0 .5 .2 0 0'/>",
-        "connect": "<connect name='e' body1='two' anchor='0 0 0'/>", "weld": "<weld name='e' body1='two'/>",
+        "connect": "<connect name='e' body1='two' anchor='0 0 0'/>",
+        "weld": "<weld name='e' body1='two'/>",
         "inactive": "<joint joint1='j' joint2='x' active='false'/>",
-    }.items():  # fmt: skip
+    }.items():
         found[f"equality {name}"] = arm(after=f"<equality>{text}</equality>", world=slider)
     return found
 
@@ -187,25 +226,33 @@ def _joints() -> dict[str, str]:
 def _actuators() -> dict[str, str]:
     tendon = "<tendon><fixed name='t'><joint joint='j' coef='2'/></fixed></tendon>"
     texts = {
-        "position": "<position joint='j' kp='5' kv='.3'/>", "velocity": "<velocity joint='j' kv='2'/>",
+        "position": "<position joint='j' kp='5' kv='.3'/>",
+        "velocity": "<velocity joint='j' kv='2'/>",
         "intvelocity": "<intvelocity joint='j' kp='5' actrange='-2 2'/>",
-        "damper": "<damper joint='j' kv='1' ctrlrange='0 1'/>", "muscle": "<muscle joint='j' lengthrange='-1 1'/>",
+        "damper": "<damper joint='j' kv='1' ctrlrange='0 1'/>",
+        "muscle": "<muscle joint='j' lengthrange='-1 1'/>",
         "cylinder": "<cylinder joint='j' timeconst='.1' area='2'/>",
         "filter": "<general joint='j' dyntype='filter' dynprm='.1' gainprm='2'/>",
         "filterexact": "<general joint='j' dyntype='filterexact' dynprm='.1' gainprm='2'/>",
-        "integrator": "<general joint='j' dyntype='integrator' gainprm='2' actlimited='true' actrange='-.1 .1'/>",
+        "integrator": "<general joint='j' dyntype='integrator' gainprm='2' actrange='-.1 .1'/>",
         "actearly": "<general joint='j' dyntype='filter' dynprm='.1' actearly='true'/>",
         "ctrlrange": "<motor joint='j' ctrllimited='true' ctrlrange='-.1 .1'/>",
-        "forcerange": "<motor joint='j' forcelimited='true' forcerange='-.1 .1'/>", "gear": "<motor joint='j' gear='3'/>",
-        "affine gain": "<general joint='j' gaintype='affine' gainprm='1 .5 .2' biastype='affine' biasprm='.1 -.5 -.1'/>",
-        "ball": "<motor joint='k' gear='1 .5 .2'/>", "jointinparent": "<motor jointinparent='k' gear='1 .5 .2'/>",
-        "site": "<motor site='tip' gear='1 2 0 0 .3 0'/>", "refsite": "<position site='tip' refsite='s' kp='3' gear='1 0 0 0 0 0'/>",
-        "tendon": "<motor tendon='t'/>", "slidercrank": "<motor cranksite='tip' slidersite='wall' cranklength='1'/>",
-        "adhesion": "<adhesion body='one' ctrlrange='0 1'/>", "delay": "<motor joint='j' delay='.02' nsample='12'/>",
-        "armature": "<motor joint='j' armature='.1'/>", "damping": "<motor joint='j' damping='.1'/>",
+        "forcerange": "<motor joint='j' forcelimited='true' forcerange='-.1 .1'/>",
+        "gear": "<motor joint='j' gear='3'/>",
+        "affine gain": "<general joint='j' gaintype='affine' gainprm='1 .5 .2' biastype='affine' biasprm='0 -.5'/>",
+        "ball": "<motor joint='k' gear='1 .5 .2'/>",
+        "jointinparent": "<motor jointinparent='k' gear='1 .5 .2'/>",
+        "site": "<motor site='tip' gear='1 2 0 0 .3 0'/>",
+        "refsite": "<position site='tip' refsite='s' kp='3' gear='1 0 0 0 0 0'/>",
+        "tendon": "<motor tendon='t'/>",
+        "slidercrank": "<motor cranksite='tip' slidersite='wall' cranklength='1'/>",
+        "adhesion": "<adhesion body='one' ctrlrange='0 1'/>",
+        "delay": "<motor joint='j' delay='.02' nsample='12'/>",
+        "armature": "<motor joint='j' armature='.1'/>",
+        "damping": "<motor joint='j' damping='.1'/>",
         "dcmotor": "<dcmotor joint='j' motorconst='.1' resistance='1'/>",
         "group disabled": "<motor joint='j' group='2'/>",
-    }  # fmt: skip
+    }
     found = {f"actuator {name}": arm(motor=text, after=tendon) for name, text in texts.items()}
     disabled = "<option timestep='0.002' actuatorgroupdisable='2'/>"
     found["actuator group disabled"] = arm(motor=texts["group disabled"], option=disabled)
@@ -214,7 +261,8 @@ def _actuators() -> dict[str, str]:
 
 
 def _sensors() -> dict[str, str]:
-    tendon = "<tendon><spatial name='t' range='0 .5' limited='true'><site site='wall'/><site site='tip'/></spatial></tendon>"
+    sites = "<site site='wall'/><site site='tip'/>"
+    tendon = f"<tendon><spatial name='t' range='0 .5' limited='true'>{sites}</spatial></tendon>"
     site, joint, frame = "site='tip'", "joint='j'", "objtype='body' objname='two'"
     within = "reftype='site' refname='s'"
     texts = {
@@ -229,9 +277,11 @@ def _sensors() -> dict[str, str]:
         **dict.fromkeys(("framelinacc", "frameangacc"), frame),
         **dict.fromkeys(("subtreecom", "subtreelinvel", "subtreeangmom"), "body='one'"),
         **dict.fromkeys(("clock", "e_potential", "e_kinetic"), ""),
-        "camprojection": "site='tip' camera='c'", "rangefinder": "site='tip'",
-        "distance": "geom1='g' geom2='g2'", "insidesite": "objtype='body' objname='two' site='wall'",
-    }  # fmt: skip
+        "camprojection": "site='tip' camera='c'",
+        "rangefinder": "site='tip'",
+        "distance": "geom1='g' geom2='g2'",
+        "insidesite": "objtype='body' objname='two' site='wall'",
+    }
     limited = "range='-20 20' limited='true'"
     found = {
         f"sensor {kind}": arm(
@@ -242,10 +292,17 @@ def _sensors() -> dict[str, str]:
     }
     found["sensor force of a tendon"] = arm(after=f"{tendon}<sensor><force name='x' site='tip'/></sensor>")
     for kind, text in {
-        "accelerometer": site, "framelinacc": frame, "jointvel": joint, "framepos": frame,
-    }.items():  # fmt: skip
+        "accelerometer": site,
+        "framelinacc": frame,
+        "jointvel": joint,
+        "framepos": frame,
+    }.items():
         found[f"sensor cutoff {kind}"] = arm(after=f"<sensor><{kind} name='x' {text} cutoff='.3'/></sensor>")
-    for name, text in {"delay": "nsample='10' delay='.01'", "interval": "interval='.02'", "noise": "noise='.1'"}.items():
+    for name, text in {
+        "delay": "nsample='10' delay='.01'",
+        "interval": "interval='.02'",
+        "noise": "noise='.1'",
+    }.items():
         found[f"sensor {name}"] = arm(after=f"<sensor><jointvel name='x' joint='j' {text}/></sensor>")
     for kind in ("jointpos", "actuatorfrc", "clock"):
         text = f"<sensor><{kind} name='x' {texts[kind]}/></sensor>"
@@ -254,10 +311,14 @@ def _sensors() -> dict[str, str]:
     touch = thrown("size='.1'", more="<sensor><touch name='x' site='pad'/></sensor>")
     found["sensor touch"] = touch.replace("</body></worldbody>", f"{on}</body></worldbody>")
     for name, text in {
-        "geoms": "geom1='g' geom2='floor' data='found force dist pos'", "bodies": "body1='b' data='force'",
-        "all": "num='2' data='found force'", "net": "geom1='g' reduce='netforce' data='force'",
-    }.items():  # fmt: skip
-        found[f"sensor contact {name}"] = thrown("size='.1'", more=f"<sensor><contact name='x' {text}/></sensor>")
+        "geoms": "geom1='g' geom2='floor' data='found force dist pos'",
+        "bodies": "body1='b' data='force'",
+        "all": "num='2' data='found force'",
+        "net": "geom1='g' reduce='netforce' data='force'",
+    }.items():
+        found[f"sensor contact {name}"] = thrown(
+            "size='.1'", more=f"<sensor><contact name='x' {text}/></sensor>"
+        )
     ranging = thrown("size='.1'", more="<sensor><rangefinder name='x' site='pad'/></sensor>")
     found["sensor rangefinder plane"] = ranging.replace("</body></worldbody>", f"{on}</body></worldbody>")
     return found
@@ -266,20 +327,37 @@ def _sensors() -> dict[str, str]:
 def _options() -> dict[str, str]:
     found = {}
     for name in ("Euler", "RK4", "implicit", "implicitfast"):
-        found[f"option {name}"] = arm("damping='.3'", option=f"<option timestep='0.005' integrator='{name}'/>")
+        found[f"option {name}"] = arm(
+            "damping='.3'", option=f"<option timestep='0.005' integrator='{name}'/>"
+        )
     for name, text in {
-        "CG": "solver='CG'", "PGS": "solver='PGS'", "impratio": "impratio='5' cone='elliptic'",
-        "sparse": "jacobian='sparse'", "wind": "wind='1 0 0' density='50'",
-        "viscosity": "viscosity='.1'", "noslip": "noslip_iterations='3'", "iterations": "iterations='2'",
-        "tolerance": "tolerance='1e-4'", "RK4": "integrator='RK4'",
+        "CG": "solver='CG'",
+        "PGS": "solver='PGS'",
+        "impratio": "impratio='5' cone='elliptic'",
+        "sparse": "jacobian='sparse'",
+        "wind": "wind='1 0 0' density='50'",
+        "viscosity": "viscosity='.1'",
+        "noslip": "noslip_iterations='3'",
+        "iterations": "iterations='2'",
+        "tolerance": "tolerance='1e-4'",
+        "RK4": "integrator='RK4'",
         "implicitfast": "integrator='implicitfast'",
-    }.items():  # fmt: skip
+    }.items():
         found[f"thrown option {name}"] = thrown(SHAPES["box"], option=f"<option timestep='0.002' {text}/>")
     found["option fluidshape"] = thrown("size='.1' fluidshape='ellipsoid'", option="<option density='50'/>")
     for flag in (
-        "constraint", "limit", "spring", "gravity", "clampctrl", "warmstart", "filterparent", "actuation",
-        "refsafe", "sensor", "eulerdamp",
-    ):  # fmt: skip
+        "constraint",
+        "limit",
+        "spring",
+        "gravity",
+        "clampctrl",
+        "warmstart",
+        "filterparent",
+        "actuation",
+        "refsafe",
+        "sensor",
+        "eulerdamp",
+    ):
         option = f"<option timestep='0.002'><flag {flag}='disable'/></option>"
         found[f"flag no {flag}"] = arm(
             "damping='.3' stiffness='1' range='-20 20' limited='true'",
@@ -292,9 +370,12 @@ def _options() -> dict[str, str]:
         found[f"flag {flag}"] = thrown("size='.1'", option=option)
     filtered = "<general joint='j' dyntype='filter' dynprm='.3' gainprm='3'/>"
     for name, text in {
-        "act": "act='2'", "ctrl": "ctrl='1'", "time": "time='3'", "qvel": "qvel='1 0 0 0'",
+        "act": "act='2'",
+        "ctrl": "ctrl='1'",
+        "time": "time='3'",
+        "qvel": "qvel='1 0 0 0'",
         "mpos": "mpos='.1 0 .8' mquat='.7 .7 0 0'",
-    }.items():  # fmt: skip
+    }.items():
         mocap = "<body mocap='true' pos='0 0 .5'><geom type='capsule' size='.05 .2'/></body>"
         sensor = "<sensor><clock/><framepos objtype='body' objname='two'/></sensor>"
         found[f"keyframe {name}"] = arm(
@@ -305,7 +386,9 @@ def _options() -> dict[str, str]:
 
 def model_of(xml: str) -> gs.MjcfModel:
     """A model of an MJCF, whose actuators follow sines."""
-    compiled = mujoco.MjModel.from_xml_string if xml.lstrip().startswith("<") else mujoco.MjModel.from_xml_path
+    compiled = (
+        mujoco.MjModel.from_xml_string if xml.lstrip().startswith("<") else mujoco.MjModel.from_xml_path
+    )
     number = compiled(xml).nu
     members = {
         "body_file": xml,

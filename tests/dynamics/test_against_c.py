@@ -1,4 +1,4 @@
-"""Bodies of an MJCF beside MuJoCo C: contacts with a plane, sensors, Runge-Kutta steps, keyframes; `compare`."""
+"""Bodies of an MJCF beside MuJoCo C: contacts with a plane, sensors, Runge-Kutta steps, keyframes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_contacts_with_a_plane_have_the_points_and_frames_of_c() -> None:
         data = mujoco.MjData(m)
         for k in range(3):
             quaternion = special[i] if i < len(special) else chance.normal(size=4)
-            xy = chance.uniform(-1.0, 1.0, 2) + [0.0, 4.0 * k]
+            xy = chance.uniform(-1.0, 1.0, 2) + np.array([0.0, 4.0 * k])
             # at most as deep as half its height, as bodies that touch are
             data.qpos[7 * k : 7 * k + 7] = [*xy, 0.14 * xy[0] - 0.09 * xy[1] + 0.04, *quaternion]
         mujoco.mj_normalizeQuat(m, data.qpos)
@@ -75,11 +75,12 @@ def test_contacts_with_a_plane_have_the_points_and_frames_of_c() -> None:
     assert seen > 100
 
 
-# No constraint acts, and both bodies turn about changing axes; the second keyframe has all that a start takes.
+# No constraint acts, and bodies turn about changing axes; the second keyframe has all that a start takes.
 TURNING = """<mujoco><option timestep="0.01" integrator="RK4"><flag energy="enable"/></option><worldbody>
   <body name="m" mocap="true" pos="0 0 3"><site name="m"/></body>
   <body name="b" pos="0 0 1"><freejoint name="f"/><geom type="box" size=".1 .2 .3" mass="1"/>
-  <body pos=".5 0 0"><joint type="ball" damping=".1"/><geom type="box" size=".1 .05 .2" pos=".2 .1 0" mass="1"/>
+  <body pos=".5 0 0"><joint type="ball" damping=".1"/>
+  <geom type="box" size=".1 .05 .2" pos=".2 .1 0" mass="1"/>
   <body pos=".4 0 0"><joint name="j" axis="0 1 0"/><geom size=".05" pos=".1 0 0" mass=".2"/>
   <site name="s" pos=".1 0 0"/></body></body></body></worldbody>
   <contact><exclude body1="b" body2="m"/></contact>
@@ -134,7 +135,8 @@ def test_keyframes_are_taken_by_name_and_controls_have_one_shape() -> None:
 
 
 STANDING = """<mujoco><option timestep="0.002"/><worldbody><geom name="floor" type="{}" size="1 1 .1"/>
-  <body pos="0 0 .3" euler="20 30 10"><freejoint name="f"/><geom name="g" type="box" size=".1 .07 .05"/></body>
+  <body pos="0 0 .3" euler="20 30 10"><freejoint name="f"/>
+  <geom name="g" type="box" size=".1 .07 .05"/></body>
   </worldbody></mujoco>"""
 
 

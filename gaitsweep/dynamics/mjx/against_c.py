@@ -1,8 +1,8 @@
 """A model of an MJCF beside MuJoCo C: where its steps part from those of MuJoCo, and the likely cause.
 
-MuJoCo C takes the controls that the model gave, so that the bodies alone are compared. Where two motions part,
-each step before is repeated in C from the model's own state: a step that differs by itself has a cause, and
-without such a step the motion is merely sensitive to rounding.
+MuJoCo C takes the controls that the model gave, so that the bodies alone are compared. Where two motions
+part, each step before is repeated in C from the model's own state: a step that differs by itself has a cause,
+and without such a step the motion is merely sensitive to rounding.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -63,9 +63,11 @@ class Parting:
     cause: str
 
     def __str__(self) -> str:
-        where = f"From {self.start}, {self.coordinate} ({self.element}) is {self.ours:.7g} at step {self.step}"
         cause = self.cause or "no step by itself: this motion enlarges differences of rounding"
-        return f"{where}, but {self.theirs:.7g} in MuJoCo C; likely cause: {cause}."
+        return (
+            f"From {self.start}, {self.coordinate} ({self.element}) is {self.ours:.7g} at step {self.step}, "
+            f"but {self.theirs:.7g} in MuJoCo C; likely cause: {cause}."
+        )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -211,9 +211,7 @@ class MjxBody:
         model = model.tree_replace({name: jnp.asarray(v, state.q.dtype) for name, v in numbers.items()})
         warm = state.warm if state.warm.size else data.qacc_warmstart
         time = state.time[0] if state.time.size else data.time
-        return model, data.replace(
-            qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm, time=time
-        )
+        return model, data.replace(qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm, time=time)
 
     def _pushes(self, model: Any, data: Any, forces: jax.Array) -> jax.Array:
         """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, from forces (k, 3) on the points."""

@@ -38,7 +38,7 @@ _ACTING = (
     ("actuator_damping", "actuator", "a damping of its own"),
     ("actuator_dampingpoly", "actuator", "a damping of its own that is a polynomial"),
 )
-# Types of elements: the field, the kind of its owner, those of MJX, those of MuJoCo, the field's name in MJCF.
+# Types of elements: the field, the kind of its owner, MJX's types, MuJoCo's, and the field's name in MJCF.
 _TYPES = (
     ("sensor_type", "sensor", mjx.SensorType, mujoco.mjtSensor, ""),
     ("eq_type", "eq", mjx.EqType, mujoco.mjtEq, ""),
@@ -82,8 +82,8 @@ def cautions(model: mujoco.MjModel) -> list[str]:
                 names = " with ".join(f"'{_name(model, 'geom', i)}'" for i in (one, other))
                 found[_words(shapes[0]), _words(shapes[1])].append(names)
     sentences = [
-        f"Contacts of a {one} with a {other} ({_listed(pairs)}) are found by another algorithm than in MuJoCo "
-        "C: motions through them may differ."
+        f"Contacts of a {one} with a {other} ({_listed(pairs)}) are found by another algorithm than in "
+        "MuJoCo C: motions through them may differ."
         for (one, other), pairs in found.items()
     ]
     for name in ("max_contact_points", "max_geom_pairs"):
@@ -158,7 +158,7 @@ def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
         if kind == "jnt":
             both &= m.jnt_type != mujoco.mjtJoint.mjJNT_BALL
         for i in np.flatnonzero(both):
-            yield f"{named(m, kind, int(i))} can be within the margins of both limits, of which MJX takes one."
+            yield f"{named(m, kind, int(i))} can be within the margins of both limits, but MJX takes one."
     for i in np.flatnonzero(np.isin(m.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD))):
         yield f"{named(m, 'eq', int(i))} is a connect or weld, of whose acceleration MJX ignores a term."
 
@@ -191,14 +191,11 @@ def _of_options(m: mujoco.MjModel) -> Iterator[str]:
 def contact_words(m: mujoco.MjModel, one: int, other: int, *, same: bool = True) -> str:
     """The words for a contact of two geoms; empty for shapes treated as in C, unless `same`."""
     one, other = sorted((one, other), key=lambda geom: m.geom_type[geom])
-    shapes = _shape(m, one), _shape(m, other)
-    if shapes in _SAME_CONTACTS:
-        note = "" if same else None
-    else:
-        note = ", which MJX finds by another algorithm"
-    if note is None:
+    as_in_c = (_shape(m, one), _shape(m, other)) in _SAME_CONTACTS
+    if as_in_c and not same:
         return ""
-    first, second = (f"{_words(shape)} '{_name(m, 'geom', i)}'" for shape, i in zip(shapes, (one, other)))
+    first, second = (f"{_words(_shape(m, i))} '{_name(m, 'geom', i)}'" for i in (one, other))
+    note = "" if as_in_c else ", which MJX finds by another algorithm"
     return f"the contact of {first} with {second}{note}"
 
 
