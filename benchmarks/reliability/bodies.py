@@ -239,7 +239,7 @@ def _actuators() -> dict[str, str]:
         "ctrlrange": "<motor joint='j' ctrllimited='true' ctrlrange='-.1 .1'/>",
         "forcerange": "<motor joint='j' forcelimited='true' forcerange='-.1 .1'/>",
         "gear": "<motor joint='j' gear='3'/>",
-        "affine gain": "<general joint='j' gaintype='affine' gainprm='1 .5 .2' biastype='affine' biasprm='0 -.5'/>",
+        "affine gain": "<general joint='j' gaintype='affine' gainprm='1 .5 .2'/>",
         "ball": "<motor joint='k' gear='1 .5 .2'/>",
         "jointinparent": "<motor jointinparent='k' gear='1 .5 .2'/>",
         "site": "<motor site='tip' gear='1 2 0 0 .3 0'/>",

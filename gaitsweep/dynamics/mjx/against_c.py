@@ -16,7 +16,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -26,9 +26,11 @@ import numpy as np
 from gaitsweep.cache_folder import cache_folder, write_whole
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.mjx.body import BodyState
-from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel, controls_of, stepped
 from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
 from gaitsweep.expression import resolve
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 
 FIRST_USE = 64  # steps of the comparison when an MJCF is first used
 TOLERANCE = 1e-5  # of a coordinate, relative to its size where that is above 1
@@ -115,8 +117,8 @@ class _Both:
             params, state = carry
             before, begins, tolerance = given
             state = jax.tree.map(lambda new, old: jnp.where(begins, new, old), before, state)
-            after = stepped(model, params, state, dt, {"opt.tolerance": tolerance})
-            return (params, after), (after, controls_of(model, params, state))
+            after = model.step_with({"opt.tolerance": tolerance}, params, state, dt)
+            return (params, after), (after, model.checked_control(params, state))
 
         def run(params: Any, states: Any, begins: Any, tolerance: Any) -> Any:
             first = jax.tree.map(lambda leaf: leaf[0], states)
@@ -132,9 +134,11 @@ class _Both:
         """Where the motion from a start parts from C's, and the largest difference before."""
         body = self._state.body
         body = BodyState(
-            *map(jnp.asarray, (start.q, start.v, start.act)),
-            jnp.zeros_like(body.warm),
-            jnp.full_like(body.time, start.time),
+            q=jnp.asarray(start.q),
+            v=jnp.asarray(start.v),
+            act=jnp.asarray(start.act),
+            warm=jnp.zeros_like(body.warm),
+            time=jnp.full_like(body.time, start.time),
         )
         first = self._state.replace(body=body, sensors=0.0)
         states = jax.tree.map(lambda leaf: jnp.stack([leaf] * self._steps), first)
@@ -189,8 +193,8 @@ def at_first_use(model: MjcfModel) -> list[str]:
     """What is to be known of a model's MJCF beside MuJoCo C: a sentence each, kept in the cache."""
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
         params, state = _at_default(model)
-        control = str(jax.make_jaxpr(lambda p, s: controls_of(model, p, s))(params, state))
-        first = np.asarray(controls_of(model, params, state))
+        control = str(jax.make_jaxpr(model.checked_control)(params, state))
+        first = np.asarray(model.checked_control(params, state))
     leaves = [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((params, state))]
     versions = [version(name) for name in ("gaitsweep", "mujoco", "mujoco-mjx")]
     made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())

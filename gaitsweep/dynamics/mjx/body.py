@@ -23,7 +23,7 @@ import numpy as np
 
 from gaitsweep.dynamics.mjx import plane_contacts
 from gaitsweep.dynamics.mjx.plane_contacts import mjx as mjx
-from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals
+from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
 from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
@@ -177,9 +177,12 @@ class MjxBody:
                 data = data.replace(qfrc_applied=tau)
             if ctrl is not None:
                 data = data.replace(ctrl=ctrl)
-            data = mjx.forward(model, data)
-            if not self._constrained:  # MJX then leaves out sensors of accelerations and forces
-                data = mjx.sensor_acc(model, data)
+            try:
+                data = mjx.forward(model, data)
+                if not self._constrained:  # MJX then leaves out sensors of accelerations and forces
+                    data = mjx.sensor_acc(model, data)
+            except (NotImplementedError, IndexError, TypeError, ValueError) as error:
+                raise ValueError(untraceable(self.mj_model, error)) from error
             sensors = jnp.clip(data.sensordata, self._lowest, self._highest)
             # RK4 writes those of its stages over the sensors
             data = _INTEGRATE[self.mj_model.opt.integrator](model, data).replace(sensordata=sensors)

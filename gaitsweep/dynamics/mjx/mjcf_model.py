@@ -112,7 +112,31 @@ class MjcfModel(Declared, SteppedModel):
         return self.State(**self._started(start), body=body.start(*places), sensors=sensors)
 
     def step(self, params: Any, state: Any, dt: jax.Array, /) -> Any:
-        return stepped(self, params, state, dt, {})
+        return self.step_with({}, params, state, dt)
+
+    def step_with(self, numbers: Numbers, params: Any, state: Any, dt: jax.Array) -> Any:
+        """The state one step later, with some numbers of mjx.Model replaced."""
+        controls = self.checked_control(params, state)
+        moved, data = self.mjx_body.step(numbers, state.body, dt, ctrl=controls)
+        rates = self.rates(params, state)
+        changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
+        return state.replace(**changes, body=moved, sensors=data.sensordata)
+
+    def checked_control(self, params: Any, state: Any) -> jax.Array:
+        """What `control` gives, (nu,).
+
+        Raises:
+            ValueError: it has another shape.
+        """
+        given = jnp.asarray(self.control(params, state), float)
+        m = self.mjx_body.mj_model
+        if given.shape != (m.nu,):
+            names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
+            raise ValueError(
+                f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each "
+                f"actuator of the MJCF ({names})."
+            )
+        return given
 
     def events(self, params: Any, before: Any, after: Any, /) -> jax.Array:
         fired = []
@@ -193,31 +217,6 @@ def _compiled(source: str, _written: int | None, keyframe: str) -> MjxBody:
 
     model = compiled(source)
     return MjxBody(model, contact=True, keyframe=_keyframe(model, keyframe))
-
-
-def stepped(model: MjcfModel, params: Any, state: Any, dt: jax.Array, numbers: Numbers) -> Any:
-    """The state one step later, with some numbers of mjx.Model replaced."""
-    moved, data = model.mjx_body.step(numbers, state.body, dt, ctrl=controls_of(model, params, state))
-    rates = model.rates(params, state)
-    changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
-    return state.replace(**changes, body=moved, sensors=data.sensordata)
-
-
-def controls_of(model: MjcfModel, params: Any, state: Any) -> jax.Array:
-    """What a model's function control gives, (nu,).
-
-    Raises:
-        ValueError: it has another shape.
-    """
-    given = jnp.asarray(model.control(params, state), float)
-    m = model.mjx_body.mj_model
-    if given.shape != (m.nu,):
-        names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
-        raise ValueError(
-            f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each actuator of "
-            f"the MJCF ({names})."
-        )
-    return given
 
 
 def _keyframe(m: Any, name: str) -> int | None:

@@ -94,6 +94,20 @@ def cautions(model: mujoco.MjModel) -> list[str]:
     return sentences
 
 
+def untraceable(model: mujoco.MjModel, error: Exception) -> str:
+    """The sentence for a body at whose step MJX raises an error, with the sensors at which it does."""
+    reason = (
+        f"{type(error).__name__}: {str(error).splitlines()[0].rstrip('.')}" if str(error) else repr(error)
+    )
+    trace, names = error.__traceback__, ""
+    while trace is not None:
+        if (kind := trace.tb_frame.f_locals.get("sensor_type")) is not None:
+            numbers = np.flatnonzero(model.sensor_type == int(kind))
+            names = f" (at {_listed([named(model, 'sensor', int(i)) for i in numbers])})"
+        trace = trace.tb_next
+    return f"MJX cannot step this MJCF{names}: {reason}."
+
+
 def _of_types(m: mujoco.MjModel) -> Iterator[str]:
     for field, kind, known, all_types, what in _TYPES:
         for i, number in enumerate(getattr(m, field)):
