@@ -23,13 +23,14 @@ from gaitsweep.dynamics.mjx.refusals import cautions
 CHEAP = {"xla_backend_optimization_level": 0}  # XLA's optimizations would take longer than they save
 
 LYING = """<mujoco><worldbody><geom name="floor" type="plane" size="5 5 .1" euler="5 -8 0"/>
-  <body><freejoint/><geom type="capsule" size=".05 .2" mass="1" contype="0"/></body>
+  <body><freejoint/><geom type="capsule" size=".05 .2" mass="1" contype="2" conaffinity="3"/></body>
   <body><freejoint/><geom type="box" size=".1 .07 .05" mass="1" contype="0"/></body>
   <body><freejoint/><geom type="cylinder" size=".06 .1" mass="1" contype="0"/></body>
+  <body><freejoint/><geom type="capsule" size=".08 .3" mass="1" contype="2" conaffinity="2"/></body>
   </worldbody></mujoco>"""
 
 
-def test_contacts_with_a_plane_have_the_points_and_frames_of_c() -> None:
+def test_contacts_have_the_points_and_frames_of_c() -> None:
     """At random attitudes, and standing and lying: MJX alone chooses other axes below 30 degrees of tilt."""
     body = MjxBody(LYING, contact=True)
     m = body.mj_model
@@ -37,41 +38,39 @@ def test_contacts_with_a_plane_have_the_points_and_frames_of_c() -> None:
     def contacts(q: jax.Array) -> Any:
         model, data = body._begun({}, body.start(q, jnp.zeros(m.nv)))
         data = mjx.collision(model, mjx.kinematics(model, data))._impl
-        return data.contact.geom, data.contact.dist, data.contact.pos, data.contact.frame
+        return data.contact.dist, data.contact.pos, data.contact.frame
 
     with jax.numpy_rank_promotion("allow"):
         run = jax.jit(contacts).lower(jnp.asarray(m.qpos0)).compile(CHEAP)
     chance = np.random.default_rng(0)
     special = ([1, 0, 0, 0], [1, 1, 0, 0], [1, 0, 1, 0], [1, 0.3, 0, 0])
-    seen = 0
+    seen = touching = 0
     for i in range(30):
         data = mujoco.MjData(m)
-        for k in range(3):
-            quaternion = special[i] if i < len(special) else chance.normal(size=4)
-            xy = chance.uniform(-1.0, 1.0, 2) + np.array([0.0, 4.0 * k])
+        for k in range(4):
+            quaternion = special[i] if i < len(special) and k < 3 else chance.normal(size=4)
+            xy = chance.uniform(-0.1, 0.1, 2) + np.array([0.0, 2.0 * (k % 3)])
             # at most as deep as half its height, as bodies that touch are
             data.qpos[7 * k : 7 * k + 7] = [*xy, 0.14 * xy[0] - 0.09 * xy[1] + 0.04, *quaternion]
         mujoco.mj_normalizeQuat(m, data.qpos)
         mujoco.mj_kinematics(m, data)
         mujoco.mj_collision(m, data)
-        geom, distance, place, frame = (np.asarray(each) for each in run(data.qpos))
-        near = [c for c in data.contact if 0 in c.geom]
-        floor = (distance < 0.0) & (geom[:, 0] == 0)
-        assert floor.sum() == len(near)
-        for contact in near:
-            found = np.flatnonzero(floor & (np.abs(place - contact.pos).max(axis=1) < 1e-9))
+        distance, place, frame = (np.asarray(each) for each in run(data.qpos))
+        assert (distance < 0.0).sum() == data.ncon
+        for contact in data.contact:
+            found = np.flatnonzero((distance < 0.0) & (np.abs(place - contact.pos).max(axis=1) < 1e-9))
             assert found.size == 1
             np.testing.assert_allclose(distance[found[0]], contact.dist, rtol=0, atol=1e-12)
             # C completes a frame by the rules of its own: normal, then the first axis
             full = np.array(contact.frame).copy()
-            if not full[3:].any():
-                continue
-            axis = full[3:6] - full[:3] * (full[:3] @ full[3:6])
             np.testing.assert_allclose(frame[found[0], 0], full[:3], rtol=0, atol=1e-12)
+            axis = full[3:6] - full[:3] * (full[:3] @ full[3:6])
             if (length := np.linalg.norm(axis)) > 1e-9:
                 np.testing.assert_allclose(frame[found[0], 1], axis / length, rtol=0, atol=1e-9)
-        seen += len(near)
+        seen += data.ncon
+        touching += any(set(contact.geom) == {1, 4} for contact in data.contact)
     assert seen > 100
+    assert touching > 10
 
 
 # No constraint acts, and bodies turn about changing axes; the second keyframe has all that a start takes.

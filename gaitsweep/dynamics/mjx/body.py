@@ -21,14 +21,14 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from gaitsweep.dynamics.mjx import plane_contacts
-from gaitsweep.dynamics.mjx.plane_contacts import mjx as mjx
+from gaitsweep.dynamics.mjx import contacts
+from gaitsweep.dynamics.mjx.contacts import mjx as mjx
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
 from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
-plane_contacts.use()
+contacts.use()
 
 _INTEGRATE = {
     mujoco.mjtIntegrator.mjINT_EULER: mjx.euler,

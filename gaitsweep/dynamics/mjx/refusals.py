@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from gaitsweep.dynamics.mjx.plane_contacts import collision_driver, mjx
+from gaitsweep.dynamics.mjx.contacts import collision_driver, mjx
 
 # Fields of MjModel with an effect where they are not zero: the field, the kind of its owner, the name in
 # MJCF. Some versions of MuJoCo do not have all of them.
@@ -73,7 +73,7 @@ def refusals(model: mujoco.MjModel) -> list[str]:
 
 
 def cautions(model: mujoco.MjModel) -> list[str]:
-    """A sentence for each kind of contact that MJX finds by another algorithm than MuJoCo C."""
+    """A sentence for each feature of a compiled model that MJX computes otherwise than MuJoCo C."""
     found: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
     if not model.opt.disableflags & _OFF.mjDSBL_CONTACT:
         for one, other, _ in collision_driver.geom_pairs(model):
@@ -82,7 +82,7 @@ def cautions(model: mujoco.MjModel) -> list[str]:
                 names = " with ".join(f"'{_name(model, 'geom', i)}'" for i in (one, other))
                 found[_words(shapes[0]), _words(shapes[1])].append(names)
     sentences = [
-        f"Contacts of a {one} with a {other} ({_listed(pairs)}) are found by another algorithm than in "
+        f"Contacts between {one} and {other} ({_listed(pairs)}) are found by another algorithm than in "
         "MuJoCo C: motions through them may differ."
         for (one, other), pairs in found.items()
     ]
@@ -91,7 +91,26 @@ def cautions(model: mujoco.MjModel) -> list[str]:
         if number >= 0:
             most = int(model.numeric_data[model.numeric_adr[number]])
             sentences.append(f"Numeric '{name}' lets MJX look at {most} contacts only, MuJoCo C at all.")
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
+        free = [f"'{_name(model, 'body', i)}'" for i in _free_alone(model)]
+        if free:
+            sentences.append(
+                f"With the integrator implicitfast MuJoCo C treats the gyroscopic forces of bodies that are free "
+                f"and have no joint ({_listed(free)}) implicitly, which MJX does not: they may turn otherwise."
+            )
     return sentences
+
+
+def _free_alone(m: mujoco.MjModel) -> list[int]:
+    """The free bodies without joints below them whose inertia depends on the axis."""
+    found = []
+    for j in np.flatnonzero(m.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+        body = int(m.jnt_bodyid[j])
+        alone = (m.body_rootid[m.jnt_bodyid] == m.body_rootid[body]).sum() == 1
+        parts = np.flatnonzero(m.body_rootid == m.body_rootid[body])
+        if alone and (parts.size > 1 or np.ptp(m.body_inertia[body]) > 0.0 or m.body_ipos[body].any()):
+            found.append(body)
+    return found
 
 
 def untraceable(model: mujoco.MjModel, error: Exception) -> str:

@@ -1,7 +1,8 @@
-"""Contacts of capsules, boxes and cylinders with a plane, at the points and in the frames of MuJoCo C.
+"""Contacts of capsules, boxes and cylinders with a plane, and of two capsules, as MuJoCo C finds them.
 
-MJX's own functions choose other friction axes below a steep capsule, and other points of boxes and
-cylinders, so that bodies land otherwise than in MuJoCo C. These functions take their places in MJX's table.
+MJX's own functions choose other friction axes below a steep capsule, other points of boxes and cylinders, and
+points of two capsules to a millionth only, so that bodies land otherwise than in MuJoCo C. These functions
+take their places in MJX's table.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -19,7 +20,7 @@ import numpy as np
 
 with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not installed
     from mujoco import mjx as mjx  # the other modules take it from here
-from mujoco.mjx._src import collision_driver, math
+from mujoco.mjx._src import collision_driver, collision_primitive, math
 from mujoco.mjx._src.collision_primitive import collider
 from mujoco.mjx._src.collision_types import GeomInfo
 from mujoco.mjx._src.types import GeomType
@@ -75,11 +76,34 @@ def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
     return _at(cylinder.pos + points, plane, math.make_frame(normal))
 
 
+@collider(ncon=1)
+def _capsule_capsule(one: GeomInfo, other: GeomInfo) -> Contacts:
+    """The nearest points of two capsules; of parallel ones, a point amid, where C has two."""
+    a, b = one.mat[:, 2] * one.size[1], other.mat[:, 2] * other.size[1]
+    apart = one.pos - other.pos
+    aa, ab, bb = jnp.dot(a, a), jnp.dot(a, b), jnp.dot(b, b)
+    along_a, along_b = -jnp.dot(a, apart), jnp.dot(b, apart)
+    determinant = aa * bb - ab * ab
+    parallel = determinant < mujoco.mjMINVAL
+    free = jnp.where(parallel, 0.0, bb * along_a + ab * along_b) / jnp.where(parallel, 1.0, determinant)
+    # the point of one first, then that of the other, then the first again where the other was beyond its end
+    x = jnp.clip(free, -1.0, 1.0)
+    y = (along_b + ab * x) / bb
+    beyond = jnp.abs(y) > 1.0
+    y = jnp.clip(y, -1.0, 1.0)
+    x = jnp.where(beyond, jnp.clip((along_a + ab * y) / aa, -1.0, 1.0), x)
+    distance, place, normal = collision_primitive._sphere_sphere(
+        one.pos + x * a, one.size[0], other.pos + y * b, other.size[0]
+    )
+    return distance, place, math.make_frame(normal)
+
+
 def use() -> None:
     """Let MJX, in this process, take these contacts."""
-    for other, function in (
-        (GeomType.CAPSULE, _plane_capsule),
-        (GeomType.BOX, _plane_box),
-        (GeomType.CYLINDER, _plane_cylinder),
+    for shapes, function in (
+        ((GeomType.PLANE, GeomType.CAPSULE), _plane_capsule),
+        ((GeomType.PLANE, GeomType.BOX), _plane_box),
+        ((GeomType.PLANE, GeomType.CYLINDER), _plane_cylinder),
+        ((GeomType.CAPSULE, GeomType.CAPSULE), _capsule_capsule),
     ):
-        collision_driver._COLLISION_FUNC[GeomType.PLANE, other] = function
+        collision_driver._COLLISION_FUNC[shapes] = function
