@@ -95,8 +95,8 @@ def cautions(model: mujoco.MjModel) -> list[str]:
         free = [f"'{_name(model, 'body', i)}'" for i in _free_alone(model)]
         if free:
             sentences.append(
-                f"Free bodies without joints ({_listed(free)}) may turn otherwise than in MuJoCo C, which treats "
-                "their gyroscopic forces implicitly with the integrator implicitfast."
+                f"Free bodies without joints ({_listed(free)}) may turn otherwise than in MuJoCo C, which "
+                "treats their gyroscopic forces implicitly with the integrator implicitfast."
             )
     return sentences
 
