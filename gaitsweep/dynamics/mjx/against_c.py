@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from gaitsweep.cache_folder import cache_folder, write_whole
+from gaitsweep.cache_folder import cache_folder, keep, kept
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.mjx.body import BodyState
 from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
@@ -200,21 +200,12 @@ def at_first_use(model: MjcfModel) -> list[str]:
     made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())
     folder = cache_folder(_CACHE)
     file = None if folder is None else folder / f"{made_of.hexdigest()}.json"
-    known = None if file is None else _read(file)
-    if known is None:
-        known = _sentences(model, first)
-        if file is not None:
-            write_whole(file, json.dumps(known).encode())
-    return known
-
-
-def _read(file: Any) -> list[str] | None:
-    """The sentences of a file of the cache; None where it is missing or damaged."""
-    try:
-        known = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return known if isinstance(known, list) and all(isinstance(each, str) for each in known) else None
+    if file is not None and (known := kept(file)) is not None:
+        return json.loads(known)
+    said = _sentences(model, first)
+    if file is not None:
+        keep(file, json.dumps(said).encode())
+    return said
 
 
 def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:
