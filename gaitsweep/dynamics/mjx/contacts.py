@@ -1,8 +1,8 @@
-"""Contacts of capsules, boxes and cylinders with a plane, and of two capsules, as MuJoCo C finds them.
+"""Contacts of capsules, boxes and cylinders with a plane, and of capsules with others, as in MuJoCo C.
 
-MJX's own functions choose other friction axes below a steep capsule, other points of boxes and cylinders, and
-points of two capsules to a millionth only, so that bodies land otherwise than in MuJoCo C. These functions
-take their places in MJX's table.
+MJX's own functions choose other friction axes below a steep capsule and other points of boxes and cylinders,
+and round the points of capsules to a millionth, so that bodies land otherwise than in MuJoCo C. These
+functions take their places in MJX's table.
 """
 
 # MuJoCo's compiled modules come without types.
@@ -77,6 +77,14 @@ def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
 
 
 @collider(ncon=1)
+def _sphere_capsule(sphere: GeomInfo, capsule: GeomInfo) -> Contacts:
+    """The point of a capsule's axis that is nearest to a sphere."""
+    axis, half = capsule.mat[:, 2], capsule.size[1]
+    nearest = capsule.pos + jnp.clip(jnp.dot(axis, sphere.pos - capsule.pos), -half, half) * axis
+    return _touching(sphere.pos, sphere.size[0], nearest, capsule.size[0])
+
+
+@collider(ncon=1)
 def _capsule_capsule(one: GeomInfo, other: GeomInfo) -> Contacts:
     """The nearest points of two capsules; of parallel ones, a point amid, where C has two."""
     a, b = one.mat[:, 2] * one.size[1], other.mat[:, 2] * other.size[1]
@@ -92,9 +100,12 @@ def _capsule_capsule(one: GeomInfo, other: GeomInfo) -> Contacts:
     beyond = jnp.abs(y) > 1.0
     y = jnp.clip(y, -1.0, 1.0)
     x = jnp.where(beyond, jnp.clip((along_a + ab * y) / aa, -1.0, 1.0), x)
-    distance, place, normal = collision_primitive._sphere_sphere(
-        one.pos + x * a, one.size[0], other.pos + y * b, other.size[0]
-    )
+    return _touching(one.pos + x * a, one.size[0], other.pos + y * b, other.size[0])
+
+
+def _touching(one: jax.Array, radius: jax.Array, other: jax.Array, radius_of_other: jax.Array) -> Contacts:
+    """The contact of two spheres."""
+    distance, place, normal = collision_primitive._sphere_sphere(one, radius, other, radius_of_other)
     return distance, place, math.make_frame(normal)
 
 
@@ -104,6 +115,7 @@ def use() -> None:
         ((GeomType.PLANE, GeomType.CAPSULE), _plane_capsule),
         ((GeomType.PLANE, GeomType.BOX), _plane_box),
         ((GeomType.PLANE, GeomType.CYLINDER), _plane_cylinder),
+        ((GeomType.SPHERE, GeomType.CAPSULE), _sphere_capsule),
         ((GeomType.CAPSULE, GeomType.CAPSULE), _capsule_capsule),
     ):
         collision_driver._COLLISION_FUNC[shapes] = function
