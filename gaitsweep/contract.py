@@ -295,6 +295,10 @@ class Model(Jumps):
         """A digest of files beside its modules that decide its numbers, such as an MJCF; empty: none."""
         return ""
 
+    def caveats(self) -> list[str]:
+        """What is to be known of the accuracy of its motions, a sentence each; said before rows run."""
+        return []
+
     def free_after(self, params: Params, /) -> jax.Array:
         """The time (s) until which the gait is externally constrained; no row settles before it."""
         return 0.0 * self.period(params)

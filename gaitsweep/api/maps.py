@@ -277,5 +277,7 @@ def return_map(
     fields = {"numerics": numerics, "engine": {"name": engine}}
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
+    for caveat in job.plan.model.caveats():
+        warnings.warn(caveat, stacklevel=2)
     without = [q.name for q in job.plan.model.initial_conditions if q.default is None]
     return PoincareMap(job, cycles, [name for name in without if name not in {**values, **(start or {})}])

@@ -7,14 +7,18 @@ import keyword
 import re
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gaitsweep.cli.new_files import NewFilesError, write_folder
-from gaitsweep.errors import REFUSED
+from gaitsweep.errors import REFUSED, ArgumentError
 from gaitsweep.shipped import EXAMPLES
 
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
+
+_STEPS = 300  # beside MuJoCo C
 _TEMPLATE = "hopper"
 _FILES = ("hopper.py", "hopper.yaml", "package_of_a_model/README.md", "package_of_a_model/test_hopper.py")
 
@@ -62,13 +66,29 @@ def check_model(
     name: Annotated[
         str, typer.Argument(metavar="MODULE:CLASS", help="package.module:attribute, or a registered name.")
     ],
+    steps: Annotated[
+        int | None, typer.Argument(metavar="[STEPS]", min=1, help="Steps beside MuJoCo C; 300 by default.")
+    ] = None,
+    against_c: Annotated[
+        bool,
+        typer.Option(
+            "--against-c",
+            help="Step a model of an MJCF beside MuJoCo C, STEPS from each keyframe and 8 random states.",
+        ),
+    ] = False,
 ) -> None:
     """Test a model against the contract, and try some rows: what is wrong, a sentence each."""
     from gaitsweep import models as registry
     from gaitsweep.cli import show
+    from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
     from gaitsweep.models.conformity import faults
 
+    if steps is not None and not against_c:
+        raise ArgumentError(f"{steps} is a number of steps for --against-c, which is not given.")
+
     kind = registry.find(name)
+    if against_c and not issubclass(kind, MjcfModel):
+        raise ArgumentError(f"{name} has no MJCF: --against-c is for models that derive from MjcfModel.")
     found = faults(kind)
     for words in found:
         print(f"The model is {name}, {words}", file=sys.stderr)
@@ -84,6 +104,32 @@ def check_model(
     print(f"{name}: good, {show.extent_of(kind())}")
     for remark in tried.remarks:
         print(remark)
+    model = kind()
+    if against_c:
+        assert isinstance(model, MjcfModel)
+        _step_against_c(name, model, steps or _STEPS)
+    else:
+        for caveat in model.caveats():
+            print(f"Warning: {caveat}", file=sys.stderr)
+
+
+def _step_against_c(name: str, model: MjcfModel, steps: int) -> None:
+    """Print how a model of an MJCF moves beside MuJoCo C; it ends with REFUSED where it moves otherwise."""
+    from gaitsweep.dynamics.mjx.against_c import compare
+    from gaitsweep.dynamics.mjx.refusals import cautions
+
+    for caution in cautions(model.mjx_body.mj_model):
+        print(f"Warning: {caution}", file=sys.stderr)
+    found = compare(model, steps)
+    for parting in found.partings:
+        print(parting, file=sys.stderr)
+    agree = found.starts - len(found.partings)
+    print(
+        f"{name}: {agree} of {found.starts} motions of {steps} steps agree with MuJoCo C to 1e-5; largest "
+        f"difference before a motion parts {found.largest:.1e}"
+    )
+    if found.wrong:
+        raise typer.Exit(REFUSED)
 
 
 def _refuse_name(name: str) -> None:

@@ -111,6 +111,8 @@ def run_search(
     ready = population.prepared(job.fit.structures[0])
     if ready.note is not None:
         tell(ready.note)
+    for caveat in ready.work.model.caveats():
+        tell(f"Warning: {caveat}")
     platform = ready.work.devices[0].platform
     together = job.sets_together(ready, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}

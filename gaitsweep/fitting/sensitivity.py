@@ -122,6 +122,8 @@ def run_sensitivity(
     resolved = job.resolved(ready.job, ready.engine)
     if ready.note is not None:
         tell(ready.note)
+    for caveat in ready.work.model.caveats():
+        tell(f"Warning: {caveat}")
     with (
         naming_the_file(),
         ResultDirectory.open(path, resolved, job.hash(ready.job_hash, block), n, block) as directory,

@@ -149,7 +149,7 @@ def _instance(
         parameters = {quantity.name: quantity for quantity in model.parameters}
         starts = {quantity.name: quantity for quantity in model.initial_conditions}
     except Exception as error:  # a user's model may refuse its structure in any way
-        return None, [Diagnostic(("structure",), f"is refused by {name}: {error}.")]
+        return None, [Diagnostic(("structure",), f"is refused by {name}: {str(error).rstrip('.')}.")]
     names = [*parameters, *starts, *shape]
     for each in names:
         if each in _RESERVED or names.count(each) > 1:

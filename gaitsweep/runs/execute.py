@@ -87,6 +87,8 @@ def run_job(
         continue_directory(ready, directory, tell)
         missing = directory.missing_blocks()
         if missing:
+            for caveat in work.model.caveats():
+                tell(f"Warning: {caveat}")
             if _rows_leave_the_host_idle(ready):
                 check.begin()
             _run_missing(ready, directory, missing, progress, cluster)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,20 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from gaitsweep.dynamics.mjx.refusals import refusals
+from gaitsweep.dynamics.mjx import contacts
+from gaitsweep.dynamics.mjx.contacts import mjx as mjx
+from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
+from gaitsweep.dynamics.mjx.runge_kutta import runge_kutta
 from gaitsweep.dynamics.tree.from_mjcf import compiled
 from gaitsweep.near_miss import suggestion
 
-with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not installed
-    from mujoco import mjx
+contacts.use()
+
+_INTEGRATE = {
+    mujoco.mjtIntegrator.mjINT_EULER: mjx.euler,
+    mujoco.mjtIntegrator.mjINT_RK4: runge_kutta,
+    mujoco.mjtIntegrator.mjINT_IMPLICITFAST: mjx.implicit,
+}
 
 Numbers = Mapping[str, jax.Array]  # fields of mjx.Model, or of its options ("opt.gravity"), by name
 
@@ -39,13 +46,14 @@ class BodyState:
 
     `q` (nq,) and `v` (nv,) are MuJoCo's qpos and qvel; `act` (na,) the activations of its actuators; `warm`
     (nv,) the last acceleration, the initial guess of the constraint solver, (0,) for a body without
-    constraints.
+    constraints; `time` (1,) s, (0,) for a body without a sensor of the clock.
     """
 
     q: jax.Array
     v: jax.Array
     act: jax.Array
     warm: jax.Array
+    time: jax.Array
 
 
 class MjxBody:
@@ -58,6 +66,7 @@ class MjxBody:
         source: a compiled model, a path, or the XML itself.
         points: names of the sites where forces act.
         contact: whether MuJoCo's contacts are on.
+        keyframe: the number of the keyframe whose `act`, `time`, `mpos` and `mquat` a start has.
 
     Raises:
         ValueError: the model has a feature that MJX does not support or ignores, or lacks a site of `points`.
@@ -65,24 +74,43 @@ class MjxBody:
     """
 
     def __init__(
-        self, source: mujoco.MjModel | str | Path, points: Sequence[str] = (), *, contact: bool = False
+        self,
+        source: mujoco.MjModel | str | Path,
+        points: Sequence[str] = (),
+        *,
+        contact: bool = False,
+        keyframe: int | None = None,
     ) -> None:
-        model = compiled(source)
+        model = copy.copy(compiled(source))
+        for flag in HARMLESS:  # MJX refuses some
+            model.opt.enableflags &= ~int(flag)
+        if not contact:
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         if complaints := refusals(model):
             raise ValueError(" ".join(complaints))
-        if not contact:
-            model = copy.copy(model)
-            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.mj_model = model
+        self._keyframe = keyframe
+        at_start = self.at_start()
+        self._act, self._time = np.array(at_start.act), np.full(_clocks(model), at_start.time)
         # a body may be created while a program is traced
         with jax.ensure_compile_time_eval(), jax.enable_x64(True):
             try:
                 placed = mjx.put_model(model)
+                if not model.nmat:  # MJX's rays look up the material that no geom has
+                    placed = placed.replace(mat_rgba=jnp.ones((1, 4)))
+                data = mjx.make_data(placed)
             except NotImplementedError as error:
-                raise ValueError(f"MJX cannot do what this model has: {error}.") from error
+                raise ValueError(f"MJX cannot do what this model has: {str(error).rstrip('.')}.") from error
+            moved = {name: jnp.asarray(getattr(at_start, name)) for name in ("mocap_pos", "mocap_quat")}
             # on the host, since a program may run on any device
             self._model = jax.tree.map(np.asarray, placed)
-            self._data = jax.tree.map(np.asarray, mjx.make_data(placed))
+            self._data = jax.tree.map(np.asarray, data.replace(**moved))
+        bound = np.repeat(model.sensor_cutoff, model.sensor_dim)
+        kind = np.repeat(np.where(_cut(model), model.sensor_datatype, -1), model.sensor_dim)
+        signed = kind == mujoco.mjtDataType.mjDATATYPE_REAL
+        above = signed | (kind == mujoco.mjtDataType.mjDATATYPE_POSITIVE)
+        self._lowest = np.where(signed & (bound > 0.0), -bound, -np.inf)
+        self._highest = np.where(above & (bound > 0.0), bound, np.inf)
         names = [model.site(i).name for i in range(model.nsite)]
         for name in points:
             if name not in names:
@@ -91,9 +119,20 @@ class MjxBody:
 
     def start(self, q: jax.Array, v: jax.Array) -> BodyState:
         """The state at these positions (nq,) and velocities (nv,)."""
-        constrained = self._data._impl.efc_J.size > 0
-        act, warm = (jnp.zeros(n, q.dtype) for n in (self.mj_model.na, v.size if constrained else 0))
-        return BodyState(q, v, act, warm)
+        act, time = jnp.asarray(self._act, q.dtype), jnp.asarray(self._time, q.dtype)
+        return BodyState(q, v, act, jnp.zeros(v.size if self._constrained else 0, q.dtype), time)
+
+    def at_start(self) -> mujoco.MjData:
+        """MuJoCo's own data at the start."""
+        data = mujoco.MjData(self.mj_model)
+        if self._keyframe is not None:
+            mujoco.mj_resetDataKeyframe(self.mj_model, data, self._keyframe)
+        return data
+
+    @property
+    def _constrained(self) -> bool:
+        """Whether a constraint, such as a contact or a limit, can act."""
+        return self._data._impl.efc_J.size > 0
 
     def points(self, numbers: Numbers, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Positions (k, 3) m and velocities (k, 3) m/s in the world of the k points."""
@@ -138,9 +177,17 @@ class MjxBody:
                 data = data.replace(qfrc_applied=tau)
             if ctrl is not None:
                 data = data.replace(ctrl=ctrl)
-            data = mjx.step(model, data)
+            try:
+                data = mjx.forward(model, data)
+                if not self._constrained:  # MJX then leaves out sensors of accelerations and forces
+                    data = mjx.sensor_acc(model, data)
+            except (NotImplementedError, IndexError, TypeError, ValueError) as error:
+                raise ValueError(untraceable(self.mj_model, error)) from error
+            sensors = jnp.clip(data.sensordata, self._lowest, self._highest)
+            # RK4 writes those of its stages over the sensors
+            data = _INTEGRATE[self.mj_model.opt.integrator](model, data).replace(sensordata=sensors)
         warm = data.qacc_warmstart if state.warm.size else state.warm
-        found = BodyState(data.qpos, data.qvel, data.act, warm)
+        found = BodyState(data.qpos, data.qvel, data.act, warm, jnp.full(state.time.shape, data.time))
         return jax.tree.map(lambda new, old: new.astype(old.dtype), found, state), data
 
     def pressures(self, data: Any) -> jax.Array:
@@ -166,7 +213,8 @@ class MjxBody:
         model, data = jax.tree.map(placed, (self._model, self._data))
         model = model.tree_replace({name: jnp.asarray(v, state.q.dtype) for name, v in numbers.items()})
         warm = state.warm if state.warm.size else data.qacc_warmstart
-        return model, data.replace(qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm)
+        time = state.time[0] if state.time.size else data.time
+        return model, data.replace(qpos=state.q, qvel=state.v, act=state.act, qacc_warmstart=warm, time=time)
 
     def _pushes(self, model: Any, data: Any, forces: jax.Array) -> jax.Array:
         """MuJoCo's xfrc_applied (bodies, 6), at the centres of mass, from forces (k, 3) on the points."""
@@ -174,6 +222,17 @@ class MjxBody:
         body = self.mj_model.site_bodyid[self._sites]
         couples = jnp.cross(placed.site_xpos[self._sites] - placed.xipos[body], forces)
         return data.xfrc_applied.at[body].add(jnp.concatenate([forces, couples], axis=1))
+
+
+def _clocks(m: mujoco.MjModel) -> int:
+    """1 if a sensor shows the time, else 0."""
+    return int((m.sensor_type == mujoco.mjtSensor.mjSENS_CLOCK).any())
+
+
+def _cut(m: mujoco.MjModel) -> np.ndarray:
+    """Which sensors (nsensor,) MuJoCo cuts off."""
+    uncut = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO
+    return ~np.isin(m.sensor_type, uncut)
 
 
 @contextlib.contextmanager

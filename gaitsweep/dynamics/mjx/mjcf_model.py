@@ -28,7 +28,7 @@ from gaitsweep.dynamics.declared_model import Declared, Values
 from gaitsweep.near_miss import suggestion
 
 if TYPE_CHECKING:
-    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.body import MjxBody, Numbers
 
 BODY, SENSORS = "body", "sensors"  # fields of a state besides those that are declared
 
@@ -41,13 +41,15 @@ class MjcfModel(Declared, SteppedModel):
     variables. `state.body` has q, v and act; `sensor(state, NAME)` reads a sensor of the MJCF.
 
     Starts are the positions of slides and hinges, the place of a free joint, and their velocities, by the
-    joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of the MJCF's first keyframe, or of its
-    joints. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
+    joints' names: `JOINT_0`, `JOINT_rate_0`; their defaults are those of a keyframe, or of the joints where
+    the MJCF has none. A start has the keyframe's act, time, mpos and mquat too; its ctrl is `keyframe_ctrl`,
+    for `control`. Signals are `q_0`, `q_1`, ..., MuJoCo's qpos, besides what is declared.
 
     Constants of the body (masses, lengths, gravity) are the MJCF's, and cannot be parameters.
     """
 
     body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
+    keyframe: ClassVar[str] = ""  # the name of the keyframe of a start; the first one by default
 
     @classmethod
     def _other_fields(cls) -> list[str]:
@@ -56,6 +58,18 @@ class MjcfModel(Declared, SteppedModel):
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> jax.Array:
         """The controls (nu,) of the MJCF's actuators, in their order."""
+
+    @property
+    def mjx_body(self) -> MjxBody:
+        """The compiled MJCF."""
+        return _body(type(self))
+
+    @property
+    def keyframe_ctrl(self) -> jax.Array:
+        """The controls (nu,) of the keyframe of a start; zeros where the MJCF has none."""
+        m = self.mjx_body.mj_model
+        number = _keyframe(m, self.keyframe)
+        return jnp.zeros(m.nu) if number is None else jnp.asarray(m.key_ctrl[number])
 
     def rates(self, params: Any, state: Any, /) -> Rates:
         """Time derivatives of the declared variables, by name; a step moves them by one step of Euler."""
@@ -67,7 +81,7 @@ class MjcfModel(Declared, SteppedModel):
         Raises:
             ValueError: the MJCF has no such sensor.
         """
-        m = _body(type(self)).mj_model
+        m = self.mjx_body.mj_model
         names = [m.sensor(i).name for i in range(m.nsensor)]
         if name not in names:
             raise ValueError(f"The MJCF has no sensor '{name}'{suggestion(name, names)}")
@@ -82,27 +96,47 @@ class MjcfModel(Declared, SteppedModel):
 
     @property
     def signals(self) -> tuple[Quantity, ...]:
-        qpos = (Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(_body(type(self)).mj_model.nq))
+        qpos = (Quantity(f"q_{i}", "1", f"qpos[{i}] of MuJoCo") for i in range(self.mjx_body.mj_model.nq))
         return (*super().signals, *qpos)
 
     def signal(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
-        qpos = {f"q_{i}": state.body.q[i] for i in range(_body(type(self)).mj_model.nq)}
+        qpos = {f"q_{i}": state.body.q[i] for i in range(self.mjx_body.mj_model.nq)}
         return {**super().signal(params, state), **qpos}
 
     def init(self, params: Any, start: Values, /) -> Any:
-        body = _body(type(self))
-        places = [jnp.asarray(each) for each in _keyframe(body.mj_model)]
+        body = self.mjx_body
+        places = [jnp.asarray(each) for each in _places(type(self))]
         for which, i, quantity in _coordinates(type(self)):
             places[which] = places[which].at[i].set(start[quantity.name])
         sensors = jnp.zeros(body.mj_model.nsensordata)
         return self.State(**self._started(start), body=body.start(*places), sensors=sensors)
 
     def step(self, params: Any, state: Any, dt: jax.Array, /) -> Any:
-        controls = jnp.asarray(self.control(params, state), float)
-        moved, data = _body(type(self)).step({}, state.body, dt, ctrl=controls)
+        return self.step_with({}, params, state, dt)
+
+    def step_with(self, numbers: Numbers, params: Any, state: Any, dt: jax.Array) -> Any:
+        """The state one step later, with some numbers of mjx.Model replaced."""
+        controls = self.checked_control(params, state)
+        moved, data = self.mjx_body.step(numbers, state.body, dt, ctrl=controls)
         rates = self.rates(params, state)
         changes = {name: getattr(state, name) + dt * rate for name, rate in rates.items()}
         return state.replace(**changes, body=moved, sensors=data.sensordata)
+
+    def checked_control(self, params: Any, state: Any) -> jax.Array:
+        """What `control` gives, (nu,).
+
+        Raises:
+            ValueError: it has another shape.
+        """
+        given = jnp.asarray(self.control(params, state), float)
+        m = self.mjx_body.mj_model
+        if given.shape != (m.nu,):
+            names = ", ".join(m.actuator(i).name or f"actuator {i}" for i in range(m.nu)) or "none"
+            raise ValueError(
+                f"control gives the shape {given.shape}, where it gives ({m.nu},), a number for each "
+                f"actuator of the MJCF ({names})."
+            )
+        return given
 
     def events(self, params: Any, before: Any, after: Any, /) -> jax.Array:
         fired = []
@@ -125,17 +159,22 @@ class MjcfModel(Declared, SteppedModel):
 
     def longest_step(self, params: Any, /) -> jax.Array:
         """The MJCF's timestep."""
-        return jnp.asarray(_body(type(self)).mj_model.opt.timestep) + 0.0 * self.period(params)
+        return jnp.asarray(self.mjx_body.mj_model.opt.timestep) + 0.0 * self.period(params)
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         return _source(type(self))
+
+    def caveats(self) -> list[str]:
+        from gaitsweep.dynamics.mjx.against_c import at_first_use
+
+        return at_first_use(self)
 
     @property
     def data_digest(self) -> str:
         """A digest of the compiled MJCF, with its meshes."""
         import mujoco
 
-        model = _body(type(self)).mj_model
+        model = self.mjx_body.mj_model
         buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, buffer)
         return hashlib.sha256(buffer.tobytes()).hexdigest()
@@ -167,23 +206,40 @@ def _body(kind: type[MjcfModel]) -> MjxBody:
         FileNotFoundError: there is no such file.
     """
     if kind.body_file.lstrip().startswith("<"):
-        return _compiled(kind.body_file, None)
+        return _compiled(kind.body_file, None, kind.keyframe)
     path = _path(kind)
-    return _compiled(str(path), path.stat().st_mtime_ns if path.is_file() else None)
+    return _compiled(str(path), path.stat().st_mtime_ns if path.is_file() else None, kind.keyframe)
 
 
 @functools.lru_cache(maxsize=32)
-def _compiled(source: str, _written: int | None) -> MjxBody:
-    from gaitsweep.dynamics.mjx.body import MjxBody
+def _compiled(source: str, _written: int | None, keyframe: str) -> MjxBody:
+    from gaitsweep.dynamics.mjx.body import MjxBody, compiled
 
-    return MjxBody(source, contact=True)
+    model = compiled(source)
+    return MjxBody(model, contact=True, keyframe=_keyframe(model, keyframe))
 
 
-def _keyframe(m: Any) -> tuple[np.ndarray, np.ndarray]:
-    """qpos and qvel of the first keyframe; of the joints where there is none."""
-    if m.nkey:
-        return np.array(m.key_qpos[0]), np.array(m.key_qvel[0])
-    return np.array(m.qpos0), np.zeros(m.nv)
+def _keyframe(m: Any, name: str) -> int | None:
+    """The number of the keyframe of this name, of the first one for an empty name; None: there is none.
+
+    Raises:
+        ValueError: the MJCF has no keyframe of this name.
+    """
+    if not name:
+        return 0 if m.nkey else None
+    names = [m.key(i).name for i in range(m.nkey)]
+    if name not in names:
+        raise ValueError(f"The MJCF has no keyframe '{name}'{suggestion(name, names)}")
+    return names.index(name)
+
+
+def _places(kind: type[MjcfModel]) -> tuple[np.ndarray, np.ndarray]:
+    """qpos and qvel of the keyframe of a start; of the joints where there is none."""
+    m = _body(kind).mj_model
+    number = _keyframe(m, kind.keyframe)
+    if number is None:
+        return np.array(m.qpos0), np.zeros(m.nv)
+    return np.array(m.key_qpos[number]), np.array(m.key_qvel[number])
 
 
 def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
@@ -191,7 +247,7 @@ def _coordinates(kind: type[MjcfModel]) -> list[tuple[int, int, Quantity]]:
     import mujoco
 
     m = _body(kind).mj_model
-    defaults = _keyframe(m)
+    defaults = _places(kind)
     found: list[tuple[int, int, Quantity]] = []
 
     def add(which: int, i: int, name: str, unit: str, meaning: str) -> None:

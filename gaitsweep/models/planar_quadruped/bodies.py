@@ -119,7 +119,8 @@ class PlanarMjxBody(PlanarBody):
             "dof_damping": m.damping(swinging(s.u)),
             "geom_friction": jnp.concatenate([sliding, friction[:, 1:]], axis=1),
         }
-        before = BodyState(s.q, s.v, jnp.zeros((0,), s.q.dtype), s.warm)
+        none = jnp.zeros((0,), s.q.dtype)
+        before = BodyState(s.q, s.v, none, s.warm, none)
         after, data = in_mjx.step(numbers, before, dt, tau=tau)
         return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
 

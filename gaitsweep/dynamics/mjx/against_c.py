@@ -1,0 +1,352 @@
+"""A model of an MJCF beside MuJoCo C: where its steps part from those of MuJoCo, and the likely cause.
+
+MuJoCo C takes the controls that the model gave, so that the bodies alone are compared. Where two motions
+part, each step before is repeated in C from the model's own state: a step that differs by itself has a cause,
+and without such a step the motion is merely sensitive to rounding.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from gaitsweep.cache_folder import cache_folder, keep, kept
+from gaitsweep.contract import Quantity
+from gaitsweep.dynamics.mjx.body import BodyState
+from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
+from gaitsweep.expression import resolve
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
+
+FIRST_USE = 64  # steps of the comparison when an MJCF is first used
+TOLERANCE = 1e-5  # of a coordinate, relative to its size where that is above 1
+# Difference of a single step, by the same measure, above the tolerance of MuJoCo's solver.
+_OF_A_STEP = 1e-7
+_EXACT = 1e-14  # the tolerance of the solver of constraints at which its share of a difference is gone
+_RANDOM_STARTS = 8
+_CACHE = "mjcf_comparisons"
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """A state from which both begin, and its name."""
+
+    name: str
+    q: np.ndarray
+    v: np.ndarray
+    act: np.ndarray
+    time: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Parting:
+    """The first step at which a motion is off by more than the tolerance; no cause: it is sensitive."""
+
+    start: str
+    step: int
+    coordinate: str
+    element: str
+    ours: float
+    theirs: float
+    cause: str
+
+    def __str__(self) -> str:
+        cause = self.cause or "no step by itself: this motion enlarges differences of rounding"
+        return (
+            f"From {self.start}, {self.coordinate} ({self.element}) is {self.ours:.7g} at step {self.step}, "
+            f"but {self.theirs:.7g} in MuJoCo C; likely cause: {cause}."
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """The motions of a model beside those of MuJoCo C.
+
+    `largest` is the largest difference of a coordinate before a motion parts.
+    """
+
+    starts: int
+    steps: int
+    largest: float
+    partings: list[Parting]
+
+    @property
+    def wrong(self) -> list[Parting]:
+        """Where the motions part for a cause."""
+        return [each for each in self.partings if each.cause]
+
+
+def compare(model: MjcfModel, steps: int) -> Comparison:
+    """Step a model and MuJoCo C from each keyframe and from random states, at the model's defaults."""
+    with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
+        both = _Both(model, steps)
+        m = model.mjx_body.mj_model
+        starts = [*_keyframes(m), *_random(m, model.mjx_body.at_start())]
+        found = [both.from_start(start) for start in starts]
+    partings = [parting for parting, _ in found if parting is not None]
+    return Comparison(len(starts), steps, max(largest for _, largest in found), partings)
+
+
+class _Both:
+    """A model's steps as one compiled program, and MuJoCo's."""
+
+    def __init__(self, model: MjcfModel, steps: int) -> None:
+        self._body, self._steps = model.mjx_body, steps
+        self._m = m = self._body.mj_model
+        # the same with constraints that are solved to rounding
+        self._exact = copy.copy(m)
+        self._exact.opt.tolerance = _EXACT
+        self._params, self._state = _at_default(model)
+        dt = jnp.asarray(m.opt.timestep)
+
+        def one(carry: Any, given: Any) -> Any:
+            params, state = carry
+            before, begins, tolerance = given
+            state = jax.tree.map(lambda new, old: jnp.where(begins, new, old), before, state)
+            after = model.step_with({"opt.tolerance": tolerance}, params, state, dt)
+            return (params, after), (after, model.checked_control(params, state))
+
+        def run(params: Any, states: Any, begins: Any, tolerance: Any) -> Any:
+            first = jax.tree.map(lambda leaf: leaf[0], states)
+            return jax.lax.scan(one, (params, first), (states, begins, tolerance))[1]
+
+        # XLA's optimizations would take longer than they save
+        options = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+        states = jax.tree.map(lambda leaf: jnp.stack([leaf] * steps), self._state)
+        example = self._params, states, jnp.zeros(steps, bool), jnp.zeros(steps)
+        self._program = jax.jit(run).lower(*example).compile(options)
+
+    def from_start(self, start: Start) -> tuple[Parting | None, float]:
+        """Where the motion from a start parts from C's, and the largest difference before."""
+        body = self._state.body
+        body = BodyState(
+            q=jnp.asarray(start.q),
+            v=jnp.asarray(start.v),
+            act=jnp.asarray(start.act),
+            warm=jnp.zeros_like(body.warm),
+            time=jnp.full_like(body.time, start.time),
+        )
+        first = self._state.replace(body=body, sensors=0.0)
+        states = jax.tree.map(lambda leaf: jnp.stack([leaf] * self._steps), first)
+        after, controls = self._stepped(states, False, self._m.opt.tolerance)
+        ours, largest = _numbers(after), 0.0
+        data = self._body.at_start()
+        _place(data, jax.tree.map(np.asarray, body), start.time)
+        for k, control in enumerate(controls):
+            theirs = _after_step(self._m, data, control)
+            off = _off(ours[k], theirs)
+            if (off > TOLERANCE).any():
+                i = int(np.argmax(off > TOLERANCE))
+                before = jax.tree.map(lambda old, new: np.concatenate([old[:1], new[:-1]]), states, after)
+                cause = self._cause(i, k + 1, before, ours, controls, start.time)
+                where = _element(self._m, i)
+                return Parting(start.name, k + 1, *where, float(ours[k, i]), float(theirs[i]), cause), largest
+            largest = max(largest, float(off.max(initial=0.0)))
+        return None, largest
+
+    def _stepped(self, states: Any, begins: bool, tolerance: float) -> tuple[Any, np.ndarray]:
+        """States after each step and the controls in it, each from the last or from its own of `states`."""
+        flags = np.full(self._steps, begins)
+        found = self._program(self._params, states, flags, np.full(self._steps, tolerance))
+        return jax.tree.map(np.asarray, found)
+
+    def _cause(
+        self, i: int, steps: int, before: Any, ours: np.ndarray, controls: np.ndarray, time: float
+    ) -> str:
+        """The likely cause that number `i` parts: what acts in the first step that differs by itself."""
+        m, moved = self._m, self._m.nq + self._m.nv + self._m.na
+        exact, loose = _numbers(self._stepped(before, True, _EXACT)[0]), False
+        for k in range(steps):
+            state = jax.tree.map(lambda leaf, k=k: leaf[k], before.body)
+            theirs = []
+            for each in (self._exact, m):
+                data = self._body.at_start()
+                _place(data, state, time + k * m.opt.timestep)
+                theirs.append(_after_step(each, data, controls[k]))
+            off = _off(exact[k], theirs[0])
+            if off[:moved].max(initial=0.0) > _OF_A_STEP:
+                return f"{_acting(m, data)} (from step {k + 1} on)"
+            if i >= moved and off[i] > TOLERANCE:
+                kind = mujoco.mjtSensor(m.sensor_type[_sensor_of(m, i - moved)]).name
+                return f"MJX computes a sensor of type {kind.partition('_')[2].lower()} otherwise"
+            loose |= bool(_off(ours[k], theirs[1]).max(initial=0.0) > _OF_A_STEP)
+        if loose:
+            return f"the solver of constraints, which both end at the option tolerance {m.opt.tolerance:g}"
+        return ""
+
+
+def at_first_use(model: MjcfModel) -> list[str]:
+    """What is to be known of a model's MJCF beside MuJoCo C: a sentence each, kept in the cache."""
+    with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
+        params, state = _at_default(model)
+        control = str(jax.make_jaxpr(model.checked_control)(params, state))
+        first = np.asarray(model.checked_control(params, state))
+    leaves = [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((params, state))]
+    versions = [version(name) for name in ("gaitsweep", "mujoco", "mujoco-mjx")]
+    made_of = hashlib.sha256(repr((model.data_digest, control, leaves, versions, FIRST_USE)).encode())
+    folder = cache_folder(_CACHE)
+    file = None if folder is None else folder / f"{made_of.hexdigest()}.json"
+    if file is not None and (known := kept(file)) is not None:
+        return json.loads(known)
+    said = _sentences(model, first)
+    if file is not None:
+        keep(file, json.dumps(said).encode())
+    return said
+
+
+def _sentences(model: MjcfModel, control: np.ndarray) -> list[str]:
+    m = model.mjx_body.mj_model
+    found = cautions(m)
+    wanted = np.asarray(model.keyframe_ctrl)
+    if wanted.any() and not np.array_equal(wanted, control):
+        found.append(
+            "The keyframe of the start has controls (ctrl), but control gives others there: "
+            "keyframe_ctrl has them."
+        )
+    causes = {each.cause: each for each in reversed(compare(model, FIRST_USE).wrong)}
+    return [*found, *(f"The MJCF moves otherwise than in MuJoCo C. {each}" for each in causes.values())]
+
+
+def _at_default(model: MjcfModel) -> tuple[Any, Any]:
+    """Parameters and state at a model's defaults."""
+    values = _defaults(model.parameters, {})
+    params = model.params({name: jnp.asarray(value) for name, value in values.items()})
+    start = _defaults(model.initial_conditions, values)
+    return params, model.init(params, {name: jnp.asarray(value) for name, value in start.items()})
+
+
+def _defaults(quantities: Iterable[Quantity], known: dict[str, float]) -> dict[str, float]:
+    formulas = {
+        q.name: q.default if q.default is not None else float(np.clip(1.0, q.low, q.high)) for q in quantities
+    }
+    found = resolve(formulas, known)
+    return {name: float(found[name]) for name in formulas}
+
+
+# the starts
+
+
+def _keyframes(m: mujoco.MjModel) -> Iterator[Start]:
+    data = mujoco.MjData(m)
+    if not m.nkey:
+        yield Start("the start", data.qpos.copy(), data.qvel.copy(), data.act.copy(), 0.0)
+    for i in range(m.nkey):
+        mujoco.mj_resetDataKeyframe(m, data, i)
+        name = f"keyframe '{m.key(i).name or i}'"
+        yield Start(name, data.qpos.copy(), data.qvel.copy(), data.act.copy(), data.time)
+
+
+def _random(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:
+    """Random states: some as they are drawn, some once C has moved them to their first contact."""
+    chance = np.random.default_rng(0)
+    longest = min(1000, int(1.0 / m.opt.timestep))
+    for i in range(_RANDOM_STARTS):
+        size = (0.1, 1.0)[i // 2 % 2]
+        drawn = [_drawn(m, at_start, size, chance) for _ in range(8)]
+        depths = [_deepest(m, data) for data in drawn]
+        data = drawn[next((k for k, depth in enumerate(depths) if depth < 1e-3), int(np.argmin(depths)))]
+        steps = 0
+        while i % 2 and not data.ncon and steps < longest and np.isfinite(data.qacc).all():
+            mujoco.mj_step(m, data)
+            steps += 1
+        yield Start(f"random state {i + 1}", data.qpos.copy(), data.qvel.copy(), data.act.copy(), 0.0)
+
+
+def _drawn(m: mujoco.MjModel, at_start: mujoco.MjData, size: float, chance: Any) -> mujoco.MjData:
+    data = mujoco.MjData(m)
+    for name in ("qpos", "act", "mocap_pos", "mocap_quat"):
+        getattr(data, name)[:] = getattr(at_start, name)
+    mujoco.mj_integratePos(m, data.qpos, 0.5 * size * chance.standard_normal(m.nv), 1.0)
+    for j in np.flatnonzero(m.jnt_limited & (m.jnt_type != mujoco.mjtJoint.mjJNT_BALL)):
+        low, high = m.jnt_range[j]
+        data.qpos[m.jnt_qposadr[j]] = chance.uniform(low, high)
+    data.qvel[:] = size * chance.standard_normal(m.nv)
+    data.act[:] = chance.uniform(size=m.na)
+    mujoco.mj_forward(m, data)
+    return data
+
+
+def _deepest(m: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """The depth (m) of the deepest contact."""
+    return max((-float(contact.dist) for contact in data.contact), default=0.0)
+
+
+# where they part
+
+
+def _numbers(states: Any) -> np.ndarray:
+    """The numbers (steps, n) that are compared, of a model's states."""
+    body = states.body
+    return np.concatenate([body.q, body.v, body.act, states.sensors], axis=1)
+
+
+def _after_step(m: mujoco.MjModel, data: mujoco.MjData, control: np.ndarray) -> np.ndarray:
+    """The numbers (n,) that are compared, after a step of MuJoCo C."""
+    data.ctrl[:] = control
+    mujoco.mj_step(m, data)
+    return np.concatenate([data.qpos, data.qvel, data.act, data.sensordata])
+
+
+def _off(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """The differences by the measure of the tolerance."""
+    gap = np.abs(ours - theirs) / np.maximum(1.0, np.abs(theirs))
+    return np.where(np.isfinite(ours), gap, np.inf)
+
+
+def _place(data: mujoco.MjData, body: BodyState, time: float) -> None:
+    data.qpos[:], data.qvel[:], data.act[:], data.time = body.q, body.v, body.act, time
+    data.qacc_warmstart[:] = body.warm if body.warm.size else 0.0
+
+
+def _acting(m: mujoco.MjModel, data: mujoco.MjData) -> str:
+    """The constraints that act in C at the beginning of the step that `data` has made."""
+    pairs = [tuple(map(int, contact.geom)) for contact in data.contact if contact.efc_address >= 0]
+    if pairs:
+        others = [each for pair in pairs if (each := contact_words(m, *pair, same=False))]
+        return next(iter(others), "") or contact_words(m, *pairs[0])
+    rows = {
+        mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT: ("jnt", "the limit of "),
+        mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON: ("tendon", "the limit of "),
+        mujoco.mjtConstraint.mjCNSTR_EQUALITY: ("eq", ""),
+        mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF: ("dof", "the friction of "),
+        mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON: ("tendon", "the friction of "),
+    }
+    for kind, number in zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True):
+        if kind in rows:
+            owner, words = rows[kind]
+            return words + named(m, owner, int(number))
+    driven = [named(m, "actuator", i) for i in range(m.nu)]
+    return "the motion without contacts and limits" + (f", or {', '.join(driven[:3])}" if driven else "")
+
+
+def _element(m: mujoco.MjModel, i: int) -> tuple[str, str]:
+    """The coordinate and the element of a compared number."""
+    if i < m.nq:
+        return f"qpos[{i}]", named(m, "jnt", int(np.flatnonzero(m.jnt_qposadr <= i)[-1]))
+    i -= m.nq
+    if i < m.nv:
+        return f"qvel[{i}]", named(m, "dof", i)
+    i -= m.nv
+    if i < m.na:
+        owner = np.flatnonzero((m.actuator_actadr >= 0) & (m.actuator_actadr <= i))[-1]
+        return f"act[{i}]", named(m, "actuator", int(owner))
+    i -= m.na
+    return f"sensordata[{i}]", named(m, "sensor", _sensor_of(m, i))
+
+
+def _sensor_of(m: mujoco.MjModel, i: int) -> int:
+    return int(np.flatnonzero(m.sensor_adr <= i)[-1])

@@ -1,0 +1,121 @@
+"""Contacts of capsules, boxes and cylinders with a plane, and of capsules with others, as in MuJoCo C.
+
+MJX's own functions choose other friction axes below a steep capsule and other points of boxes and cylinders,
+and round the points of capsules to a millionth, so that bodies land otherwise than in MuJoCo C. These
+functions take their places in MJX's table.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that Warp is not installed
+    from mujoco import mjx as mjx  # the other modules take it from here
+from mujoco.mjx._src import collision_driver, collision_primitive, math
+from mujoco.mjx._src.collision_primitive import collider
+from mujoco.mjx._src.collision_types import GeomInfo
+from mujoco.mjx._src.types import GeomType
+
+Contacts = tuple[jax.Array, jax.Array, jax.Array]  # distances (k,), positions (k, 3), frames (k, 3, 3)
+
+_SIGNS = np.array([[1.0 if i >> axis & 1 else -1.0 for axis in range(3)] for i in range(8)])
+
+
+def _at(points: jax.Array, plane: GeomInfo, frame: jax.Array) -> Contacts:
+    """Contacts of a body's points (k, 3) with a plane: midway between a point and the plane."""
+    normal = plane.mat[:, 2]
+    distances = (points - plane.pos) @ normal
+    middles = points - 0.5 * distances[:, None] * normal
+    return distances, middles, jnp.broadcast_to(frame, (len(points), 3, 3))
+
+
+@collider(ncon=2)
+def _plane_capsule(plane: GeomInfo, capsule: GeomInfo) -> Contacts:
+    """Both ends of a capsule; friction acts along the axis as the plane sees it, however steep it is."""
+    normal, axis = plane.mat[:, 2], capsule.mat[:, 2]
+    along = axis - normal * jnp.dot(normal, axis)
+    length = jnp.linalg.norm(along)
+    upright = length < mujoco.mjMINVAL
+    along = jnp.where(upright, jnp.array([1.0, 0.0, 0.0]), along / jnp.where(upright, 1.0, length))
+    frame = jnp.stack([normal, along, jnp.cross(normal, along)])
+    ends = capsule.pos + jnp.array([[1.0], [-1.0]]) * axis * capsule.size[1]
+    return _at(ends - capsule.size[0] * normal, plane, frame)
+
+
+@collider(ncon=4)
+def _plane_box(plane: GeomInfo, box: GeomInfo) -> Contacts:
+    """The four lowest corners, which are those below the centre."""
+    normal = plane.mat[:, 2]
+    corners = (_SIGNS * box.size) @ box.mat.T
+    _, lower = jax.lax.top_k(-(corners @ normal), 4)
+    return _at(box.pos + corners[lower], plane, math.make_frame(normal))
+
+
+@collider(ncon=4)
+def _plane_cylinder(plane: GeomInfo, cylinder: GeomInfo) -> Contacts:
+    """The lowest point of each end, and two more of the lower end, a third of a turn to either side."""
+    normal, axis = plane.mat[:, 2], cylinder.mat[:, 2]
+    axis = jnp.where(jnp.dot(normal, axis) > 0.0, -axis, axis)
+    radius, half = cylinder.size[0], cylinder.size[1]
+    down = axis * jnp.dot(normal, axis) - normal
+    length = jnp.linalg.norm(down)
+    flat = length < mujoco.mjMINVAL
+    down = jnp.where(flat, cylinder.mat[:, 0], down / jnp.where(flat, 1.0, length)) * radius
+    aside = np.sqrt(0.75) * radius * math.normalize(jnp.cross(down, axis))
+    end = half * axis
+    points = jnp.stack([down + end, down - end, aside - 0.5 * down + end, -aside - 0.5 * down + end])
+    return _at(cylinder.pos + points, plane, math.make_frame(normal))
+
+
+@collider(ncon=1)
+def _sphere_capsule(sphere: GeomInfo, capsule: GeomInfo) -> Contacts:
+    """The point of a capsule's axis that is nearest to a sphere."""
+    axis, half = capsule.mat[:, 2], capsule.size[1]
+    nearest = capsule.pos + jnp.clip(jnp.dot(axis, sphere.pos - capsule.pos), -half, half) * axis
+    return _touching(sphere.pos, sphere.size[0], nearest, capsule.size[0])
+
+
+@collider(ncon=1)
+def _capsule_capsule(one: GeomInfo, other: GeomInfo) -> Contacts:
+    """The nearest points of two capsules; of parallel ones, a point amid, where C has two."""
+    a, b = one.mat[:, 2] * one.size[1], other.mat[:, 2] * other.size[1]
+    apart = one.pos - other.pos
+    aa, ab, bb = jnp.dot(a, a), jnp.dot(a, b), jnp.dot(b, b)
+    along_a, along_b = -jnp.dot(a, apart), jnp.dot(b, apart)
+    determinant = aa * bb - ab * ab
+    parallel = determinant < mujoco.mjMINVAL
+    free = jnp.where(parallel, 0.0, bb * along_a + ab * along_b) / jnp.where(parallel, 1.0, determinant)
+    # the point of one first, then that of the other, then the first again where the other was beyond its end
+    x = jnp.clip(free, -1.0, 1.0)
+    y = (along_b + ab * x) / bb
+    beyond = jnp.abs(y) > 1.0
+    y = jnp.clip(y, -1.0, 1.0)
+    x = jnp.where(beyond, jnp.clip((along_a + ab * y) / aa, -1.0, 1.0), x)
+    return _touching(one.pos + x * a, one.size[0], other.pos + y * b, other.size[0])
+
+
+def _touching(one: jax.Array, radius: jax.Array, other: jax.Array, radius_of_other: jax.Array) -> Contacts:
+    """The contact of two spheres."""
+    distance, place, normal = collision_primitive._sphere_sphere(one, radius, other, radius_of_other)
+    return distance, place, math.make_frame(normal)
+
+
+def use() -> None:
+    """Let MJX, in this process, take these contacts."""
+    for shapes, function in (
+        ((GeomType.PLANE, GeomType.CAPSULE), _plane_capsule),
+        ((GeomType.PLANE, GeomType.BOX), _plane_box),
+        ((GeomType.PLANE, GeomType.CYLINDER), _plane_cylinder),
+        ((GeomType.SPHERE, GeomType.CAPSULE), _sphere_capsule),
+        ((GeomType.CAPSULE, GeomType.CAPSULE), _capsule_capsule),
+    ):
+        collision_driver._COLLISION_FUNC[shapes] = function
