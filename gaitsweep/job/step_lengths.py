@@ -44,7 +44,8 @@ def check_numerics(model: Model, numerics: NumericsSpec) -> list[Diagnostic]:
     diagnostics = []
     resolved = numerics.engine(model)
     if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
-        text = f"is {numerics.event_tolerance:g}, but must be at most {LARGEST_EVENT_TOLERANCE:g} of a period."
+        most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
+        text = f"is {numerics.event_tolerance:g}, but must be {most}."
         diagnostics.append(Diagnostic(("numerics", "event_tolerance"), text))
     if numerics.precision not in model.precisions:
         allowed = ", ".join(model.precisions)
