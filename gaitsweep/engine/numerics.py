@@ -36,8 +36,8 @@ class Numerics:
 
     `dt` is the longest step (s); `method` one of `METHODS`; `event_tolerance` the tolerance on event times
     (a share of the nominal period); `rtol` and `atol` the relative and absolute tolerances on the local
-    error, for methods with step control; `precision` float64, float32, or mixed: states and times are float64, and a step's length is
-    passed to the model as float32, so that it may compute forces in float32;
+    error, for methods with step control; `precision` float64, float32, or mixed: states and times are
+    float64, and a step's length is passed to the model as float32, so that it may compute forces in float32;
     `contraction`: a kernel may compute a product and a sum in one instruction, which rounds once.
     """
 
