@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 from typing import Any
@@ -174,6 +175,20 @@ def test_a_motion_that_differs_is_found_and_named(monkeypatch: Any, tmp_path: Pa
 @pytest.mark.slow
 def test_a_box_on_a_plane_moves_as_in_c() -> None:
     found = compare(model_of(STANDING.format("plane")), 300)
+    assert not found.partings
+    assert found.largest < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("package", "file"),
+    [("gymnasium", "envs/mujoco/assets/ant.xml"), ("dm_control", "suite/humanoid.xml")],
+)
+def test_bodies_of_packages_move_as_in_c(package: str, file: str) -> None:
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
+        pytest.skip(f"{package} is not installed")
+    found = compare(model_of(str(Path(spec.origin).parent / file)), 64)
     assert not found.partings
     assert found.largest < 1e-6
 
