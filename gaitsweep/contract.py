@@ -364,6 +364,9 @@ class HybridModel(Model):
     """
 
     linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields at fixed modes
+    # whether guards that fire in the same trial reach one jump (with the derivative of one event time), in
+    # place of one jump each: for jumps that decide by all events of the instant
+    jumps_together: ClassVar[bool] = False
 
     @property
     def recommended(self) -> Recommended:

@@ -54,6 +54,8 @@ LEAST_LATE = 0.25
 # The largest time past a guard's root by its own rate, as a multiple of the tolerance: a guard that jumps
 # to a small number above zero looks nearer to its root by the secant than it is.
 LARGEST_LATE = 4.0
+# Where the parameters of a schedule are read for the end of a step, as a share of it.
+STEP_END = 1.0 - 1e-9
 # Step control: the safety factor of a step, the smallest factor by which a failed step is shortened, and the
 # smallest step as a share of the longest, which is accepted with any error (a state that diverges is then
 # reported as diverged).
@@ -207,7 +209,8 @@ def _advance_hybrid(
         room = jnp.maximum(carry.stop - carry.t, 0.0)
         h = jnp.where(going, jnp.minimum(carry.h, room), 0.0)
         here = params if drive is None else drive(params, carry.t + 0.5 * h)
-        there = params if drive is None else drive(params, carry.t + h)
+        # not yet what a schedule of steps changes to at the end
+        there = params if drive is None else drive(params, carry.t + h * STEP_END)
         if method.adaptive:
             trial, error = propose(here, carry.state, h)
             change = _fitting_change(error, carry, trial, numerics)
@@ -275,7 +278,7 @@ def _advance_hybrid(
         next_h = jnp.where(leaves, 0.0, next_h)
 
         # one guard jumps in an attempt
-        jumping = _first_of(jnp.where(jnp.any(waiting), waiting, fired))
+        jumping = fired if model.jumps_together else _first_of(jnp.where(jnp.any(waiting), waiting, fired))
         bracket["far_guards"] = jnp.where(
             land & (jumping | (still & fired & ~waiting)), jnp.inf, bracket["far_guards"]
         )
@@ -284,7 +287,7 @@ def _advance_hybrid(
         t = carry.t + h
         if sensitivities:
             # an event caused by a jump has no root of its own: it happens at the time of that jump
-            rooted = jumping & (waiting | ((carry.near < 0.0) & (h > 0.0))) & land
+            rooted = _first_of(jumping & (waiting | ((carry.near < 0.0) & (h > 0.0)))) & land
             end, later = _implicit_event_time(trial, arriving, guards, speed, rooted)
             # a crossing is read at its own time
             end = move(end, arriving, jnp.where(leaves, -shift, 0.0))

@@ -401,7 +401,8 @@ def test_each_event_of_an_instant_has_its_own_derivative_of_time() -> None:
         x = found.points.at[0]
         steps = 1e-6 * np.eye(4)
         differences = np.stack([(mapping(x + e) - mapping(x - e)) / 2e-6 for e in steps], axis=1)
-        np.testing.assert_allclose(mapping.jacobian(x), differences, rtol=0, atol=1e-5)
+        # second derivatives jump where the balls come apart, so differences are of first order
+        np.testing.assert_allclose(mapping.jacobian(x), differences, rtol=0, atol=5e-5)
     branch = gs.return_map(Twin).continue_({}, "k", [0.0, 10.0], towards=1)
     (flip,) = branch.loc[branch["special"] == "flip", "k"]
     assert flip == pytest.approx(6.1612, abs=1e-4)

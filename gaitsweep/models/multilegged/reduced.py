@@ -88,6 +88,9 @@ class MultileggedReduced(Multilegged):
 
     name: ClassVar[str] = "multilegged_reduced"
     linear: ClassVar[bool] = True
+    # neighbours that touch down at one instant are both reset: the first reset would take the other's load
+    # away
+    jumps_together: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
