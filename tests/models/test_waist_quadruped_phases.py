@@ -18,7 +18,7 @@ def settled(
     config: str,
     places: dict[str, list[float]],
     folder: Path,
-    tolerance: float = 1e-5,
+    tolerance: float | dict[str, float] = 1e-5,
     longest: float = 127.0,
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """The rows of these places with a config's constants, all of which settle, and their Delta_13 (n,)."""
@@ -111,7 +111,9 @@ def test_three_gaits_stand_near_fig_5(tmp_path: Path) -> None:
         "beta": [0.75, 0.75, 0.75, 0.75, 0.77, *[0.75] * 7, 0.741],
         "delta_13": [3.1, 3.1, 3.1, 2.6, 3.1, 2.6, 2.6, 2.6, 3.1, 0.3, -1.5, 0.3, 2.6],
     }
-    table, phases = settled("aoi2011_three_gaits", places, tmp_path, 1e-4)
+    # at f = 2.97 the speed jitters by 2e-3 for good
+    tolerance = {"delta_13": 1e-4, "delta_12": 1e-4, "delta_34": 1e-4}
+    table, phases = settled("aoi2011_three_gaits", places, tmp_path, tolerance)
     trot, walk, pace = [0, 1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11]
     assert np.abs(phases[trot] - 3.1).max() < 0.115
     assert np.abs(phases[walk] - 2.7).max() < 0.13
