@@ -7,6 +7,7 @@ which is that of the class's attribute.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -101,12 +102,11 @@ class Mode(Counted):
     def starts(self, model: Model, name: str) -> tuple[Quantity, ...]:
         """The initial conditions, whole numbers, with their defaults."""
         values = np.broadcast_to(np.asarray(self.start), self.shape(model))
-        switch = {"low": 0.0, "high": 1.0} if np.issubdtype(values.dtype, np.bool_) else {}
+        low, high = (0.0, 1.0) if np.issubdtype(values.dtype, np.bool_) else (-math.inf, math.inf)
         places = [""] if self.count is None else [f"_{i + 1}" for i in range(self.size(model))]
+        meaning = f"{self.meaning}, at the start"
         return tuple(
-            Quantity(
-                f"{name}{place}_0", "1", f"{self.meaning}, at the start", float(value), whole=True, **switch
-            )
+            Quantity(f"{name}{place}_0", "1", meaning, float(value), low=low, high=high, whole=True)
             for place, value in zip(places, values.ravel(), strict=True)
         )
 

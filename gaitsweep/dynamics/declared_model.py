@@ -397,6 +397,7 @@ class DeclaredModel(Declared, HybridModel):
         ]
         comes_to_rest = jnp.any(jnp.stack(soon)) | jnp.any(arming.accumulated)
         for each in resting:
+            assert each.resting is not None
             rests = each.happens(flags[each]) & comes_to_rest
             after = _where(rests, self._begun(params, each.resting(self, params, after)), after)
         return after

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Literal
+from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.propose import move
@@ -108,8 +108,9 @@ def switches(flow: Callable[[Params, State], Rates], params: Params, state: Stat
     closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program, given = closed.jaxpr, jax.tree.leaves((params, state))
     held = len(jax.tree.leaves(params))
-    fields = [path[0].name for path, _ in jax.tree_util.tree_leaves_with_path(state)]
-    moving = {v for v, name in zip(program.invars[held:], fields, strict=True) if name in rates}
+    # a state that is registered without names of its fields counts as moving as a whole
+    fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
+    moving = {v for v, name in zip(program.invars[held:], fields, strict=True) if name in (None, *rates)}
     found = []
     for equation in program.eqns:
         if moving.intersection(v for v in equation.invars if not isinstance(v, Literal)):
@@ -118,7 +119,8 @@ def switches(flow: Callable[[Params, State], Rates], params: Params, state: Stat
                 found += equation.outvars
     if not found:
         return jnp.zeros((0,), bool)
-    told = jax.core.eval_jaxpr(program.replace(outvars=found, debug_info=None), closed.consts, *given)
+    compared = ClosedJaxpr(program.replace(outvars=found, debug_info=None), closed.consts)
+    told = jaxpr_as_fun(compared)(*given)
     return jnp.concatenate([jnp.ravel(each) for each in told])
 
 
