@@ -422,7 +422,7 @@ class DeclaredModel(Declared, HybridModel):
 
 
 class _Surfaces:
-    """The surfaces of armed events seen from one state, and whether its flow turns back at them."""
+    """The surfaces of armed events seen from one state, and how their heights change along its flow."""
 
     def __init__(self, model: DeclaredModel, params: Any, state: Any) -> None:
         self._model, self._params, self._state = model, params, state

@@ -19,7 +19,7 @@ _LATEST = 1.0e-6
 CORRECTED = 1.0e-11
 _BAND = 8.0
 # Crossings in succession, each without having been below 0, beyond which bounces have accumulated.
-MOST_RETURNS = 2
+_MOST_RETURNS = 2
 
 
 @jax.tree_util.register_dataclass
@@ -28,11 +28,11 @@ class Arming:
     """The mode of one event: whether it is armed, and from which height on it happens.
 
     `armed`: it happens where the height rises through `level`. The level is 0, except for a state that a
-    jump has
-    left on the surface, or within rounding of it: it is then above the state, so that the residue of the last
-    location fires nothing, and a body whose bounces have become too small to be seen does not fall through. A
-    level below 0 makes the event happen at once. Not `armed`: the event is armed where the height falls below
-    the level, 0 or less. `returns` is the number of crossings in succession without having been below 0.
+    jump has left on the surface, or within rounding of it: it is then above the state, so that the residue of
+    the last location fires nothing, and a body whose bounces have become too small to be seen does not fall
+    through. A level below 0 makes the event happen at once. Not `armed`: the event is armed where the height
+    falls below the level, 0 or less. `returns` is the number of crossings in succession without having been
+    below 0.
     """
 
     armed: jax.Array
@@ -42,7 +42,7 @@ class Arming:
     @property
     def accumulated(self) -> jax.Array:
         """Whether bounces have become too short to be seen: the event happens without end."""
-        return self.returns > MOST_RETURNS
+        return self.returns > _MOST_RETURNS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,8 +53,7 @@ class EventSurface:
     location of events. What happens there follows from the flow: a state that the flow takes below arms the
     event; one that it takes through the surface has crossed it.
 
-    `height` is the function at the state, `rounding` the error of this number, `normal` (n,) its gradient,
-    and `rate` its time derivative along the flow.
+    `height` is the function at the state, `rounding` the error of this number, `normal` (n,) its gradient.
     """
 
     height: jax.Array
@@ -115,7 +114,8 @@ class EventSurface:
         strikes = on & (rate > 0.0) & turned
         least = jnp.minimum(self.height, 0.0)
         level = jnp.where(leaves, self._beyond, jnp.where(strikes | ~below, least, 0.0))
-        return _mode(below | leaves | strikes, level)
+        returns = jnp.zeros((), jnp.int32)
+        return Arming(below | leaves | strikes, jax.lax.stop_gradient(level), returns)
 
     def jumped(
         self,
@@ -158,10 +158,6 @@ class EventSurface:
         """A level above the state by two units in the last place."""
         above = jnp.maximum(self.rounding * (2.0 / _RESOLUTIONS), jnp.finfo(self.rounding.dtype).tiny)
         return jnp.maximum(self.height, 0.0) + above
-
-
-def _mode(armed: jax.Array, level: jax.Array) -> Arming:
-    return Arming(armed, jax.lax.stop_gradient(level), jnp.zeros((), jnp.int32))
 
 
 def flat(point: Any) -> jax.Array:
