@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -30,6 +30,8 @@ CYCLES_A_NUMBER = 5
 
 class Continuation(FollowsFixedPoints):
     """Follow the fixed points of each row's return map along one parameter, stable or not."""
+
+    stores_starting_points: ClassVar[bool] = True
 
     kind: Literal["continuation"] = Field(
         init=False,

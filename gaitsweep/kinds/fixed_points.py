@@ -84,9 +84,9 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Rows, work: SweepSpec, sample: np.ndarray
+        self, rows: Rows, work: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
-        """The fixed points at which branches begin, found again at half the step."""
+        """The fixed points at which branches begin, found again with a share of the step."""
         mapping, values, starts = self.return_map(rows, work, sample)
 
         def found(one: BatchedReturnMap) -> StartingPoints:
@@ -95,7 +95,7 @@ class FollowsFixedPoints(RunKind):
             seen = [fixed.images.observed[q.name] for q in rows.model.observables]
             return StartingPoints(fixed.converged, np.stack(seen, axis=1))
 
-        return found(mapping), found(mapping.refined())
+        return found(mapping), found(mapping.refined(share))
 
     def return_map(
         self, rows: Rows, work: SweepSpec, numbers: np.ndarray

@@ -108,9 +108,11 @@ class RunKind(Part):
         ArgumentError: a field that it does not have, or a value that the field does not take.
     """
 
-    # how the self-check compares a sample of rows with the same rows at half the step: by their fixed point
+    # how the self-check compares a sample of rows with the same rows at finer steps: by their fixed point
     # where they settle, by where they end, by their first crossings, or by `starting_points`
     compared: ClassVar[Literal["settled", "ends", "crossings", "starting_points"]] = "crossings"
+    # whether the first record of a row is its starting point
+    stores_starting_points: ClassVar[bool] = False
     one_a_row: ClassVar[bool] = False  # whether the table has one record for each row
     own_blocks: ClassVar[bool] = False  # whether `block_table` makes the table, not the sweep engine
     figures: ClassVar[tuple[str, ...]] = ()  # kinds of figures that it feeds, beside those that name it
@@ -206,9 +208,9 @@ class RunKind(Part):
         raise NotImplementedError
 
     def starting_points(
-        self, rows: Rows, work: SweepSpec, sample: np.ndarray
+        self, rows: Rows, work: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
-        """Where a sample of rows (n,) starts, at its own step and at half of it, for the self-check."""
+        """Where a sample of rows (n,) starts, at its own step and a share of it, for the self-check."""
         raise NotImplementedError
 
     def check(self, rows: Rows, method: str) -> list[Diagnostic]:

@@ -34,6 +34,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
 from gaitsweep.job import Plan
 from gaitsweep.kinds.columns import gaits
+from gaitsweep.kinds.run_kind import StartingPoints
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
 
@@ -121,7 +122,7 @@ class Again:
 
     rows: np.ndarray
     recorder: Recorder
-    result: BlockResult
+    result: BlockResult | StartingPoints
 
 
 def circular(model: Model) -> np.ndarray:
@@ -225,12 +226,11 @@ def self_check(
         return None, None
     rows, compared = sample_rows(ready.plan, count), ready.job.run.compared
     check = SelfCheck(rows=rows.size, of=ready.plan.n_rows)
-    if compared == "starting_points":
-        _compare_starting_points(ready, rows, check)
-        return check, None
     check.finer = f"{FINER:.2g} of the step"
     if ready.work.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
+    if compared == "starting_points":
+        return check, _compare_starting_points(ready, rows, check)
     again = None
     if compared in ("settled", "ends"):
         again, resting = _compare_ends(ready, rows, check, progress)
@@ -257,7 +257,9 @@ def compare_stored(
         stored: gives the stored records of rows (n,).
         progress: told how far it is.
     """
-    if ready.job.run.one_a_row:
+    if isinstance(again.result, StartingPoints):
+        differs = _other_beginnings(ready, again.result, again.rows, stored(again.rows))
+    elif ready.job.run.one_a_row:
         differs = _other_ends(ready, again, stored(again.rows), progress)
     else:
         recorder = _beginning(ready)
@@ -266,6 +268,22 @@ def compare_stored(
             again = Again(few, recorder, _repeated(work, ready.plan, [(few, 1.0, 0.0)], progress)[0])
         differs = _other_records(ready.plan.model, again, stored(again.rows))
     check.stored_differs = int(differs.sum())
+
+
+def _other_beginnings(
+    ready: Prepared, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
+) -> np.ndarray:
+    """Which rows (n,) begin at another fixed point, or at none, where a table's branches begin."""
+    model = ready.plan.model
+    first = stored.drop_duplicates("row").set_index("row").reindex(rows)
+    sound = (first["status"] == Status.complete.name).to_numpy(bool)
+    differs = sound != once.found
+    if ready.job.run.stores_starting_points and once.found.any():
+        before = first[[f"{q.name}_n" for q in model.observables]].to_numpy(float)
+        size = sizes(model.observables, once.observed[once.found])
+        off = changes(model, once.observed, before) > ROUNDING * size
+        differs |= sound & off.any(axis=1)
+    return differs
 
 
 def _beginning(ready: Prepared) -> Recorder:
@@ -288,6 +306,7 @@ def _beginning(ready: Prepared) -> Recorder:
 def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
     """Which rows (n,) have other first records in a table than they gave again."""
     recorder, result = again.recorder, again.result
+    assert isinstance(result, BlockResult)
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
     names = [name for name in recorder.names if name in stored.columns and name not in ("settled", "slowest")]
     samples = result.samples.reshape(-1, recorder.width)
@@ -322,6 +341,7 @@ def _other_ends(
 ) -> np.ndarray:
     """Which rows (n,) end otherwise in a table than they did again."""
     model, result = ready.plan.model, again.result
+    assert isinstance(result, BlockResult)
     status = stored["status"].astype(str).to_numpy()
     simulated = status != Status.inferred.name
     differs = simulated & (status != np.array([Status(code).name for code in result.status]))
@@ -446,15 +466,16 @@ def _with_starts(ready: Prepared, rows: np.ndarray, ends: np.ndarray) -> np.ndar
     return np.concatenate([np.asarray(begun, float), ends])
 
 
-def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> None:
-    model = ready.plan.model
-    once, half = ready.job.run.starting_points(ready.plan, ready.work, rows)
-    both = once.found & half.found
-    check.status_differs = int(np.sum(once.found != half.found))
-    change = changes(model, once.observed, half.observed)
+def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> Again:
+    model, work = ready.plan.model, ready.work
+    once, finer = ready.job.run.starting_points(ready.plan, work, rows, FINER)
+    both = once.found & finer.found
+    check.status_differs = int(np.sum(once.found != finer.found))
+    change = changes(model, once.observed, finer.observed)
     size = sizes(model.observables, once.observed[once.found])
     check.take_largest(model.observables, change[both], size)
     check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
+    return Again(rows, work.recorder, once)
 
 
 def _failed(status: np.ndarray) -> np.ndarray:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
 from gaitsweep.job import Job, JobError
+from gaitsweep.runs import execute
 
 RUN = {"kind": "continuation", "parameter": "restitution", "path": [0.2, 0.8], "settle": 5}
 
@@ -41,6 +44,24 @@ def test_table_of_branches(tmp_path: Path) -> None:
         assert set(branch["status"]) == {"complete"}
     assert table["gait"].dtype == "category"
     assert (tmp_path / "figures" / "continuation.png").exists()
+
+
+@pytest.mark.slow
+def test_where_branches_begin_is_compared_with_the_stored_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = gs.run(job(figures=[]), out=tmp_path / "same").manifest["self_check"]
+    assert (found["rows"], found["stored_differs"], found["verdict"]) == (2, 0, "passed")
+    assert found["finer"].startswith("0.38 of")
+
+    def altered(*given: Any, **more: Any) -> pd.DataFrame:
+        table = gs.load(*given, **more)
+        return table.assign(launch_1_n=table["launch_1_n"] + np.where(table["row"] == 1, 1e-4, 0.0))
+
+    monkeypatch.setattr(execute, "load", altered)
+    with pytest.warns(UserWarning, match="gave other records"):
+        found = gs.run(job(figures=[]), out=tmp_path / "other").manifest["self_check"]
+    assert (found["stored_differs"], found["status_differs"], found["verdict"]) == (1, 0, "warned")
 
 
 def test_blocks_without_a_fixed_point() -> None:

@@ -80,9 +80,9 @@ class BatchedReturnMap(Map):
     cycles: int = 1
     share: float = 1.0
 
-    def refined(self) -> BatchedReturnMap:
-        """The same map with half the step, or tolerances 32 times finer."""
-        return dataclasses.replace(self, share=0.5 * self.share)
+    def refined(self, share: float = 0.5) -> BatchedReturnMap:
+        """The same map with this share of the step: half of it, or tolerances 32 times finer."""
+        return dataclasses.replace(self, share=share * self.share)
 
     @cached_property
     def chart(self) -> Chart:
