@@ -410,8 +410,7 @@ class DeclaredModel(Declared, HybridModel):
         return closed
 
     def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
-        surface = _Surfaces(self, params, state).of(event)
-        return surface.height > surface.rounding
+        return ~_at(state.arming, self._armed().index(event)).armed
 
     def energies(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
         readings = self._named(Reading)

@@ -75,7 +75,7 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
 
 
 def _of_starts(ready: Prepared) -> dict[str, Any]:
-    """What the manifest says of rows that begin beyond the surface of an event, by the event's name.
+    """What the manifest says of rows that begin on or beyond the surface of an event, by the event's name.
 
     `rows` is their number and `row` the first of them; of more than `_MOST_STARTS` rows, evenly spaced ones
     are looked at, whose number is `of`.
@@ -120,7 +120,7 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
         of = f" of {found['of']} that were looked at" if "of" in found else ""
         said.append(
-            f"{_rows(found)}{of} began beyond the surface of the event {name!r}, which happens only after "
+            f"{_rows(found)}{of} began on or beyond the surface of the event {name!r}, which happens only after "
             "its function has been below zero."
         )
     for name, found in (manifest.get(MISLABELLED) or {}).items():
