@@ -304,7 +304,7 @@ class Model(Jumps):
         return 0.0 * self.period(params)
 
     def beyond_at_start(self, params: Params, state: State, /) -> dict[str, jax.Array]:
-        """Whether a start lies on or beyond the surface of each event that changes the state, by the events' names.
+        """Whether a start lies on or beyond the surface of an event that changes the state, by its name.
 
         Such an event does not happen at the start; a run says how many rows began so.
         """

@@ -120,8 +120,8 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
         of = f" of {found['of']} that were looked at" if "of" in found else ""
         said.append(
-            f"{_rows(found)}{of} began on or beyond the surface of the event {name!r}, which happens only after "
-            "its function has been below zero."
+            f"{_rows(found)}{of} began on or beyond the surface of the event {name!r}, which happens only "
+            "after its function has been below zero."
         )
     for name, found in (manifest.get(MISLABELLED) or {}).items():
         label = name.removeprefix(UNKNOWN_GAIT).strip(" ()")

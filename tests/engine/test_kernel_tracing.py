@@ -67,6 +67,10 @@ ELSEWHERE = {
     "checkpoint",
     "custom_lin",
     "device_put",
+    # since JAX 0.11
+    "call_hi_primitive",
+    "log2",
+    "one_minus_square",
 }
 
 

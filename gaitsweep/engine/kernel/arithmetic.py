@@ -177,6 +177,12 @@ def converted(program: Program, x: int, kind: Kind) -> int:
     return program.apply(f"to_{kind}", x)
 
 
+def one_minus_square(program: Program, x: int) -> int:
+    """1 - x^2, without cancellation where x is close to 1 or -1."""
+    w = Writer(program, x)
+    return w("mul", w("add", x, 1.0), w("sub", 1.0, x))
+
+
 def whole_power(program: Program, x: int, power: int) -> int:
     """x to an integer power, by repeated squaring."""
     if power < 0:

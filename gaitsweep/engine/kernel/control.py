@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from gaitsweep.engine.kernel.trace import Nodes, Tracer, refuse
@@ -64,7 +65,11 @@ def _while(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
 
 def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     p = equation.params
-    n_consts, n_carry, length = p["num_consts"], p["num_carry"], p["length"]
+    length = p["length"]
+    if "ft_in" in p:  # JAX 0.11 and newer
+        n_consts, n_carry = (len(list(part)) for part in p["ft_in"].unpack()[:2])
+    else:
+        n_consts, n_carry = p["num_consts"], p["num_carry"]
     if length > MOST_TURNS:
         raise refuse(f"the scalar kernel writes loops out up to {MOST_TURNS} turns, and this has {length}")
     consts, carry = args[:n_consts], args[n_consts : n_consts + n_carry]
@@ -83,10 +88,22 @@ def _scan(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     return [*carry, *collected]
 
 
+def _written_out(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    """An operation that JAX writes out where it compiles a program (JAX 0.11 and newer)."""
+    operation = equation.params["_prim"]
+    shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
+    try:
+        program = jax.make_jaxpr(operation.expand)(*shapes)
+    except (NotImplementedError, TypeError) as error:
+        raise refuse(f"the scalar kernel does not know JAX's operation '{operation}'") from error
+    return tracer.read(program, args)
+
+
 RULES = {
     **dict.fromkeys(("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call",
                      "custom_vjp_call_jaxpr", "remat", "remat2", "checkpoint", "custom_lin"), _call),
     "cond": _cond,
     "while": _while,
     "scan": _scan,
+    "call_hi_primitive": _written_out,
 }  # fmt: skip

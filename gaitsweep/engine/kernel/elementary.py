@@ -125,6 +125,11 @@ def exponential(program: Program, x: int) -> int:
     return w("select", w("lt", high, x), math.inf, value)
 
 
+def logarithm_to_base_2(program: Program, x: int) -> int:
+    w = Writer(program, x)
+    return w("div", w("log", x), float(_LN2))
+
+
 def power_of_two(program: Program, x: int) -> int:
     w = Writer(program, x)
     turns = w("floor", w("add", x, 0.5))
