@@ -81,7 +81,9 @@ def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
     start = {quantity.name: _NUMBER for quantity in model.initial_conditions}
     if isinstance(model, Declared) and isinstance(model, HybridModel):
-        _event_functions(model, params, _bare_state(model))  # before `init`, which takes their derivatives
+        bare = _bare_state(model)  # before `init` and `jump`, which take their rates
+        _event_functions(model, params, bare)
+        _rates(bare, _given("flow", model.flow, params, bare))
     state = _given("init", model.init, params, start)
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
@@ -118,7 +120,8 @@ def _bare_state(model: Declared) -> Any:
         if isinstance(declared, Mode):
             fields[field.name] = jnp.broadcast_to(jnp.asarray(declared.start), declared.shape(model))
         else:
-            fields[field.name] = jnp.zeros(declared.shape(model) if isinstance(declared, Variable) else 0)
+            is_variable = isinstance(declared, Variable)
+            fields[field.name] = jnp.zeros(declared.shape(model)) if is_variable else jnp.zeros(0, bool)
     return model.State(**fields)
 
 

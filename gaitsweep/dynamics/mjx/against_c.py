@@ -125,7 +125,9 @@ class _Both:
             return jax.lax.scan(one, (params, first), (states, begins, tolerance))[1]
 
         # XLA's optimizations would take longer than they save
-        options = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+        options: dict[str, Any] = {"xla_backend_optimization_level": 0}
+        if jax.__version_info__ < (0, 11):
+            options["xla_cpu_use_fusion_emitters"] = False
         states = jax.tree.map(lambda leaf: jnp.stack([leaf] * steps), self._state)
         example = self._params, states, jnp.zeros(steps, bool), jnp.zeros(steps)
         self._program = jax.jit(run).lower(*example).compile(options)
