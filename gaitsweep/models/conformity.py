@@ -81,20 +81,20 @@ def _look(model: Model) -> None:
     params = _given("params", model.params, {quantity.name: _NUMBER for quantity in model.parameters})
     start = {quantity.name: _NUMBER for quantity in model.initial_conditions}
     if isinstance(model, Declared) and isinstance(model, HybridModel):
-        bare = _bare_state(model)  # before `init` and `jump`, which take their rates
-        _event_functions(model, params, bare)
-        _rates(bare, _given("flow", model.flow, params, bare))
+        _event_functions(model, params, _bare_state(model))  # before `init`, which takes their derivatives
     state = _given("init", model.init, params, start)
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
     if isinstance(model, Declared):
         _event_functions(model, params, state)
+    rates: Mapping[str, Any] = {}
+    if isinstance(model, HybridModel):  # before `jump`, which may read the rates
+        rates = _given("flow", model.flow, params, state)
+        _rates(state, rates)
     events = _events(model, params, state)
     jumped = _program("jump", model.jump, params, state, events)
     _alike("jump", state, jumped.shapes)
     if isinstance(model, HybridModel):
-        rates = _given("flow", model.flow, params, state)
-        _rates(state, rates)
         _moved_or_jumped(model, state, rates, jumped)
     _scalar("section", _given("section", model.section, params, state, events))
     _scalar("failed", _given("failed", model.failed, params, state))
@@ -120,8 +120,7 @@ def _bare_state(model: Declared) -> Any:
         if isinstance(declared, Mode):
             fields[field.name] = jnp.broadcast_to(jnp.asarray(declared.start), declared.shape(model))
         else:
-            is_variable = isinstance(declared, Variable)
-            fields[field.name] = jnp.zeros(declared.shape(model)) if is_variable else jnp.zeros(0, bool)
+            fields[field.name] = jnp.zeros(declared.shape(model) if isinstance(declared, Variable) else 0)
     return model.State(**fields)
 
 
