@@ -13,7 +13,7 @@ import enum
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import jax
 import jax.numpy as jnp
@@ -356,6 +356,12 @@ class SteppedModel(Model, FixedStepDynamics):
         return Recommended("semi_implicit")
 
 
+# Guards that fire in the same trial jump "in_turn"; "together" in one jump, with the derivative of one event
+# time, where jumps decide by all events of the instant; or are "independent": with the same result in turn (for
+# derivatives) and in one jump, which is faster.
+Simultaneous = Literal["in_turn", "together", "independent"]
+
+
 class HybridModel(Model):
     """A hybrid system: an ODE between events that are located in time.
 
@@ -364,9 +370,7 @@ class HybridModel(Model):
     """
 
     linear: ClassVar[bool] = False  # whether `flow` is affine in the continuous fields at fixed modes
-    # whether guards that fire in the same trial reach one jump (with the derivative of one event time), in
-    # place of one jump each: for jumps that decide by all events of the instant
-    jumps_together: ClassVar[bool] = False
+    simultaneous: ClassVar[Simultaneous] = "in_turn"  # how guards that fire in the same trial jump
 
     @property
     def recommended(self) -> Recommended:

@@ -72,7 +72,7 @@ class Carry:
     `t` is the time (s); `h` the next step (s); `h_max` its upper bound (s), which grows after an event;
     `near` the guards at the state; `far` the shortest step known to fire (infinite unless an event is being
     located) and `far_guards` the guards there; at an instant with jumps it is >= 0 for all guards that have
-    fired, and infinite for those that have jumped or were caused by a jump; `weight` the Illinois weight of
+    fired, and infinite for those that wait for their jump; `weight` the Illinois weight of
     the end that was kept (above zero: the near end, below: the far end); `trials` the attempts to locate this
     event; `chain` the jumps at this instant; `attempts` their total number; `closed` whether the section was
     crossed at this instant, before other guards that wait for their jump, and `shift` the time (s) of their
@@ -137,7 +137,7 @@ def start(
         h_max=zero,
         near=near,
         far=zero + jnp.inf,
-        far_guards=near,
+        far_guards=jnp.where(near >= 0.0, jnp.inf, near),
         weight=zero + 1.0,
         trials=count,
         chain=count,
@@ -193,6 +193,8 @@ def _advance_hybrid(
 ) -> Advance:
     method = METHODS[numerics.method]
     assert method.step is not None
+    # independent jumps need their turns only for the derivative of each one's event time
+    in_turn = model.simultaneous == "in_turn" or (model.simultaneous == "independent" and sensitivities)
     propose, flow, flow_after = worked_out or (method.step(model), model.flow, model.flow)
 
     def attempt(params: Params, carry: Carry) -> Carry:
@@ -237,25 +239,35 @@ def _advance_hybrid(
             hides = hides | ((h > SWITCH_STEP * carry.unit) & jnp.any(changes))
         hidden = rarely(going & taken & ~short & hides)
         again = failed | hidden
-        # guards that fired in the same trial as the last jump and have not jumped yet
-        waiting = still & fired & (carry.far_guards >= 0.0) & (carry.far_guards < jnp.inf)
-        # a crossing is recorded before the events that its jumps cause
-        owed = rarely(carry.closed)
-        leaves = owed & ~jnp.any(waiting)
+        if in_turn:
+            # guards that fired in the same trial as the last jump and have not jumped yet
+            waits = fired & (carry.far_guards == jnp.inf)
+            waiting = still & jnp.any(waits)
+            # a crossing is recorded before the events that its jumps cause
+            owed = rarely(carry.closed)
+        else:
+            waits, waiting, owed = jnp.zeros_like(fired), jnp.asarray(False), jnp.asarray(False)
+        leaves = owed & ~waiting
         hit = rarely(going & jnp.any(fired) & ~again & ~leaves)
         on = going & ~hit & ~again
         # the guard that fires first, below zero at the near end of the bracket and above it at the far one
-        far_guards = jnp.where(carry.far < jnp.inf, carry.far_guards, 0.0)
-        below, above = _first_to_fire(jnp.where(hit, carry.near, guards), jnp.where(hit, guards, far_guards))
+        below, above = _first_to_fire(
+            jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
+        )
         late = h - h * _share(below, above)
-        past = jnp.any(fired & (carry.near < 0.0) & (guards > LARGEST_LATE * tolerance * speed))
+        past = jnp.any(fired & (guards > LARGEST_LATE * tolerance * speed))
         # once the bracket is as short as the tolerance, the rates need not be trusted
         astray = hit & (late <= tolerance) & past & (h > tolerance)
         early = hit & (late < LEAST_LATE * tolerance) & ~still & ~astray & (h < room)
         early = early & (carry.trials <= SECANT_TRIALS) & (h < carry.far)
         land = hit & (late <= tolerance) & ~astray & ~early
 
-        bracket = _next_bracket(carry, h, still, guards, on, hit, land)
+        # one guard jumps in an attempt
+        due = jnp.where(waiting, waits, fired)
+        jumping = _first_of(due) if in_turn else fired
+        others = due & ~jumping
+        bracket = _next_bracket(carry, h, guards, on, hit, land, hit & (jumping | ~still))
+        bracket["far_guards"] = jnp.where(land & ~still & others, jnp.inf, bracket["far_guards"])
         bracket["trials"] = jnp.where(
             astray, jnp.maximum(bracket["trials"], SECANT_TRIALS + 1), bracket["trials"]
         )
@@ -277,17 +289,12 @@ def _advance_hybrid(
         # an event that a jump caused follows the crossing at the same instant
         next_h = jnp.where(leaves, 0.0, next_h)
 
-        # one guard jumps in an attempt
-        jumping = fired if model.jumps_together else _first_of(jnp.where(jnp.any(waiting), waiting, fired))
-        bracket["far_guards"] = jnp.where(
-            land & (jumping | (still & fired & ~waiting)), jnp.inf, bracket["far_guards"]
-        )
-        remaining = jnp.any(fired & ~jumping & (waiting | ~still))
+        remaining = jnp.any(others) & (waiting | ~still)
         end, shift = trial, carry.shift
         t = carry.t + h
         if sensitivities:
             # an event caused by a jump has no root of its own: it happens at the time of that jump
-            rooted = _first_of(jumping & (waiting | ((carry.near < 0.0) & (h > 0.0)))) & land
+            rooted = _first_of(jumping & ((still & waits) | ((carry.near < 0.0) & (h > 0.0)))) & land
             end, later = _implicit_event_time(trial, arriving, guards, speed, rooted)
             # a crossing is read at its own time
             end = move(end, arriving, jnp.where(leaves, -shift, 0.0))
@@ -386,9 +393,8 @@ def _first_to_fire(near: jax.Array, far: jax.Array) -> tuple[jax.Array, jax.Arra
         return none + 1.0, none
     fires = far >= 0.0
     above = jnp.where(fires, far, 0.0)
-    below = jnp.where(near < 0.0, -near, 0.0)
     steepest = STEEPEST * above
-    below = jnp.where(fires, jnp.where(below > steepest, steepest, below), 1.0)
+    below = jnp.where(fires, jnp.where(-near > steepest, steepest, -near), 1.0)
     while below.size > 1:
         half = below.size // 2
         pairs = slice(0, half), slice(half, 2 * half), slice(2 * half, None)
@@ -408,13 +414,16 @@ def _share(below: jax.Array, above: jax.Array) -> jax.Array:
 def _next_bracket(
     carry: Carry,
     h: jax.Array,
-    still: jax.Array,
     guards: jax.Array,
     on: jax.Array,
     hit: jax.Array,
     land: jax.Array,
+    told: jax.Array,
 ) -> dict[str, jax.Array]:
-    """The bracket after this attempt, with its far end (back) or its near end (on) at the trial."""
+    """The bracket after this attempt, with its far end (back) or its near end (on) at the trial.
+
+    `told` are the guards whose values at the trial are kept: at an instant with jumps only that which jumps.
+    """
     back = hit & ~land
     rest = carry.far - h
     # an accepted step that reaches the far end without firing (rounding) ends the location
@@ -426,12 +435,10 @@ def _next_bracket(
     # a location that ended without an event is continued: only an accepted step resets its trials
     trials = jnp.where(land | (on & fresh), 0, carry.trials + 1)
     waits = ~(on | hit)
-    # guards that fired earlier at this instant stay marked beside those that fire now: see `fired_last`
-    told = ~hit | (still & (carry.far_guards >= 0.0))
     return {
         "near": jnp.where(on, guards, carry.near),
         "far": jnp.where(waits, carry.far, far),
-        "far_guards": jnp.where(told, carry.far_guards, guards),
+        "far_guards": jnp.where(told, guards, carry.far_guards),
         "weight": jnp.where(waits, carry.weight, weight),
         "trials": jnp.where(waits, carry.trials, trials),
     }

@@ -20,14 +20,16 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.kernel.c_source import C, function, loaded, stored, structure
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.program import Kind
-from gaitsweep.engine.kernel.schedule import scheduled
-from gaitsweep.engine.kernel.source import statements
+from gaitsweep.engine.kernel.schedule import depth_first, scheduled
+from gaitsweep.engine.kernel.source import name_all, statements
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 
 # Threads of a block, each of which may have 255 registers, the maximum. With 168 or 128 registers more
 # threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps. Unless it
 # is told that one block at a time is enough, the compiler may choose so few by itself, even 32.
 THREADS = 128
+# Statements of a poll after which a number of the record is read from memory again.
+READ_AGAIN = 60
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
 FILLING = 2
 _FORMATS: dict[Kind, Any] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
@@ -286,26 +288,49 @@ class _Thread:
         return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
 
     def _poll(self) -> str:
-        chunk, program = self.chunk, self.chunk.program
-        reached = program.needed(self.polled, self._names)
-        lines, names = _loads(chunk, (at for at in reached if at not in self._names))
-        more, results = statements(C(), program, self.polled, self._names | names)
-        changed = dict(zip(chunk.poll, results, strict=False))
-        lines += more
+        chunk, program, names = self.chunk, self.chunk.program, dict(self._names)
+        order = depth_first(program, self.polled, names)
+        last_use = {a: place for place, at in enumerate(order) for a in program.nodes[at].args}
+        of_slot = {chunk.slot_of(at): at for at in order if program.nodes[at].op == "input"}
+        unwritten = {slot: at for slot, at in chunk.poll.items() if slot >= chunk.first_of_record}
+        lines: list[str] = []
+        read_at: dict[int, int] = {}
+
+        def read(at: int, place: int) -> None:
+            # a value that is read anew needs no register in between; `volatile` keeps it from being shared
+            slot, read_at[at] = chunk.slot_of(at), place
+            names[at] = f"r{slot}_{place}"
+            value = loaded(program.nodes[at].kind, f"((volatile const double*)S)[{slot} * n + i]")
+            lines.append(C().definition(program.nodes[at].kind, names[at], value))
+
+        for place, at in enumerate(order):
+            if program.nodes[at].op == "input":
+                read(at, place)
+            else:
+                for a in program.nodes[at].args:
+                    if place - read_at.get(a, place) > READ_AGAIN:
+                        read(a, place)
+                lines += name_all(C(), program, [at], names)
+            for slot, value in list(unwritten.items()):
+                if value in names and last_use.get(of_slot.get(slot, -1), -1) <= place:
+                    lines.append(_write(chunk, value, slot, names[value]))
+                    del unwritten[slot]
+        constants, results = statements(C(), program, self.polled, names)
+        lines += constants
         if chunk.width:
             kept = zip(chunk.row, results[len(chunk.poll) : -1], strict=True)
-            filled = f"(index)S[{chunk.record.filled.first} * n + i]"
+            lines.insert(0, f"const index filled = (index)S[{chunk.record.filled.first} * n + i];")
             lines += [
                 f"if ({results[-1]}) {{",
-                f"    double* row = kept + ({filled} * n + i) * {chunk.width};",
+                f"    double* row = kept + (filled * n + i) * {chunk.width};",
                 *(
                     f"    row[{k}] = {stored(program.nodes[at].kind, value)};"
                     for k, (at, value) in enumerate(kept)
                 ),
                 "}",
             ]
-        record = ((slot, at) for slot, at in chunk.poll.items() if slot >= chunk.first_of_record)
-        lines += [_write(chunk, at, slot, changed[slot]) for slot, at in record]
+        changed = dict(zip(chunk.poll, results, strict=False))
+        lines += [_write(chunk, at, slot, changed[slot]) for slot, at in unwritten.items()]
         parameters = "double* S, double* kept, const index n, const index i, "
         parameters += "const struct Own own, const struct Carry carry"
         return function(f"PART struct Carry poll({parameters})", [*lines, *self._moved(changed)])

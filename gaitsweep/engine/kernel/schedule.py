@@ -30,6 +30,26 @@ def scheduled(program: Program, wanted: Sequence[int], given: Container[int]) ->
     return other if fewer else own
 
 
+def depth_first(program: Program, wanted: Sequence[int], given: Container[int]) -> list[int]:
+    """The nodes, neither `given` nor constants, that `wanted` need, each as soon as what it needs is there.
+
+    One of `wanted` after another is worked out, the last first. A poll of the chain that settles spills a
+    quarter of the bytes that it does in the program's own order, if inputs can be read again.
+    """
+    placed: dict[int, None] = {}
+    for last in reversed(wanted):
+        stack = [last]
+        while stack:
+            at = stack[-1]
+            if at in placed or at in given or program.nodes[at].op == "constant":
+                stack.pop()
+            elif missing := [a for a in arguments(program, at) if a not in placed and a not in given]:
+                stack += reversed(missing)
+            else:
+                placed[stack.pop()] = None
+    return list(placed)
+
+
 def most_alive(program: Program, order: Sequence[int], wanted: Sequence[int]) -> int:
     """The largest number of values that are needed at a time, constants left out."""
     last = {a: place for place, at in enumerate(order) for a in arguments(program, at)}

@@ -130,7 +130,8 @@ class SettleRecorder(Recorder):
         span = widened(memory.span, self.model, now)
         moved = jnp.abs(change(self.model, now[None, :] - before))
         latest = jnp.concatenate([now[None, :], before])
-        moved = moved / bounds(self.model, self.tolerance, latest, span)[None, :]
+        # one division for each observable
+        moved = moved * (1.0 / bounds(self.model, self.tolerance, latest, span))[None, :]
         still = (cycles >= SETTLE_WINDOW) & jnp.all(moved < 1.0)
         calm = jnp.where(still, memory.calm + 1, 0)
         distances = jnp.max(moved, axis=1)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
 from gaitsweep.dynamics.spring_chain import fastest_motions, neighbour_force
 from gaitsweep.models.multilegged.chart import MultileggedChart
@@ -176,6 +176,7 @@ class Multilegged(HybridModel):
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
     gaits: ClassVar[tuple[str, ...]] = GAITS
     linear: ClassVar[bool] = True  # except the kink of `clamp`, an error of 1e-5 rad if it is above zero
+    simultaneous: ClassVar[Simultaneous] = "independent"  # a guard's jump changes its own leg alone
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:

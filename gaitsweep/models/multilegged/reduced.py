@@ -20,7 +20,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended
+from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
 from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
 from gaitsweep.models.multilegged.chart import ReducedChart
 from gaitsweep.models.multilegged.model import (
@@ -90,7 +90,7 @@ class MultileggedReduced(Multilegged):
     linear: ClassVar[bool] = True
     # neighbours that touch down at one instant are both reset: the first reset would take the other's load
     # away
-    jumps_together: ClassVar[bool] = True
+    simultaneous: ClassVar[Simultaneous] = "together"
 
     @property
     def parameters(self) -> tuple[Quantity, ...]:
