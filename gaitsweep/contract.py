@@ -356,9 +356,9 @@ class SteppedModel(Model, FixedStepDynamics):
         return Recommended("semi_implicit")
 
 
-# Guards that fire in the same trial jump "in_turn"; "together" in one jump, with the derivative of one event
-# time, where jumps decide by all events of the instant; or are "independent": with the same result in turn (for
-# derivatives) and in one jump, which is faster.
+# Guards that fire in the same trial jump "in_turn", or "together" in one jump, with the derivative of one
+# event time, where a jump decides by all events of the instant. "independent": both ways give the same;
+# they jump in turn where derivatives are asked for, and else in one jump, which is faster.
 Simultaneous = Literal["in_turn", "together", "independent"]
 
 

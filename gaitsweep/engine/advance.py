@@ -323,7 +323,7 @@ def _advance_hybrid(
             h_max=jnp.where(going, h_max, carry.h_max),
             chain=jnp.where(going, chain, carry.chain),
             attempts=jnp.where(going, carry.attempts + 1, carry.attempts),
-            closed=jnp.where(going, crossed & ~closed, carry.closed),
+            closed=jnp.where(going, crossed & ~closed, carry.closed) if in_turn else carry.closed,
             shift=shift,
             stop=carry.stop,
             halt=jnp.where(going, halt, carry.halt),

@@ -467,6 +467,14 @@ def _over_ranges(model: Model) -> Iterator[str]:
         at = written({**values, **starts}, int(wrong[0]))
         guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
         yield f"but its function guards gives NaN for {_guard(model, guard)}{at}, where it never happens."
+    if model.simultaneous == "independent":
+        apart = _dependent(model, params, state)
+        for i, j in np.argwhere(np.any(apart, axis=0)).tolist():
+            at = written({**values, **starts}, int(np.argmax(apart[:, i, j])))
+            yield (
+                f'whose simultaneous is "independent", but the events {_guard(model, i)} and '
+                f"{_guard(model, j)} lead to different states in turn and in one jump{at}: leave it out."
+            )
     # an armed event cannot fire twice without leaving its surface
     armed = isinstance(model, Declared) and all(event.rising for event in _declared_events(model))
     if armed or not np.any(guards >= 0.0):
@@ -479,6 +487,26 @@ def _over_ranges(model: Model) -> Iterator[str]:
 
 def _guard(model: HybridModel, guard: int) -> str:
     return repr(model.guard_names[guard]) if model.guard_names else f"guard {guard + 1}"
+
+
+def _dependent(model: HybridModel, params: Any, state: Any) -> np.ndarray:
+    """Whether two guards, the first before the second, need their turns (starts, guards, guards)."""
+    count = model.guards(*jax.tree.map(lambda leaf: leaf[0], (params, state))).size
+    one = jnp.eye(count, dtype=bool)
+
+    def of_pair(params: Any, state: Any, i: jax.Array, j: jax.Array) -> jax.Array:
+        at_once = model.jump(params, state, one[i] | one[j])
+        in_turn = model.jump(params, model.jump(params, state, one[i]), one[j])
+        off = [
+            ~jnp.isclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
+            for a, b in zip(jax.tree.leaves(at_once), jax.tree.leaves(in_turn), strict=True)
+        ]
+        return (i < j) & jnp.any(jnp.concatenate([jnp.ravel(each) for each in off]))
+
+    pairs = jnp.repeat(jnp.arange(count), count), jnp.tile(jnp.arange(count), count)
+    over_pairs = jax.vmap(of_pair, (None, None, 0, 0))
+    found = jax.jit(jax.vmap(lambda p, s: over_pairs(p, s, *pairs)))(params, state)
+    return np.asarray(found).reshape(-1, count, count)
 
 
 def _without_end(model: HybridModel, params: Any, state: Any) -> np.ndarray:

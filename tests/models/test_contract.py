@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,7 @@ from gaitsweep.contract import (
     FixedStepDynamics,
     HybridModel,
     Model,
+    Simultaneous,
     Status,
     SteppedModel,
     Verdict,
@@ -28,6 +30,8 @@ from gaitsweep.contract import (
 from gaitsweep.engine.recorders.recorder import LABELLED
 from gaitsweep.kinds.columns import STATUSES
 from gaitsweep.models.conformity import faults
+from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.models.multilegged.reduced import MultileggedReduced
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 
@@ -175,3 +179,18 @@ def test_functions_are_pure_and_batchable(model: Model) -> None:
 @pytest.mark.slow
 def test_check_model_finds_nothing_wrong(model: Model) -> None:
     assert faults(type(model)) == []
+
+
+class _NotIndependent(MultileggedReduced):
+    """Touchdowns that share a load, so that the order of simultaneous ones decides."""
+
+    simultaneous: ClassVar[Simultaneous] = "independent"
+
+
+@pytest.mark.slow
+def test_jumps_that_depend_on_their_order_cannot_be_called_independent() -> None:
+    """The chain's are; those of the reduced chain, where neighbours share a load, are not."""
+    assert faults(Multilegged) == []
+    wrong = faults(_NotIndependent)
+    assert wrong
+    assert all("in turn and in one jump" in each for each in wrong)

@@ -17,6 +17,8 @@ from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Nodes, Tracer
 from gaitsweep.engine.sweep.lane import OneLane
 
+_EXACT = ("constant", "input", "select")  # operations that round nothing
+
 
 @dataclasses.dataclass(frozen=True)
 class Leaf:
@@ -36,7 +38,8 @@ class Chunk:
 
     `held`, `carry` and `record` are the engine's pytrees with a `Leaf` for each array; `attempt` and `poll`
     the nodes that are written to slots, by slot; `plain` those of an attempt for which `unusual` is false;
-    `keep` the node that decides whether the nodes `row` are kept; `steady` the nodes that are computed once,
+    `keep` the node that decides whether the nodes `row` are kept; `quiet` those of `polled` in a poll
+    for which `eventful` is false; `steady` the nodes that are computed once,
     by slot; `shared` those that change only in attempts that are not plain.
     """
 
@@ -50,6 +53,8 @@ class Chunk:
     poll: dict[int, int]
     keep: int
     row: list[int]
+    quiet: list[int]
+    eventful: int
     steady: dict[int, int]
     shared: list[int]
     n_slots: int
@@ -57,6 +62,11 @@ class Chunk:
     @property
     def width(self) -> int:
         return len(self.row)
+
+    @property
+    def polled(self) -> list[int]:
+        """The nodes of `poll`, of `row`, and `keep`."""
+        return [*self.poll.values(), *self.row, self.keep]
 
     @property
     def changed(self) -> dict[int, int]:
@@ -129,11 +139,15 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
     given = tracer.read(jax.make_jaxpr(lane.attempt)(held, carry), [*held_nodes, *carry_nodes])
     attempt = changes(carry_leaves, given)
     plain, unusual = _plain(program, [*attempt.values()])
-    polled = jax.make_jaxpr(lane.poll)(held, carry, record)
-    given = tracer.read(polled, [*held_nodes, *carry_nodes, *record_nodes])
+    given = tracer.read(
+        jax.make_jaxpr(lane.poll)(held, carry, record), [*held_nodes, *carry_nodes, *record_nodes]
+    )
     poll = changes((carry_leaves, record_leaves), given[:-2])
     row, keep = given[-2].ravel().tolist(), int(given[-1])
-    steady = _steady_results(program, [*attempt.values(), *plain, unusual, *poll.values(), *row, keep])
+    polled = [*poll.values(), *row, keep]
+    quiet, eventful = _plain(program, polled)
+    wanted = [*attempt.values(), *plain, unusual, *polled, *quiet, eventful]
+    steady = _steady_results(program, wanted)
     return Chunk(
         program=program,
         held=held_leaves,
@@ -145,21 +159,23 @@ def chunk_of(lane: OneLane, values: Any, starts: Any) -> Chunk:
         poll=poll,
         keep=keep,
         row=row,
+        quiet=quiet,
+        eventful=eventful,
         steady={count + i: at for i, at in enumerate(steady)},
         shared=_shared(program, attempt, plain, unusual, steady),
         n_slots=count + len(steady),
     )
 
 
-def _plain(program: Program, attempt: list[int]) -> tuple[list[int], int]:
-    """As `Program.usually`; every attempt is plain if a plain one would compute what others do not.
+def _plain(program: Program, nodes: list[int]) -> tuple[list[int], int]:
+    """As `Program.usually`; all is plain if the plain form would round what the other does not compute.
 
     Other products and sums would be fused in that, and a row's bits would depend on its neighbours.
     """
-    plain, unusual = program.usually(attempt)
-    more = set(program.needed([*plain])) - set(program.needed([*attempt, unusual]))
-    if any(program.nodes[at].op not in ("constant", "input") for at in more):
-        return attempt, program.constant(False, "bool")
+    plain, unusual = program.usually(nodes)
+    more = set(program.needed([*plain])) - set(program.needed([*nodes, unusual]))
+    if any(program.nodes[at].kind != "bool" and program.nodes[at].op not in _EXACT for at in more):
+        return nodes, program.constant(False, "bool")
     return plain, unusual
 
 

@@ -21,9 +21,10 @@ def contracted(chunk: Chunk) -> Chunk:
     What is computed once for a trajectory, or only at events, stays a value of its own.
     """
     program = chunk.program
-    wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual, *chunk.poll.values(), chunk.keep]
-    needed = program.needed([*wanted, *chunk.row])
-    apart = {*chunk.shared, *wanted, *chunk.row}
+    wanted = [*chunk.attempt.values(), *chunk.plain.values(), chunk.unusual]
+    wanted += [*chunk.polled, *chunk.quiet, chunk.eventful]
+    needed = program.needed(wanted)
+    apart = {*chunk.shared, *wanted}
     fusable = _only_in_sums(program, needed) - apart
     now: dict[int, int] = {}
     for at in needed:
@@ -53,6 +54,8 @@ def contracted(chunk: Chunk) -> Chunk:
         poll=slots(chunk.poll),
         keep=now[chunk.keep],
         row=[now[at] for at in chunk.row],
+        quiet=[now[at] for at in chunk.quiet],
+        eventful=now[chunk.eventful],
         shared=[now[at] for at in chunk.shared],
     )
 

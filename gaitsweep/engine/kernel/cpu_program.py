@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -120,12 +120,11 @@ class _Tile:
         self.apart = end - min(self.twice, default=end)
         self.slots = self._room = max(self.twice, default=end - 1) + self.apart + 1
         self._steady = {at: self._place(slot) for slot, at in chunk.steady.items()}
-        poll = {**chunk.poll, self.keep: chunk.keep, **{self.row + i: at for i, at in enumerate(chunk.row)}}
         self.stages = [
             self._stage("prepare", "s", self._lines(chunk.steady, {})),
             self._stage("share", "s", self._lines(self.shared, self._steady)),
             self._stage("attempt", "s, i, j", self._attempt()),
-            self._stage("poll", "s, i", self._lines(poll, self._steady, "i", "i")),
+            self._stage("poll", "s, i", self._poll()),
             self._stage(
                 "back", "s", [f"{self._place(k)} = {self._place(k + self.apart)}" for k in self.twice]
             ),
@@ -149,6 +148,27 @@ class _Tile:
             *self._lines(self.shared, self._steady),
         ]
         return [*plain, "if any(unusual):", *(f"    {line}" for line in rest), "else:", "    pass"]
+
+    def _poll(self) -> list[str]:
+        """A poll: what happens at an event is computed only if a lane of the tile needs it."""
+        chunk, program = self.chunk, self.chunk.program
+        slots = [*chunk.poll, *range(self.row, self.row + chunk.width), self.keep]
+
+        def lines(polled: Sequence[int]) -> list[str]:
+            changed = {
+                slot: at for slot, at in zip(slots, polled, strict=True) if not program.is_input(at, slot)
+            }
+            return self._lines(changed, self._steady, "i", "i")
+
+        if program.value(chunk.eventful) is False:
+            return lines(chunk.polled)
+        return [
+            *self._lines({}, self._steady, "i", "i", flag=chunk.eventful),
+            "if any(unusual):",
+            *(f"    {line}" for line in lines(chunk.polled)),
+            "else:",
+            *(f"    {line}" for line in lines(chunk.quiet)),
+        ]
 
     def _lines(
         self,

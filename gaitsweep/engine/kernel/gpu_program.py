@@ -28,6 +28,15 @@ from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 # threads run at once, but spill more: the quadruped with a waist makes .58 and .4 times the steps. Unless it
 # is told that one block at a time is enough, the compiler may choose so few by itself, even 32.
 THREADS = 128
+# The parameters of a poll, by name.
+_OF_POLL = {
+    "S": "double*",
+    "kept": "double*",
+    "n": "const index",
+    "i": "const index",
+    "own": "const struct Own",
+    "carry": "const struct Carry",
+}
 # Statements of a poll after which a number of the record is read from memory again.
 READ_AGAIN = 60
 # Numbers of a lane that is filled, before its slots: the lane, and whether its first row is kept.
@@ -193,7 +202,7 @@ def same(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
 def _steady(chunk: Chunk) -> dict[int, int]:
     """The nodes that are constant along a trajectory and read by attempts or polls, with their slots."""
     given = {at: slot for slot, at in chunk.steady.items()}
-    wanted = [*chunk.attempt.values(), *chunk.poll.values(), *chunk.row, chunk.keep]
+    wanted = [*chunk.attempt.values(), *chunk.polled, *chunk.quiet, chunk.eventful]
     for at in chunk.program.needed(wanted, given):
         node = chunk.program.nodes[at]
         if node.op == "input" and chunk.program.steady[at]:
@@ -230,7 +239,6 @@ class _Thread:
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
         self.chunk = chunk
-        self.polled = [*chunk.poll.values(), *chunk.row, chunk.keep]
         self.same = same(chunk, varying)
         self.own = {at: slot for at, slot in _steady(chunk).items() if at not in self.same}
         self.carried = self._carried_inputs()
@@ -241,7 +249,7 @@ class _Thread:
     def _carried_inputs(self) -> dict[int, int]:
         """The carry's inputs that some node reads or that an attempt or poll changes, with their slots."""
         chunk, nodes = self.chunk, self.chunk.program.nodes
-        read = set(chunk.program.needed([*chunk.attempt.values(), *self.polled]))
+        read = set(chunk.program.needed([*chunk.attempt.values(), *chunk.polled, *chunk.quiet]))
         changed = {*chunk.attempt, *chunk.poll}
         inputs = {at: chunk.slot_of(at) for at, node in enumerate(nodes) if node.op == "input"}
         return {
@@ -263,7 +271,7 @@ class _Thread:
             self._reading("Own", "read_own", self.own),
             self._reading("Carry", "read_carry", self.carried),
             self._attempt(),
-            self._poll(),
+            *self._polls(),
             function(
                 "PART void write_carry(double* S, const index n, const index i, const struct Carry carry)",
                 back,
@@ -287,12 +295,35 @@ class _Thread:
         parameters = "const struct Own own, const struct Carry carry"
         return function(f"PART struct Carry attempt({parameters})", [*lines, *self._moved(changed)])
 
-    def _poll(self) -> str:
+    def _polls(self) -> list[str]:
+        """The function `poll`, and the two that it chooses from if there are quiet polls."""
+        chunk, arguments = self.chunk, ", ".join(_OF_POLL)
+        head = "PART struct Carry {}(" + ", ".join(f"{kind} {name}" for name, kind in _OF_POLL.items()) + ")"
+        if chunk.program.value(chunk.eventful) is False:
+            return [function(head.format("poll"), self._poll(chunk.polled))]
+        inputs, names = _loads(
+            chunk, (at for at in chunk.program.needed([chunk.eventful], self._names) if at not in self._names)
+        )
+        lines, (eventful,) = statements(C(), chunk.program, [chunk.eventful], self._names | names)
+        choice = f"return {eventful} ? full_poll({arguments}) : quiet_poll({arguments});"
+        return [
+            function(head.format("full_poll"), self._poll(chunk.polled)),
+            function(head.format("quiet_poll"), self._poll(chunk.quiet)),
+            function(head.format("poll"), [*inputs, *lines, choice]),
+        ]
+
+    def _poll(self, polled: Sequence[int]) -> list[str]:
+        """The lines of a poll whose nodes are those of `Chunk.polled`."""
         chunk, program, names = self.chunk, self.chunk.program, dict(self._names)
-        order = depth_first(program, self.polled, names)
+        changed = {
+            slot: at for slot, at in zip(chunk.poll, polled, strict=False) if not program.is_input(at, slot)
+        }
+        row, keep = polled[len(chunk.poll) : -1], polled[-1]
+        wanted = [*changed.values(), *row, keep]
+        order = depth_first(program, wanted, names)
         last_use = {a: place for place, at in enumerate(order) for a in program.nodes[at].args}
         of_slot = {chunk.slot_of(at): at for at in order if program.nodes[at].op == "input"}
-        unwritten = {slot: at for slot, at in chunk.poll.items() if slot >= chunk.first_of_record}
+        unwritten = {slot: at for slot, at in changed.items() if slot >= chunk.first_of_record}
         lines: list[str] = []
         read_at: dict[int, int] = {}
 
@@ -315,25 +346,22 @@ class _Thread:
                 if value in names and last_use.get(of_slot.get(slot, -1), -1) <= place:
                     lines.append(_write(chunk, value, slot, names[value]))
                     del unwritten[slot]
-        constants, results = statements(C(), program, self.polled, names)
+        constants, results = statements(C(), program, wanted, names)
         lines += constants
-        if chunk.width:
-            kept = zip(chunk.row, results[len(chunk.poll) : -1], strict=True)
+        if chunk.width and program.value(keep) is not False:
             lines.insert(0, f"const index filled = (index)S[{chunk.record.filled.first} * n + i];")
             lines += [
                 f"if ({results[-1]}) {{",
                 f"    double* row = kept + (filled * n + i) * {chunk.width};",
                 *(
                     f"    row[{k}] = {stored(program.nodes[at].kind, value)};"
-                    for k, (at, value) in enumerate(kept)
+                    for k, (at, value) in enumerate(zip(row, results[len(changed) : -1], strict=True))
                 ),
                 "}",
             ]
-        changed = dict(zip(chunk.poll, results, strict=False))
-        lines += [_write(chunk, at, slot, changed[slot]) for slot, at in unwritten.items()]
-        parameters = "double* S, double* kept, const index n, const index i, "
-        parameters += "const struct Own own, const struct Carry carry"
-        return function(f"PART struct Carry poll({parameters})", [*lines, *self._moved(changed)])
+        values = dict(zip(changed, results, strict=False))
+        lines += [_write(chunk, at, slot, values[slot]) for slot, at in unwritten.items()]
+        return [*lines, *self._moved(values)]
 
     def _moved(self, changed: dict[int, str]) -> list[str]:
         """The lines that return the carry after a stage."""

@@ -12,6 +12,7 @@ import numpy as np
 from gaitsweep.circular import wrapped_difference
 from gaitsweep.contract import HybridModel, Model, Params, Status
 from gaitsweep.engine.advance import CROSSING, TIME, Carry
+from gaitsweep.engine.rarity import rarely
 from gaitsweep.engine.recorders.recorder import SPARE_CYCLES, Record, Recorder, Taken
 
 # Crossings over which a settled state must be constant.
@@ -121,7 +122,7 @@ class SettleRecorder(Recorder):
         return dataclasses.replace(record, window=window, memory=memory), row, keep
 
     def take(self, params: Params, carry: Carry, record: Record) -> Taken:
-        crossed, memory = carry.halt == CROSSING, record.memory
+        crossed, memory = rarely(carry.halt == CROSSING), record.memory
         now = self.observables(params, carry.state)
         before, times, steps = record.window[:, :-2], record.window[:, -2], record.window[:, -1]
         cycles = record.cycles + 1
@@ -162,7 +163,7 @@ class SettleRecorder(Recorder):
             status=status.astype(jnp.int32),
             cycles=jnp.where(crossed, cycles, record.cycles),
             last=jnp.where(crossed | rests, now, record.last),
-            window=jnp.where(free, jnp.where(crossed, window, record.window), jnp.nan),
+            window=jnp.where(crossed, jnp.where(free, window, jnp.nan), record.window),
             memory=Memory(
                 moves=jnp.where(crossed, after, memory.moves),
                 span=jnp.where(crossed, span, memory.span),
@@ -196,7 +197,7 @@ class SettleRecorder(Recorder):
         fastest = jnp.where(rates > memory.fastest, rates, memory.fastest)
         moves = rates * period > LEAST_RATE * jnp.maximum(sizes, 1.0)
         share = jnp.max(jnp.where(moves, rates / jnp.where(moves, fastest, 1.0), 0.0))
-        slow = (share < REST) & (carry.halt != CROSSING)
+        slow = (share < REST) & ~rarely(carry.halt == CROSSING)
         begun, largest, before = memory.rest[0], memory.rest[1], memory.rest[2]
         largest = jnp.maximum(largest, share)
         over = carry.t - begun >= REST_PERIODS * period
