@@ -26,7 +26,14 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, Rates, State
-from gaitsweep.engine.hidden_events import LOOKS, between, guard_slopes, may_hide, switches, unresolved
+from gaitsweep.engine.hidden_events import (
+    LOOKS,
+    between,
+    guard_slopes,
+    may_hide,
+    switch_unseen,
+    unresolved,
+)
 from gaitsweep.engine.numerics import ORDER, Numerics, tolerance_scale
 from gaitsweep.engine.propose import METHODS, Method, Propose, move, own_steps
 from gaitsweep.engine.rarity import rarely, usually
@@ -235,8 +242,8 @@ def _advance_hybrid(
                 for share in LOOKS
             ]
             hides = hides | unresolved(carry.near, slopes, guards, speed, looks, h)
-            changes = switches(flow, here, carry.state) != switches(flow, here, trial)
-            hides = hides | ((h > SWITCH_STEP * carry.unit) & jnp.any(changes))
+            shows, unseen = switch_unseen(flow, here, (carry.state, trial), (leaving, arriving), h)
+            hides = hides | ((h > SWITCH_STEP * carry.unit) & (shows | unseen))
         hidden = rarely(going & taken & ~short & hides)
         again = failed | hidden
         if in_turn:

@@ -9,14 +9,17 @@ A guard may also be faster than the flow (the teeth of a wheel), so that a step 
 passes several of its zeros. So methods with step control look at the guards inside the step too, and reject
 it if a guard is above zero there, or far from the cubic through its values and slopes at both ends.
 
-A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons of moving variables are read off
-its program, and a step across which one of them changes is shortened, so that no pulse is stepped over.
+A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons, signs and rounded values of
+moving variables are read off its program, and a step across which one of them changes is shortened. What
+decides a comparison, a maximum or a minimum is looked at within the step as well, as guards are, so that a
+pulse that begins and ends there is met.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -36,18 +39,29 @@ TOP_WITHIN = 2.0
 LOOKS = (0.29, 0.63)
 # Largest distance of a guard from its cubic, as a share of its largest value in the step.
 RESOLVED = 0.1
-# Comparisons whose change within a step switches a flow.
-_COMPARISONS = ("lt", "le", "gt", "ge")
+# Where exp is nothing to step control (2e-9), and tanh and its like are at their ends (within 2e-7).
+NOTHING, SATURATION = -20.0, 8.0
+# Operations whose results are constant between switches of a flow, and those whose arguments decide a switch
+# by the sign of their difference.
+_CAST = "convert_element_type"
+_LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
+_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NOTHING}
+_SATURATED = {"tanh", "logistic", "erf"}
+_SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, "rem"}
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> jax.Array:
     """Time derivatives of the guards along a flow (their units per s), without derivatives of their own."""
-    still, params = jax.lax.stop_gradient((state, params))
+    params = jax.lax.stop_gradient(params)
+    return slopes_along(lambda s: model.guards(params, s), state, rates)
+
+
+def slopes_along(function: Callable[[State], jax.Array], state: State, rates: Rates) -> jax.Array:
+    """Time derivatives of a function of the state along a flow, without derivatives of their own."""
+    still = jax.lax.stop_gradient(state)
     along = {name: jax.lax.stop_gradient(rate) for name, rate in rates.items()}
     zero = jnp.zeros_like(jax.tree.leaves(along)[0], shape=())
-    _, slopes = jax.jvp(
-        lambda s: model.guards(params, move(still, along, s)), (zero,), (jnp.ones_like(zero),)
-    )
+    _, slopes = jax.jvp(lambda s: function(move(still, along, s)), (zero,), (jnp.ones_like(zero),))
     return slopes
 
 
@@ -103,25 +117,77 @@ def unresolved(
     return jnp.any(apart & (near < 0.0) & (end < 0.0))
 
 
-def switches(flow: Callable[[Params, State], Rates], params: Params, state: State) -> jax.Array:
-    """The truth (n,) of the comparisons by which a flow switches as its variables move."""
-    closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
+class Switching(NamedTuple):
+    """Where a flow may switch, at one state: `levels` are constant between switches, `surfaces` smooth.
+
+    A level (n,) is the truth of a comparison, a sign or a rounded number, which differs by 1 or more after a
+    switch; a surface (m,) a difference whose sign decides a comparison, a maximum or a minimum.
+    """
+
+    levels: jax.Array
+    surfaces: jax.Array
+
+
+def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
+    """Where a flow may switch as its variables move, read off its program, but for its loops and branches."""
+    with jax.disable_jit():  # the program of a function that is jitted stands in its place
+        closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program, given = closed.jaxpr, jax.tree.leaves((params, state))
-    held = len(jax.tree.leaves(params))
     # a state that is registered without names of its fields counts as moving as a whole
     fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
-    moving = {v for v, name in zip(program.invars[held:], fields, strict=True) if name in (None, *rates)}
+    moves = zip(program.invars[len(given) - len(fields) :], fields, strict=True)
+    moving = {v for v, name in moves if name is None or name in rates}
     found = []
     for equation in program.eqns:
         if moving.intersection(v for v in equation.invars if not isinstance(v, Literal)):
             moving.update(equation.outvars)
-            if equation.primitive.name in _COMPARISONS:
-                found += equation.outvars
-    if not found:
-        return jnp.zeros((0,), bool)
-    compared = ClosedJaxpr(program.replace(outvars=found, debug_info=None), closed.consts)
-    told = jaxpr_as_fun(compared)(*given)
-    return jnp.concatenate([jnp.ravel(each) for each in told])
+            if equation.primitive.name in _SWITCHES:
+                found.append(equation)
+    read = list(
+        dict.fromkeys(v for e in found for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
+    )
+    part = ClosedJaxpr(program.replace(outvars=read, debug_info=None), closed.consts)
+    values = dict(zip(read, jaxpr_as_fun(part)(*given), strict=True))
+    levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
+    for equation in found:
+        operation, result = equation.primitive.name, values[equation.outvars[0]]
+        args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
+        if not all(jnp.issubdtype(jnp.result_type(each), jnp.floating) for each in args):
+            continue
+        if operation == "rem":
+            levels.append(jnp.ravel(jnp.floor(args[0] / jnp.where(args[1] == 0.0, 1.0, args[1]))))
+        elif operation in _SATURATED:  # from one end to the other within a step, but not half of the way
+            levels.append(jnp.ravel(jnp.where(jnp.abs(args[0]) > SATURATION, 0.5 * jnp.sign(args[0]), 0.0)))
+        elif operation in _LEVELS and (operation != _CAST or not jnp.issubdtype(result.dtype, jnp.inexact)):
+            levels.append(jnp.ravel(result).astype(float))
+        if operation in _SURFACES:
+            surfaces.append(jnp.ravel(args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])))
+    return Switching(jnp.concatenate(levels), jnp.concatenate(surfaces))
+
+
+def switch_unseen(
+    flow: Callable[[Params, State], Rates],
+    params: Params,
+    ends: tuple[State, State],
+    rates: tuple[Rates, Rates],
+    h: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """Whether a flow switches within a step: in a way that shows at its ends, or perhaps in between alone."""
+    before, after = (switching(flow, params, state) for state in ends)
+    if not before.levels.size + before.surfaces.size:
+        return jnp.asarray(False), jnp.asarray(False)
+    shows = jnp.any(jnp.abs(after.levels - before.levels) >= 1.0)
+
+    def surfaces(state: State) -> jax.Array:
+        return switching(flow, params, state).surfaces
+
+    # below zero at both ends, as a guard that may fire in between
+    side = jnp.where(before.surfaces < 0.0, 1.0, -1.0)
+    near, end = side * before.surfaces, side * after.surfaces
+    slopes, end_slopes = (side * slopes_along(surfaces, *each) for each in zip(ends, rates, strict=True))
+    looks = [side * surfaces(between(ends[0], rates[0], ends[1], rates[1], h, share)) for share in LOOKS]
+    hides = may_hide(near, slopes, end, h) | unresolved(near, slopes, end, end_slopes, looks, h)
+    return shows, hides
 
 
 def _cubic(

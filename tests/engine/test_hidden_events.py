@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +12,11 @@ import numpy as np
 import pytest
 from sweeping import run_rows
 
+import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.hidden_events import may_hide
+from gaitsweep.engine.hidden_events import may_hide, switch_unseen
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 
@@ -119,3 +122,84 @@ def test_what_cannot_have_turned_is_not_looked_at_again() -> None:
         assert bool(may_hide(*arrays, jnp.asarray(1.0))) is hides, (near, slope, end)
     none = jnp.zeros((0,))
     assert not may_hide(none, none, none, jnp.asarray(1.0))
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Clock:
+    clock: jax.Array
+
+
+# pulses of a clock from 1 s on, of a width
+PULSES: dict[str, Callable[[jax.Array, float], Any]] = {
+    "comparisons": lambda c, w: (c > 1.0) & (c < 1.0 + w),
+    "distance": lambda c, w: jnp.abs(c - 1.0 - w / 2) < w / 2,
+    "product": lambda c, w: jnp.where((c - 1.0) * (c - 1.0 - w) < 0.0, 1.0, 0.0),
+    "remainder": lambda c, w: jnp.mod(c - 1.0, 2.0) < w,
+    "signs": lambda c, w: 0.5 * (jnp.sign(c - 1.0) - jnp.sign(c - 1.0 - w)),
+    "steps": lambda c, w: jnp.heaviside(c - 1.0, 0.0) - jnp.heaviside(c - 1.0 - w, 0.0),
+    "floor": lambda c, w: jnp.floor((c - 1.0) / w) == 0.0,
+    "whole number": lambda c, w: ((c - 1.0) / w + 1.0).astype(int) == 1,
+    "jitted": jax.jit(lambda c, w: (c > 1.0) & (c < 1.0 + w)),
+    "branch": lambda c, w: jax.lax.cond((c > 1.0) & (c < 1.0 + w), lambda: 1.0, lambda: 0.0),
+    "hat": lambda c, w: jnp.maximum(0.0, 1.0 - jnp.abs((c - 1.0) / w)),
+    "clipped": lambda c, w: jnp.minimum(jnp.maximum((c - 1.0) / w, 0.0), 1.0) - (c > 1.0 + w),
+    "bell": lambda c, w: jnp.exp(-(((c - 1.0) / w) ** 2)),
+    "smooth steps": lambda c, w: jnp.tanh((c - 1.0) / w) - jnp.tanh((c - 1.0 - 5.0 * w) / w),
+}
+
+
+@pytest.mark.parametrize("form", PULSES)
+def test_a_pulse_is_met_in_whatever_words_it_is_written(form: str) -> None:
+    """A step over a pulse is too long, and one that stays clear of it is not."""
+
+    def flow(width, state):
+        return {"clock": jnp.asarray(1.0) + 0.0 * PULSES[form](state.clock, width)}
+
+    @jax.jit
+    def too_long(begin: jax.Array, h: jax.Array, width: jax.Array) -> jax.Array:
+        ones = {"clock": jnp.asarray(1.0)}
+        shows, hides = switch_unseen(flow, width, (Clock(begin), Clock(begin + h)), (ones, ones), h)
+        return shows | hides
+
+    smooth = form in ("bell", "smooth steps")  # which step control sees if they are wide
+    for width in (1e-5, 1e-4, 1e-3) if smooth else (1e-5, 1e-4, 1e-3, 1e-2):
+        for begin in 0.85 + 0.013 * np.arange(11):  # the pulse is behind the middle of the step, or before it
+            assert too_long(begin, 0.2, width), (begin, width)
+    if form not in ("floor", "whole number"):  # which count on outside the pulse
+        assert not too_long(0.2, 0.1, 1e-3)
+        assert not too_long(1.3, 0.1, 1e-3)
+
+
+class Pulses(DeclaredModel):
+    """u' = -u, and a pulse of area 1 from 1 s of each 2 s on; a u for each way to write it."""
+
+    width = parameter("s", "width of the pulse", 0.01)
+    clock = variable("s", "time of the cycle", 0.0, observed=False)
+    u = variable("1", "u", 0.0, count=5)
+
+    def flow(self, p, s):
+        forms = ("comparisons", "distance", "product", "remainder", "signs")
+        on = [jnp.asarray(PULSES[form](s.clock, p.width), float) for form in forms]
+        return {"clock": 1.0, "u": -s.u + jnp.stack(on) / p.width}
+
+    @event("2 s are over", section=True)
+    def tick(self, p, s):
+        return s.clock - 2.0
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(clock=0.0)
+
+    def period(self, p):
+        return 2.0 + 0.0 * p.width
+
+
+@pytest.mark.slow
+def test_pulses_have_their_closed_solution() -> None:
+    width = np.array([1e-4, 1e-3, 5e-3, 1e-2])
+    table = gs.sweep(Pulses, width=width, run=gs.ReturnMap(crossings=1)).table
+    last = table[table["crossing"] == 1]
+    exact = np.exp(-(1.0 - width)) * (1.0 - np.exp(-width)) / width
+    for i in range(1, 6):
+        np.testing.assert_allclose(last[f"u_{i}_n"], exact, rtol=2e-6)
