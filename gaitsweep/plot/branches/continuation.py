@@ -26,7 +26,7 @@ from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
 _STABLE, _UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
-MARKS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
+MARKERS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
@@ -125,7 +125,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
     # the stability of a piece between two points is that of its end that is no bifurcation
-    plain = ~np.isin(special, list(MARKS))
+    plain = ~np.isin(special, list(MARKERS))
     pieces = [
         "kink" if special[k + 1] == "kink" else bool(stable[k] if plain[k] else stable[k + 1])
         for k in range(len(at) - 1)
@@ -145,7 +145,7 @@ def _draw(axes: Axes, branch: pd.DataFrame, x: str, y: str, colour: Any) -> None
             look |= {"color": colour or (_STABLE if kind else _UNSTABLE), "ls": "-" if kind else (0, (4, 2))}
         axes.plot(at[start : end + 1], value[start : end + 1], **look)
         start = end
-    for kind, mark in MARKS.items():
+    for kind, mark in MARKERS.items():
         here = special == kind
         axes.plot(at[here], value[here], mark, ms=4.5, color="black", mfc="white", zorder=3)
 
@@ -165,7 +165,7 @@ def _key(table: pd.DataFrame, beside: Mapping[str, Sequence[float]], coloured: b
         )
     handles += [
         Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=WORDS.get(kind, kind))
-        for kind, mark in MARKS.items()
+        for kind, mark in MARKERS.items()
         if kind in special
     ]
     handles += [Patch(label=name, **_beside(number)) for number, name in enumerate(beside)]

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
-from gaitsweep.plot.branches.continuation import MARKS, WORDS
+from gaitsweep.plot.branches.continuation import MARKERS, WORDS
 from gaitsweep.plot.columns import PlotError, column, described, log_axes, moved_parameter
 from gaitsweep.plot.figure_kind import AlongAxis, GaitColumn, Title, figure_kind
 
@@ -111,7 +111,7 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
             for mark in MARKS:
                 here = by == mark
                 look: dict[str, Any] = {"ms": 4.5, "color": colour[name], "mfc": "white", "zorder": 4}
-                axes.plot(at[here], up[here], MARKS[mark], **look)
+                axes.plot(at[here], up[here], MARKERS[mark], **look)
 
 
 def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
