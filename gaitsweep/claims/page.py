@@ -21,6 +21,7 @@ _COLOURS = {
     ClaimVerdict.reproduced: ("#0B5CAD", "#56B4E9"),
     ClaimVerdict.not_reproduced: ("#A84300", "#FF9D5C"),
     ClaimVerdict.open_constants: ("#7A5A00", "#E8C15A"),
+    ClaimVerdict.definition: ("#5B4B8A", "#B9A7E8"),
     ClaimVerdict.answered: ("#00704E", "#4FD0A5"),
     ClaimVerdict.not_run: ("#5C636B", "#A7AFB8"),
 }
@@ -100,6 +101,8 @@ def _claim(claim: dict[str, object]) -> str:
     for key, words in (
         ("why", "why"),
         ("chosen", "chosen here"),
+        ("definition", "by definition"),
+        ("constants", "constants"),
         ("tried", "tried"),
         ("open", "not in the paper"),
     ):

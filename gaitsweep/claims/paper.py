@@ -66,6 +66,10 @@ class Claim(Part):
     asked: bool = Field(
         default=False, description="whether the paper leaves it open: the answer is ours, not a claim of it"
     )
+    definition: str = Field(
+        default="",
+        description="why no simulation can turn the verdict: a value or a rule that the model is given",
+    )
     open: str = Field(default="", description="constants that the paper does not give, where these decide")
     tried: str = Field(default="", description="what was tried where the paper's value is not reached")
     figure: Stem | Literal[""] = Field(default="", description="figure of the first job that shows it")

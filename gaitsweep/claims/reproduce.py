@@ -18,6 +18,7 @@ from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job
+from gaitsweep.job.yaml_document import read_document
 from gaitsweep.runs.execute import RESULTS, run_job
 from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
@@ -199,6 +200,7 @@ def _row(
     seconds: float,
 ) -> dict[str, object]:
     first = claim.of[0] if claim.of else None
+    sources = [_source(paper.job_file(name)) for name in claim.of]
     run = runs.get(first) if first is not None else None
     figure = run.figure(claim.figure) if run is not None and claim.figure else None
     command = claim.command or (run.command if run is not None else "")
@@ -217,14 +219,27 @@ def _row(
         "why": why,
         "because": claim.because,
         "chosen": claim.chosen,
+        "definition": claim.definition,
         "open": claim.open,
         "tried": claim.tried,
         "measure": claim.measure,
         "jobs": ", ".join(claim.of),
+        "simulated": bool(claim.of),
+        "model": ", ".join(dict.fromkeys(model for model, _ in sources)),
+        "constants": ", ".join(dict.fromkeys(constants for _, constants in sources)),
         "figure": "" if figure is None else str(figure),
         "command": command,
         "seconds": seconds,
     }
+
+
+def _source(file: Path) -> tuple[str, str]:
+    """The model of a job's file, and the name of the file that has its constants."""
+    data = read_document(file).data
+    if "config" not in data:
+        return str(data.get("model", "")), "defaults"
+    config = file.parent / str(data["config"])
+    return str(read_document(config).data.get("model", "")), config.stem
 
 
 def written(value: Value) -> str:

@@ -17,6 +17,7 @@ class ClaimVerdict(enum.StrEnum):
     reproduced = "reproduced"
     not_reproduced = "not"
     open_constants = "open: constants"  # out of tolerance, and the paper leaves out constants that decide it
+    definition = "definition"  # it holds because the model or its labels are made so
     answered = "answered"  # the paper asks, and leaves the answer open
     not_run = "not run"
 
@@ -30,6 +31,7 @@ _SENTENCES = {
     ClaimVerdict.reproduced: "our value agrees with the paper's within the tolerance",
     ClaimVerdict.not_reproduced: "our value does not agree with the paper's",
     ClaimVerdict.open_constants: "it does not agree, and the paper leaves out constants that decide it",
+    ClaimVerdict.definition: "the model or its labels are made so: no simulation could turn it",
     ClaimVerdict.answered: "the paper leaves the question open; what is found here holds in this run too",
     ClaimVerdict.not_run: "not judged: left out by --quick, its job did not run, or its table lacks a column",
 }
@@ -43,6 +45,8 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
         ours: what its measure returned.
     """
     if agrees(claim, ours):
+        if claim.definition:
+            return ClaimVerdict.definition
         return ClaimVerdict.answered if claim.asked else ClaimVerdict.reproduced
     return ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
 

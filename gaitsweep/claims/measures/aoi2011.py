@@ -457,6 +457,18 @@ def farthest_angle(
 
 
 @measure
+def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
+    """Share of the rows with a gait on the first stair that have it on every stair (1)."""
+    require(table, "row", "stair", "gait")
+    shown = table.assign(same=table["gait"].astype(str) == gait)
+    first = shown.loc[shown["stair"] == shown["stair"].min()]
+    rows = first.loc[first["same"], "row"]
+    if rows.empty:
+        raise AnalysisError(f"No row has the gait {gait} on the first stair.")
+    return float(shown[shown["row"].isin(rows)].groupby("row")["same"].all().mean())
+
+
+@measure
 def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condition | None = None) -> float:
     """Largest distance (rad) between an angle at the start of a row and at its end."""
     part = records(table, where)
