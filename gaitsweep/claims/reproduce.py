@@ -70,6 +70,12 @@ class Reproduction:
         return {each.value: found.count(each.value) for each in ClaimVerdict}
 
     @property
+    def by_constants(self) -> dict[str, int]:
+        """The number of claims that simulations reproduce with each set of constants, the largest first."""
+        mine = self.table[(self.table["verdict"] == ClaimVerdict.reproduced.value) & self.table["simulated"]]
+        return {str(name): int(count) for name, count in mine["constants"].value_counts().items()}
+
+    @property
     def page(self) -> Path:
         return self.folder / PAGE
 

@@ -357,6 +357,9 @@ def reproduce(
     counts = found.counts
     judged = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
     print(f"{len(found.table)} claim{'s' * (len(found.table) != 1)}: {judged}.")
+    if len(found.by_constants) > 1:
+        sets = ", ".join(f"{number} with {constants}" for constants, number in found.by_constants.items())
+        print(f"Reproduced by simulation: {sets}.")
     print(f"Page: {found.page}")
     if found.failed:
         raise typer.Exit(FAILED)

@@ -69,6 +69,11 @@ def test_every_claim_has_a_verdict(
         "long": "not run",
     }
     assert found["ours"]["all_settle"] == "1"
+    assert found[["simulated", "model", "constants"]].loc["all_settle"].tolist() == [
+        True,
+        "multilegged_reduced",
+        "defaults",
+    ]
     assert "no column nothing" in found["why"]["not_there"]
     assert found["command"]["all_settle"].startswith("gaitsweep run ")
     assert "5 claims: 1 reproduced, 2 not, 2 not run." in capsys.readouterr().out

@@ -44,6 +44,8 @@ def claim(**fields: Any) -> Claim:
         ({"paper": 3.1, "tolerance": 0.05, "open": "the gains"}, 3.08, REPRODUCED),
         ({"paper": "left open", "above": 3, "asked": True}, 6, ClaimVerdict.answered),
         ({"paper": "left open", "above": 3, "asked": True}, 1, NOT),
+        ({"paper": 1.0, "tolerance": 0, "definition": "a default"}, 1.0, ClaimVerdict.definition),
+        ({"paper": 1.0, "tolerance": 0, "definition": "a default"}, 1.1, NOT),
     ],
 )
 def test_verdict(fields: dict[str, Any], ours: Any, expected: ClaimVerdict) -> None:
