@@ -92,15 +92,18 @@ class SelfCheck:
 
     def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
         """Take the largest changes (n, quantities), where they are known; `size` has the same shape."""
+        size = np.broadcast_to(size, change.shape)
+        # what did not change is no change of any size, also of none: an interval of crossings at one instant
+        share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
+        share[np.isnan(size)] = 0.0
         for i, quantity in enumerate(quantities):
             column = change[:, i]
             known = np.isfinite(column)
             if known.any():
                 most = float(column[known].max())
                 self.largest[quantity.name] = max(most, self.largest.get(quantity.name, 0.0))
-                share = float((column / np.broadcast_to(size, change.shape)[:, i])[known].max())
-                if share > self._share:
-                    self._share = share
+                if (largest := float(share[known, i].max())) > self._share:
+                    self._share = largest
                     self.worst = {"name": quantity.name, "unit": quantity.unit}
 
     def judged(self) -> dict[str, Any]:
