@@ -170,6 +170,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "slowest": (_COUNTS, "numbers of rows by observable"),
     "mislabelled": (_SOME_ROWS, "rows by label"),
     "starts_beyond": (_SOME_ROWS, "rows by event"),
+    "without_period": (_SOME_ROWS, "rows by period"),
     "axes": (_are_axes, "names, number of points and drawn of each axis"),
     "figures_drawn": (_are_texts, "digests by name"),
     "versions": (_are_texts, "versions by name"),

@@ -76,6 +76,34 @@ def test_a_model_without_labels_counts_no_gaits() -> None:
     assert "none" not in repr(result)
 
 
+class Timed(Unlabelled):
+    """Its nominal period is none for some frequencies: NaN, 0, below 0, infinite."""
+
+    def period(self, p):
+        return jnp.where(p.w > 4.0, jnp.inf, jnp.where(p.w > 3.0, 3.5 - p.w, 3.0 * jnp.sqrt(p.w - 1.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_run_remarks_rows_without_a_period() -> None:
+    """Such rows end at once, also where the first of a job is one; their steps are in no manifest."""
+    sizes = [0.5, 0.7, 1.0, 2.0, 3.5, 3.7, 5.0]
+    with pytest.warns(UserWarning, match="period gave NaN in 2 rows") as said:
+        result = gs.sweep(Timed, w=sizes, run=gs.Settle(max_cycles=20))
+    assert result.manifest["without_period"] == {
+        "NaN": {"rows": 2, "row": 0},
+        "0": {"rows": 2, "row": 2},
+        "a number below 0": {"rows": 1, "row": 5},
+        "infinity": {"rows": 1, "row": 6},
+    }
+    ends = result.table["status"].astype(str).tolist()
+    assert ends[:4] == ["not_a_number"] * 3 + ["settled"]
+    assert ends[6] == "not_a_number"
+    told = " ".join(str(each.message) for each in said)
+    assert "period gave a number below 0 in 1 row (row 5)" in told
+    assert result.manifest["dt"] == [pytest.approx(3.0 / 32), pytest.approx(3.0 / 32)]
+
+
 def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
     tried = trial(Swings)
     assert [("gives gait 2" in each or "gives gait -1" in each) for each in tried.faults] == [True, True]
