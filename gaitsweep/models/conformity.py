@@ -164,10 +164,10 @@ def _called_by_init(model: Any, params: Any, state: Any) -> None:
 def _jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that give no state, by the events' names."""
     for event in _declared_events(model):
-        if event.effect is None:
+        if (effect := event.effect) is None:
             continue
         name = f"for the jump of {event.name!r}"
-        after = _given(name, lambda p, s, event=event: event.effect(model, p, s), params, state)
+        after = _given(name, lambda p, s, effect=effect: effect(model, p, s), params, state)
         if not isinstance(after, type(state)):
             kind = "nothing" if after is None else type(after).__name__
             raise _Fault(f"{name} gives {kind}, where it gives a state: return s.replace(...).")
@@ -353,7 +353,7 @@ def faults(kind: type[Model]) -> list[str]:
         model = kind()
         wrong = list(_of_quantities(model))
     except Exception as error:  # a user's class may raise anything
-        return [f"which raises {type(error).__name__} when it is made: {error}."]
+        return [f"which raises {type(error).__name__} when it is made: {str(error).rstrip('.')}."]
     if (found := fault(model)) is not None:
         return list(dict.fromkeys([*wrong, _traced(model) or found])) if wrong else [found]
     try:

@@ -226,7 +226,8 @@ def test_check_model_steps_beside_c() -> None:
     ],
 )
 def test_joints_whose_starts_would_be_one_are_refused(first: str, second: str, words: str) -> None:
-    xml = f"""<mujoco><worldbody><body pos="0 0 1"><joint name="{first}" axis="0 1 0"/><geom size=".1" mass="1"/>
-      <body pos=".4 0 0"><joint name="{second}" axis="0 1 0"/><geom size=".1" mass="1"/></body></body></worldbody>
-      </mujoco>"""
+    xml = f"""<mujoco><worldbody><body pos="0 0 1">
+      <joint name="{first}" axis="0 1 0"/><geom size=".1" mass="1"/>
+      <body pos=".4 0 0"><joint name="{second}" axis="0 1 0"/><geom size=".1" mass="1"/></body></body>
+      </worldbody></mujoco>"""
     assert words in (fault(model_of(xml)) or "")

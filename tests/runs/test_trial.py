@@ -112,6 +112,45 @@ def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
     assert any("energy is kept between events" in each for each in whole.remarks)
 
 
+def with_start(name: str) -> type[gs.HybridModel]:
+    """The model with one more variable."""
+    more = gs.variable("1", "one more", 1.0, scale=1.0)
+    members = {name: more, "flow": lambda self, p, s: {**Unlabelled.flow(self, p, s), name: 0.0 * s.x}}
+    return type("More", (Unlabelled,), members)
+
+
+@pytest.mark.parametrize(
+    ("kind", "column", "run"),
+    [
+        (type("More", (Unlabelled,), {"x_end": gs.parameter("1", "one more", 1.0)}), "x_end", "settle"),
+        (type("More", (Unlabelled,), {"t": gs.parameter("1", "one more", 1.0)}), "t", "return_map"),
+        (with_start("status"), "status", "trace"),
+    ],
+)
+def test_a_model_whose_names_some_table_has_otherwise_is_not_good(
+    kind: type[gs.HybridModel], column: str, run: str
+) -> None:
+    told = f"which has a quantity {column}, but a table of {run} has a column of that name"
+    assert [each.partition(":")[0] for each in trial(kind).faults] == [told]
+
+
+class Rooted(Unlabelled):
+    def flow(self, p, s):
+        return {"x": s.v, "v": -1.0 - jnp.sqrt(s.x)}
+
+
+@pytest.mark.slow
+def test_a_model_of_which_no_row_runs_is_not_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    (told,) = trial(Rooted).faults
+    assert told == "of which all 32 rows that were tried ended as not_a_number."
+
+    def refuse(*_: object) -> None:
+        raise gs.UserError("vary is refused.")
+
+    monkeypatch.setattr("gaitsweep.runs.trial.run_in_memory", refuse)
+    assert trial(Unlabelled).faults == ["of which no row can be run: vary is refused."]
+
+
 def rate_and_power(kind: type[gs.HybridModel], move, **start: float) -> tuple[float, float]:
     """The rate of a model's energy at a start that is moved, and the power that its terms exchange."""
     model = _with_rates(kind)()
