@@ -33,7 +33,7 @@ def job(**fields: Any) -> Job:
 
 
 def checked(tmp_path: Path, *, warns: bool = False, **fields: Any) -> dict[str, Any]:
-    told = pytest.warns(UserWarning, match="Self-check") if warns else contextlib.nullcontext()
+    told = pytest.warns(UserWarning, match=r"\ASelf-check") if warns else contextlib.nullcontext()
     with told:
         result = gs.run(job(**fields), tmp_path / "out")
     found = result.manifest["self_check"]
@@ -151,7 +151,7 @@ def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None
     assert gs.run(off, tmp_path / "out").manifest["self_check"] == {"rows": 0, "verdict": "off"}
     on = job(vary={"x_0": [-4e-5]}, params={"lean": 1e-3})
     assert on.hash() == off.hash()
-    with pytest.warns(UserWarning, match="Self-check"):
+    with pytest.warns(UserWarning, match=r"\ASelf-check"):
         assert gs.run(on, tmp_path / "out").manifest["self_check"]["verdict"] == "warned"
 
 
