@@ -19,6 +19,7 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.models.conformity import fault, faults
+from gaitsweep.skeleton import LimbLook
 
 
 @dataclasses.dataclass(frozen=True)
@@ -277,6 +278,7 @@ FAULTS = {
         **_flows(z_0=lambda s: 0.0),
     },
     r"a gait named '\$\\\\bm{a}\$', which Matplotlib cannot set": {"gaits": (r"$\bm{a}$", "b")},
+    r"a limb named '\$\\\\bm{l}\$', which": {"limbs": property(lambda self: (LimbLook(r"$\bm{l}$"),))},
     r"an event named '\$\\\\bm{e}\$', which": {"high": event(r"$\bm{e}$")(lambda self, p, s: s.z - 2.0)},
     "'it is high' gives booleans": {"high": event("it is high")(lambda self, p, s: s.z > 2.0)},
     "'it is one' gives whole numbers": {"one": event("it is one")(lambda self, p, s: jnp.asarray(1))},
@@ -305,6 +307,7 @@ def test_what_no_row_can_be_run_with_is_refused_by_its_name(words: str) -> None:
         gs.sweep(model, g=[9.0, 10.0])
 
 
+@pytest.mark.slow
 def test_an_event_that_its_jump_does_not_end_happens_without_end() -> None:
     class Held(Ground):
         @event("too high", rising=False, during=lambda s: s.v > -1e9)
@@ -315,9 +318,16 @@ def test_an_event_that_its_jump_does_not_end_happens_without_end() -> None:
         def pushed(self, p, s):
             return s.replace(v=-jnp.abs(s.v))
 
-    assert faults(Ground) == []
     (told,) = faults(Held)
     assert "event 'too high' is not ended by its jump: it happens without end at" in told
+
+
+def test_a_sentence_of_a_model_that_cannot_be_made_ends_once() -> None:
+    def fails(self: object) -> None:
+        raise ValueError("A foot has no ground.")
+
+    told = "which raises ValueError when it is made: A foot has no ground."
+    assert faults(type("Mine", (Ground,), {"limbs": property(fails)})) == [told]
 
 
 def test_complex_rates_are_refused_without_a_warning_of_jax(recwarn: pytest.WarningsRecorder) -> None:
