@@ -7,6 +7,7 @@ as code: a folder that other users can write to is not used.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import stat
@@ -31,12 +32,17 @@ def cache_folder(name: str) -> Path | None:
         for each in (folder.parent, folder):
             each.mkdir(mode=0o700, exist_ok=True)
             if (reason := _unsafe(each)) is not None:
-                warnings.warn(f"The cache {each} is not used: {reason}.", stacklevel=1)
+                _warn_once(f"The cache {each} is not used: {reason}.")
                 return None
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except (OSError, RuntimeError):  # a user without a home is a RuntimeError
         return None
+
+
+@functools.cache
+def _warn_once(sentence: str) -> None:
+    warnings.warn(sentence, stacklevel=3)
 
 
 def keep(file: Path, content: bytes) -> None:

@@ -58,7 +58,7 @@ class Status(ResultCode):
     cycle_limit = 2, "The row reached run.max_cycles without settling."
     fell = 3, "The model's own test of a fall came true.", Verdict.failed
     diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
-    not_a_number = 5, "A state variable became NaN.", Verdict.failed
+    not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
     event_stall = (
         6,
         "Events followed each other at one instant without end (stalled_by names them).",

@@ -1,4 +1,4 @@
-"""Formulas in texts of figures: whether Matplotlib can set them."""
+"""Formulas in texts of figures: whether Matplotlib can set them, and texts that it can."""
 
 from __future__ import annotations
 
@@ -17,3 +17,8 @@ def can_be_set(text: str) -> bool:
     except (ValueError, RuntimeError, RecursionError):
         return False
     return True
+
+
+def settable(text: str) -> str:
+    """A text in which dollar signs are dollars where Matplotlib cannot set its formulas."""
+    return text if can_be_set(text) else text.replace("$", "\\$")

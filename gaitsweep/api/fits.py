@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,7 +11,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.search import Found
 from gaitsweep.fitting.sensitivity import Sensitivity
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.result import cluster_of
+from gaitsweep.runs.result import cluster_of, warn
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -45,13 +44,13 @@ def in_directory(
 ) -> FitT:
     """What `run` finds of a job, with its table in a directory, `results/NAME` by default."""
     cluster = None if client is None else cluster_of(client)
-    return run(job, out, progress=progress, tell=warnings.warn, cluster=cluster)
+    return run(job, out, progress=progress, tell=warn, cluster=cluster)
 
 
 def in_memory(run: Callable[..., FitT], job: Any, progress: Progress, client: Client | None) -> FitT:
     """What `run` finds of a job, with its table in memory; the directory that its `path` names is gone."""
     cluster = None if client is None else cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        found = run(job, folder, progress=progress, tell=warnings.warn, cluster=cluster)
+        found = run(job, folder, progress=progress, tell=warn, cluster=cluster)
     del found.table.attrs["path"]
     return found

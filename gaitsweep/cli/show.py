@@ -14,7 +14,7 @@ from rich.table import Table
 from gaitsweep.contract import Model, Quantity, Status, Verdict
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.runs.status_sentences import status_sentence
-from gaitsweep.runs.summary import MISLABELLED, STARTS_BEYOND, remarks
+from gaitsweep.runs.summary import MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD, remarks
 from gaitsweep.table import Snapshot
 
 if TYPE_CHECKING:
@@ -143,11 +143,11 @@ def directory(snapshot: Snapshot) -> str:
                 lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
         elif key == "axes" and isinstance(value, list):
             lines[key] = axes(value) or "none"
-        elif key == "dt" and isinstance(value, list):
+        elif key == "dt" and isinstance(value, list) and value:
             lines[key] = f"{' to '.join(dict.fromkeys(map(plain, value)))} s"
         elif key == "gaits" and isinstance(value, dict):
             lines[key] = counts(value)
-        elif key in (MISLABELLED, STARTS_BEYOND):
+        elif key in (MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD):
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
         elif key == "self_check" and isinstance(value, dict):
             lines["self-check"] = sentence(value).removeprefix("Self-check: ")

@@ -108,7 +108,7 @@ def check_steps(plan: Plan, run: RunKind, numerics: Numerics) -> list[Diagnostic
     """Diagnostics about a step that is too long for some rows, or that nobody has said."""
     if numerics.dt is None:
         dt, _ = _steps(plan, run, numerics, np.zeros(1, np.int64))
-        if not np.isnan(dt).any():
+        if not np.isnan(dt).any() or numerics.adaptive:  # which is NaN only with the row's period
             return []
         return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(plan.model, numerics.method)}")]
     steps = row_steps(plan, run, numerics)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, get_origin
 
@@ -20,7 +21,7 @@ from jax.extend.core import Literal
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Variable
-from gaitsweep.dynamics.declared_model import Declared
+from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
@@ -31,6 +32,7 @@ _NUMBER = jax.ShapeDtypeStruct((), float)
 # instant after which a guard that fires each time is taken to fire without end.
 _SAMPLE, _JUMPS = 64, 16
 _WIDE = 100.0  # times the reach about a default: bounds that are further apart only clip it
+_UNSET = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
 _NAMED = 8  # values that a sentence about a point names
 
 
@@ -82,7 +84,12 @@ def _look(model: Model) -> None:
     start = {quantity.name: _NUMBER for quantity in model.initial_conditions}
     if isinstance(model, Declared) and isinstance(model, HybridModel):
         _event_functions(model, params, _bare_state(model))  # before `init`, which takes their derivatives
-    state = _given("init", model.init, params, start)
+    try:
+        state = _given("init", model.init, params, start)
+    except _Fault:
+        if isinstance(model, Declared) and isinstance(model, HybridModel):
+            _called_by_init(model, params, _bare_state(model))
+        raise
     if not dataclasses.is_dataclass(state):
         raise _Fault(f"init gives {type(state).__name__}, where it gives a frozen dataclass.")
     if isinstance(model, Declared):
@@ -91,6 +98,8 @@ def _look(model: Model) -> None:
     if isinstance(model, HybridModel):  # before `jump`, which may read the rates
         rates = _given("flow", model.flow, params, state)
         _rates(state, rates)
+    if isinstance(model, Declared):
+        _jump_functions(model, params, state)
     events = _events(model, params, state)
     jumped = _program("jump", model.jump, params, state, events)
     _alike("jump", state, jumped.shapes)
@@ -98,7 +107,9 @@ def _look(model: Model) -> None:
         _moved_or_jumped(model, state, rates, jumped)
     _scalar("section", _given("section", model.section, params, state, events))
     _scalar("failed", _given("failed", model.failed, params, state))
-    _scalar("period", _given("period", model.period, params))
+    _scalar("period", period := _given("period", model.period, params))
+    if (kind := _kind(period)) != "real numbers":  # a time limit of its type would be rounded
+        raise _Fault(f"period gives {kind}, where it gives a real number of seconds: 3.0, not 3.")
     observed = _given("observe", model.observe, params, state)
     _named("observe", observed, "observables", (quantity.name for quantity in model.observables))
     signals = _given("signal", model.signal, params, state)
@@ -139,6 +150,27 @@ def _event_functions(model: Declared, params: Any, state: Any) -> None:
                 f"{name} gives {kind}, where it gives a real number that rises through zero: s.x - 2.0, not "
                 "s.x > 2.0."
             )
+
+
+def _called_by_init(model: Any, params: Any, state: Any) -> None:
+    """Refuse a flow or a jump that fails at a bare state, as the fault of what it is and not of `init`."""
+    added = {field.name for field in dataclasses.fields(state)} - set(model.declarations) - {ARMING}
+    if added:  # they are empty here, and a flow may read them
+        return
+    _rates(state, _given("flow", model.flow, params, state))
+    _jump_functions(model, params, state)
+
+
+def _jump_functions(model: Declared, params: Any, state: Any) -> None:
+    """Refuse jumps of events that give no state, by the events' names."""
+    for event in _declared_events(model):
+        if (effect := event.effect) is None:
+            continue
+        name = f"for the jump of {event.name!r}"
+        after = _given(name, lambda p, s, effect=effect: effect(model, p, s), params, state)
+        if not isinstance(after, type(state)):
+            kind = "nothing" if after is None else type(after).__name__
+            raise _Fault(f"{name} gives {kind}, where it gives a state: return s.replace(...).")
 
 
 def _events(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
@@ -209,7 +241,10 @@ def _origins(jaxpr: Any, known: dict[Any, int]) -> dict[Any, int]:
 def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
     """A function, traced for arguments of these shapes."""
     try:
-        operations, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
+        with warnings.catch_warnings():
+            # complex numbers are refused in words of their own
+            warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
+            operations, shapes = jax.make_jaxpr(function, return_shape=True)(*args)
         return _Program(shapes, operations)
     except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
@@ -222,7 +257,8 @@ def _program(name: str, function: Callable[..., Any], *args: Any) -> _Program:
 def _rates(state: Any, rates: Any) -> None:
     fields = list(vars(state))
     if not isinstance(rates, Mapping):
-        raise _Fault(f"flow gives {type(rates).__name__}, where it gives rates by the state's fields.")
+        kind = "nothing" if rates is None else type(rates).__name__
+        raise _Fault(f"flow gives {kind}, where it gives rates by the state's fields.")
     for name, rate in rates.items():
         if name not in fields:
             text = f"flow gives a rate of {name}, which is no field of its state"
@@ -317,7 +353,7 @@ def faults(kind: type[Model]) -> list[str]:
         model = kind()
         wrong = list(_of_quantities(model))
     except Exception as error:  # a user's class may raise anything
-        return [f"which raises {type(error).__name__} when it is made: {error}."]
+        return [f"which raises {type(error).__name__} when it is made: {str(error).rstrip('.')}."]
     if (found := fault(model)) is not None:
         return list(dict.fromkeys([*wrong, _traced(model) or found])) if wrong else [found]
     try:
@@ -371,6 +407,15 @@ def _of_quantities(model: Model) -> Iterator[str]:
         yield f"whose signal {name} has the name of what a job sets and would hide it in a trace: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: it takes at least one name ("none"), each once.'
+    named = {
+        "a gait": model.gaits,
+        "an event": model.guard_names if isinstance(model, HybridModel) else (),
+        "a limb": [limb.name for limb in model.limbs],
+    }
+    for what, names in named.items():
+        for name in names:
+            if isinstance(name, str) and not can_be_set(name):
+                yield f"which has {what} named {name!r}, {_UNSET}"
 
 
 def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
@@ -382,10 +427,7 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
     texts = {"symbol": f"${quantity.symbol}$", "unit": quantity.unit, "meaning": quantity.meaning}
     for field, text in texts.items():
         if getattr(quantity, field) and not can_be_set(text):
-            yield (
-                f"whose {name} has the {field} {getattr(quantity, field)!r}, which Matplotlib cannot set: "
-                "write TeX that it knows, and \\$ for a dollar."
-            )
+            yield f"whose {name} has the {field} {getattr(quantity, field)!r}, {_UNSET}"
     if not low <= high or (low == high and quantity.open_ends):
         yield f"whose {name} has bounds that leave no value: low is {low:g}, high is {high:g}."
     elif isinstance(quantity.default, int | float):

@@ -15,7 +15,7 @@ from gaitsweep import near_miss
 from gaitsweep.analysis.circular import is_circular as is_angle
 from gaitsweep.analysis.records import axes_of, outcome_labels
 from gaitsweep.errors import UserError
-from gaitsweep.mathtext import can_be_set
+from gaitsweep.mathtext import can_be_set, settable
 
 _GREEK = frozenset(
     {"alpha", "beta", "gamma", "delta", "eta", "kappa", "mu", "omega", "phi", "psi", "sigma", "tau", "theta"}
@@ -101,12 +101,12 @@ def axis_label(table: pd.DataFrame, name: str) -> str:
 def unit_of(table: pd.DataFrame, name: str) -> str:
     """A column's unit; empty where it has none."""
     unit = _quantity(table, name).get("unit", "rad" if is_angle(table, name) else _UNITS.get(name, ""))
-    return "" if unit == "1" else _settable(str(unit))
+    return "" if unit == "1" else settable(str(unit))
 
 
 def described(table: pd.DataFrame, name: str, width: int = 44) -> str:
     """A column's meaning, symbol and unit in lines of `width`, as the label of an axis."""
-    meaning = _settable(str(_quantity(table, name).get("meaning", "")))
+    meaning = settable(str(_quantity(table, name).get("meaning", "")))
     label = axis_label(table, name)
     if not meaning or len(meaning) > 2 * width or label.startswith(meaning):
         return label
@@ -153,11 +153,6 @@ def _quantity(table: pd.DataFrame, name: str) -> dict:
     """The entry of a column in `table.attrs["quantities"]`: its unit, symbol and whether it is circular."""
     known = table.attrs.get("quantities", {})
     return dict(known.get(name) or known.get(base_name(name)) or known.get(_bare(name)) or {})
-
-
-def _settable(text: str) -> str:
-    """A text in which dollar signs are dollars where Matplotlib cannot set its formulas."""
-    return text if can_be_set(text) else text.replace("$", "\\$")
 
 
 def _bare(name: str) -> str:

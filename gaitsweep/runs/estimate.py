@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 
 from gaitsweep.contract import Status
@@ -23,7 +22,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job, Plan
 from gaitsweep.job.axes import Drawn, Spread
 from gaitsweep.kinds.run_kind import table_columns
-from gaitsweep.runs.prepare import Prepared, prepare
+from gaitsweep.runs.prepare import Prepared, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
 
 # Located events add some attempts to the steps of a cycle; the chain's 33 events a cycle add 2 %.
@@ -156,9 +155,7 @@ def _measured(ready: Prepared) -> Measured:
         return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
 
     simulated, crossings = total(lambda output: output.t), total(lambda output: output.record.cycles)
-    params, _ = work.values(0, 1)
-    one = {name: np.asarray(column[0]) for name, column in params.items()}
-    nominal = 1.0 / float(jax.jit(lambda values: work.model.period(work.model.params(values)))(one))
+    nominal = 1.0 / nominal_period(ready.plan)
     if crossings < 2.0 * ran:  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:

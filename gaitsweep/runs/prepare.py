@@ -6,11 +6,13 @@ import contextlib
 import dataclasses
 import hashlib
 import inspect
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pandas as pd
 
 from gaitsweep.engine.sweep.block import BlockResult
@@ -25,6 +27,9 @@ from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
 from gaitsweep.models.traced_program import traced_program
 from gaitsweep.table import WriteError, reason
+
+# Rows of which one may have the nominal period that stands for all.
+_LOOKED_AT = 4
 
 
 class RunError(UserError):
@@ -105,6 +110,16 @@ def prepare(job: Job) -> Prepared:
     if digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
     return Prepared(job, rows, work, note, job_hash, steps)
+
+
+def nominal_period(plan: Plan) -> float:
+    """The nominal period (s) of the first of some rows that has one; NaN where none has."""
+    values, _ = plan.values_in(np.unique(np.linspace(0, plan.n_rows - 1, _LOOKED_AT).astype(np.int64)))
+    model = plan.model
+    periods = jax.vmap(lambda given: model.period(model.params(given)))
+    found = np.asarray(jax.jit(periods)(model.on_host(values)))
+    sound = found[(found > 0.0) & (found < np.inf)]
+    return float(sound[0]) if sound.size else math.nan
 
 
 class Drive:

@@ -227,7 +227,7 @@ def run(
     refuse_of_session(loaded.model)
     cluster = None if client is None else cluster_of(client)
     progress = progress_lines() if progress is None else progress
-    path = run_job(loaded, out, progress=progress, tell=warnings.warn, strict=strict, cluster=cluster)
+    path = run_job(loaded, out, progress=progress, tell=warn, strict=strict, cluster=cluster)
     return _remarked(Result(path))
 
 
@@ -249,7 +249,7 @@ def cluster_of(client: Client, collect: bool = False) -> Cluster:
     from gaitsweep.runs.cluster.connection import GivenClient
     from gaitsweep.runs.cluster.dispatch import Cluster
 
-    return Cluster(GivenClient(client), collect=collect, tell=warnings.warn)
+    return Cluster(GivenClient(client), collect=collect, tell=warn)
 
 
 def run_in_memory(job: Job, client: Client | None = None) -> Result:
@@ -267,15 +267,18 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
     """
     cluster = None if client is None else cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        done = run_job(
-            job, folder, progress=progress_lines(), tell=warnings.warn, figures=False, cluster=cluster
-        )
+        done = run_job(job, folder, progress=progress_lines(), tell=warn, figures=False, cluster=cluster)
         table = load(done)
     del table.attrs["path"]
     return _remarked(Result(table=table))
 
 
+def warn(sentence: str, level: int = 1) -> None:
+    """Warn in Python's way, which itself says that the sentence is a warning."""
+    warnings.warn(sentence.removeprefix("Warning: "), stacklevel=level + 1)
+
+
 def _remarked(result: Result) -> Result:
     for remark in remarks(result.manifest):
-        warnings.warn(remark.removeprefix("Warning: "), stacklevel=4)
+        warn(remark, 4)
     return result

@@ -35,7 +35,7 @@ from gaitsweep.errors import UserError
 from gaitsweep.job import Plan
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import Prepared, nominal_period
 from gaitsweep.runs.self_check_report import HALF_THE_STEP, TOLERANCES
 
 # The sample's steps, as a share of the run's own: irrational, so that no step ends where one of these does.
@@ -92,15 +92,18 @@ class SelfCheck:
 
     def take_largest(self, quantities: tuple[Quantity, ...], change: np.ndarray, size: np.ndarray) -> None:
         """Take the largest changes (n, quantities), where they are known; `size` has the same shape."""
+        size = np.broadcast_to(size, change.shape)
+        # what did not change is no change of any size, also of none: an interval of crossings at one instant
+        share = np.divide(change, size, out=np.where(change > 0.0, np.inf, 0.0), where=size > 0.0)
+        share[np.isnan(size)] = 0.0
         for i, quantity in enumerate(quantities):
             column = change[:, i]
             known = np.isfinite(column)
             if known.any():
                 most = float(column[known].max())
                 self.largest[quantity.name] = max(most, self.largest.get(quantity.name, 0.0))
-                share = float((column / np.broadcast_to(size, change.shape)[:, i])[known].max())
-                if share > self._share:
-                    self._share = share
+                if (largest := float(share[known, i].max())) > self._share:
+                    self._share = largest
                     self.worst = {"name": quantity.name, "unit": quantity.unit}
 
     def judged(self) -> dict[str, Any]:
@@ -166,10 +169,8 @@ def rows_to_repeat(ready: Prepared) -> int:
     job, plan = ready.job, ready.plan
     if "verify" in job.model_fields_set or plan.n_rows <= LEAST_ROWS:
         return min(job.verify, plan.n_rows)
-    values, _ = plan.values_in(np.zeros(1, np.int64))
-    values = ready.plan.model.on_host(values)
-    one = {name: np.asarray(column[0]) for name, column in values.items()}
-    period = float(jax.jit(lambda given: plan.model.period(plan.model.params(given)))(one))
+    if math.isnan(period := nominal_period(plan)):
+        return min(job.verify, LEAST_ROWS)
     cycles = job.run.cost(plan, 1.0, period).likely  # of a row, as a number of cycles
     if job.run.compared in ("settled", "ends"):
         repeated = (1.0 + 1.0 / FINER) * cycles
@@ -494,9 +495,9 @@ def _compare_crossings(
     work = dataclasses.replace(ready.work, recorder=recorder)
     once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
     seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
-    if not np.any(np.isfinite(seen[0][:, 1:])):
+    if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(ready)):
         # no section was crossed: the state is compared after as many nominal periods
-        recorder = FixedTimeRecorder(model, _comparable_time(ready))
+        recorder = FixedTimeRecorder(model, end)
         work = dataclasses.replace(ready.work, recorder=recorder)
         once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
         begun = _with_starts(ready, rows, np.zeros((0, len(model.observables))))
@@ -533,12 +534,13 @@ def _compare_crossings(
 
 
 def _comparable_time(ready: Prepared) -> float:
-    """Seconds after which rows without a section are compared: `CROSSINGS` periods, or the run's own end."""
-    model = ready.plan.model
-    values, _ = ready.plan.values_in(np.zeros(1, np.int64))
-    one = {name: np.asarray(column[0]) for name, column in model.on_host(values).items()}
-    period = float(jax.jit(lambda given: model.period(model.params(given)))(one))
-    return min(CROSSINGS * period, getattr(ready.work.recorder, "duration", None) or math.inf)
+    """Seconds after which rows without a section are compared: `CROSSINGS` periods, or the run's own end.
+
+    Infinite where no row has a period, and the run no end.
+    """
+    period = nominal_period(ready.plan)
+    longest = getattr(ready.work.recorder, "duration", None) or math.inf
+    return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 
 def _mean_interval(times: np.ndarray) -> np.ndarray:

@@ -23,10 +23,12 @@ from gaitsweep.models.own_modules import folder_of_class
 from gaitsweep.runs.prepare import Prepared
 from gaitsweep.table import ResultDirectory, load_parts
 
-# Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface.
-MISLABELLED, STARTS_BEYOND = "mislabelled", "starts_beyond"
+# Fields of the manifest: rows whose label is no index of a gait, rows that begin beyond an event's surface,
+# rows whose nominal period is no time.
+MISLABELLED, STARTS_BEYOND, WITHOUT_PERIOD = "mislabelled", "starts_beyond", "without_period"
 # Rows whose starts are looked at, at most and at a time.
 _MOST_STARTS, _STARTS_AT_A_TIME = 100_000, 4096
+_MOST_OF_A_SIMULATOR = 64  # whose parameters the host works out row by row
 
 
 def describe(ready: Prepared, directory: ResultDirectory) -> None:
@@ -35,13 +37,14 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
     `axes` are those of the rows, the last varying fastest: what moves together, the number of points, and
     whether these are drawn as a sample.
     """
+    steps = ready.steps.dt[(ready.steps.dt > 0.0) & (ready.steps.dt < np.inf)]
     directory.update_manifest(
         engine=ready.engine,
         device=ready.device,
         lanes=ready.work.lanes,
         precision=ready.work.numerics.precision,
         method=ready.work.numerics.method,
-        dt=[float(np.min(ready.steps.dt)), float(np.max(ready.steps.dt))],
+        dt=[float(np.min(steps)), float(np.max(steps))] if steps.size else [],
         axes=[
             {"names": list(group.points), "length": group.length, "drawn": group.drawn}
             for group in ready.plan.groups
@@ -77,50 +80,56 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
 def _of_starts(ready: Prepared) -> dict[str, Any]:
     """What the manifest says of rows that begin on or beyond the surface of an event, by the event's name.
 
-    `rows` is their number and `row` the first of them; of more than `_MOST_STARTS` rows, evenly spaced ones
-    are looked at, whose number is `of`.
+    And of rows whose nominal period is no time, by what it is. `rows` is their number and `row` the first of
+    them; of more than `_MOST_STARTS` rows, evenly spaced ones are looked at, whose number is `of`.
     """
     n, model = ready.work.n_rows, ready.work.model
-    rows = np.arange(n) if n <= _MOST_STARTS else np.linspace(0, n - 1, _MOST_STARTS).astype(np.int64)
+    most = _MOST_OF_A_SIMULATOR if model.host_parameters else _MOST_STARTS
+    rows = np.arange(n) if n <= most else np.linspace(0, n - 1, most).astype(np.int64)
     width = min(_STARTS_AT_A_TIME, 1 << (rows.size - 1).bit_length())
-    beyond = _beyond(model)
-    found: dict[str, dict[str, int]] = {}
+    begun = _begun(model)
+    found: dict[str, dict[str, dict[str, int]]] = {}
     for first in range(0, rows.size, width):
         some = rows[first : first + width]
         parameters, starts = ready.plan.values_in(np.append(some, np.full(width - some.size, some[0])))
         with jax.default_device(host_device()):
-            flags = beyond(model.on_host(parameters), starts)
-        if not flags:
-            return {}
-        for name, each in flags.items():
-            if (there := some[np.asarray(each)[: some.size]]).size:
-                known = found.setdefault(name, {"rows": 0, "row": int(there[0])})
-                known["rows"] += int(there.size)
-                if rows.size < n:
-                    known["of"] = int(rows.size)
-    return {STARTS_BEYOND: found} if found else {}
+            period, beyond = begun(model.on_host(parameters), starts)
+        times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
+        flags = {STARTS_BEYOND: beyond, WITHOUT_PERIOD: {**times, "infinity": period == np.inf}}
+        for field, named in flags.items():
+            for name, each in named.items():
+                if (there := some[np.asarray(each)[: some.size]]).size:
+                    known = found.setdefault(field, {}).setdefault(name, {"rows": 0, "row": int(there[0])})
+                    known["rows"] += int(there.size)
+                    if rows.size < n:
+                        known["of"] = int(rows.size)
+    return found
 
 
 @functools.lru_cache(maxsize=16)
-def _beyond(model: Model) -> Callable[..., dict[str, jax.Array]]:
-    def one(values: Any, start: Any) -> dict[str, jax.Array]:
+def _begun(model: Model) -> Callable[..., tuple[jax.Array, dict[str, jax.Array]]]:
+    """`(values, starts) -> (period, beyond)` of rows."""
+    has_surfaces = type(model).beyond_at_start is not Model.beyond_at_start
+
+    def one(values: Any, start: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
         params = model.params(values)
-        return model.beyond_at_start(params, model.init(params, start))
+        beyond = model.beyond_at_start(params, model.init(params, start)) if has_surfaces else {}
+        return model.period(params), beyond
 
-    return jax.jit(jax.vmap(one)) if type(model).beyond_at_start is not Model.beyond_at_start else _nothing
-
-
-def _nothing(*_: Any) -> dict[str, jax.Array]:
-    return {}
+    return jax.jit(jax.vmap(one))
 
 
 def remarks(manifest: Mapping[str, Any]) -> list[str]:
     """Sentences about what a run has done otherwise than its author may expect."""
     said = []
-    for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
-        of = f" of {found['of']} that were looked at" if "of" in found else ""
+    for name, found in (manifest.get(WITHOUT_PERIOD) or {}).items():
         said.append(
-            f"{_rows(found)}{of} began on or beyond the surface of the event {name!r}, which happens only "
+            f"Warning: the model's function period gave {name} in {_rows(found)}, where it gives seconds "
+            "above 0: limits of time and of steps follow from it."
+        )
+    for name, found in (manifest.get(STARTS_BEYOND) or {}).items():
+        said.append(
+            f"{_rows(found)} began on or beyond the surface of the event {name!r}, which happens only "
             "after its function has been below zero."
         )
     for name, found in (manifest.get(MISLABELLED) or {}).items():
@@ -133,10 +142,10 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def _rows(found: Mapping[str, Any]) -> str:
+    of = f" of {found['of']} that were looked at" if "of" in found else ""
     more = found["rows"] > 1
-    return (
-        f"{found['rows']} rows (the first is row {found['row']})" if more else f"1 row (row {found['row']})"
-    )
+    first = f"the first is row {found['row']}" if more else f"row {found['row']}"
+    return f"{found['rows']} row{'s' * more} ({first}){of}"
 
 
 def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaitsweep import models
-from gaitsweep.contract import HybridModel, Model, Quantity, State
+from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job
-from gaitsweep.kinds import Settle, Trace
+from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.conformity import sample, written
 from gaitsweep.runs.result import Result, run_in_memory
@@ -43,6 +43,8 @@ def trial(kind: type[Model]) -> Trial:
         kind: the class, in which `conformity.faults` finds none; its structure takes its defaults.
     """
     model = kind()
+    if clashing := _clashing_columns(model):
+        return Trial(clashing, [])
     costly = model.host_parameters or not isinstance(model, HybridModel)
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
     values = {**parameters, **starts}
@@ -50,18 +52,34 @@ def trial(kind: type[Model]) -> Trial:
         result = _run(kind, values, Settle(max_cycles=CYCLES))
         energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
     except UserError as error:
-        return Trial([], [f"No row could be tried: {error}"])
+        return Trial([f"of which no row can be run: {error}"], [])
     faults = [
         f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
         f"{written(values, found['row'])}, where it gives an index into its gaits: "
         f"0 to {len(model.gaits) - 1}."
         for name, found in result.manifest.get(MISLABELLED, {}).items()
     ]
+    if set(result.manifest["counts"]) == {Status.not_a_number.name}:
+        faults.append(f"of which all {result.manifest['rows']} rows that were tried ended as not_a_number.")
     counts = ", ".join(f"{number} {status}" for status, number in result.manifest["counts"].items())
     rows = result.manifest["rows"]
     tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
     begun = remarks({**result.manifest, MISLABELLED: {}})
     return Trial(faults, [tried, *begun, *energies])
+
+
+def _clashing_columns(model: Model) -> list[str]:
+    """A fault for each quantity by whose name a table of some kind has another column."""
+    runs = (Settle(), FixedTime(duration=1.0), ReturnMap(crossings=1), Trace(duration=1.0, every=1.0))
+    settable = [q.name for q in (*model.parameters, *model.initial_conditions)]
+    found: dict[str, str] = {}
+    for run in runs:
+        columns = ["row", *settable, *(column.name for column in run.columns(model))]
+        found |= {name: run.kind_name for name in columns if columns.count(name) > 1 and name not in found}
+    return [
+        f"which has a quantity {name}, but a table of {run} has a column of that name: rename the quantity."
+        for name, run in found.items()
+    ]
 
 
 def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> Result:

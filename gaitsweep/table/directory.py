@@ -104,7 +104,9 @@ class ResultDirectory:
             manifest = damaged if isinstance(damaged, dict) else None
             directory = cls(path, lock, manifest or new_manifest(job_hash, n_rows, block, job))
             if isinstance(damaged, DamagedManifest):
-                directory.notes.append(f"{damaged} It is made anew, since the table's parts are this job's.")
+                directory.notes.append(
+                    f"{damaged.what}: it is made anew, since the table's parts are this job's."
+                )
             if not lock.exclusive:
                 directory.notes.append(
                     f"The file system of {path} has no locks: do not run this job twice at once."
@@ -137,6 +139,7 @@ class ResultDirectory:
         if not stands or read_digests(self.path).get(JOB) != digest:
             add_digest(self.path, JOB, digest)
             replace_file(job_file, lambda file: file.write(text))
+            self._keep_latest_digests()
 
     def _examine(self) -> None:
         """Verify the files, and remove damaged ones."""
@@ -360,6 +363,11 @@ class ResultDirectory:
         with writing(f"{self.path / name} could not be written"):
             add_digest(self.path, name, digest_of(data))
             replace_file(self.path / name, lambda file: file.write(data))
+            self._keep_latest_digests()
+
+    def _keep_latest_digests(self) -> None:
+        """Leave one line for each name, since `sha256sum -c` tests a file against all of its lines."""
+        write_digests(self.path, read_digests(self.path))
 
     def read_beside(self, name: str) -> bytes | None:
         """The bytes that `write_beside` wrote; None, with a note, if they are gone, damaged or edited."""

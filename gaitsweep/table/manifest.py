@@ -24,7 +24,15 @@ _LARGEST = 256 * 2**20  # bytes
 
 
 class DamagedManifest(TableError):
-    """A manifest that was changed after gaitsweep wrote it, or removed from beside its table."""
+    """A manifest that was changed after gaitsweep wrote it, or removed from beside its table.
+
+    `what` says so; the message says also what to do about it, where a directory is given.
+    """
+
+    def __init__(self, what: str, path: Path | None = None) -> None:
+        again = f"run the job of {path} again, which makes it anew where the parts of the table are its own."
+        super().__init__(what if path is None else f"{what}: {again}")
+        self.what = what.rstrip(".")
 
 
 def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -46,19 +54,19 @@ def read_manifest(path: Path) -> dict[str, Any]:
         text = read_file(file, _LARGEST).decode()
     except (FileNotFoundError, NotADirectoryError):
         if (path / TABLE).is_dir():
-            raise DamagedManifest(f"{path} has no {MANIFEST} any more: {_again(path)}") from None
+            raise DamagedManifest(f"{path} has no {MANIFEST} any more", path) from None
         what = "is not a directory" if path.exists() and not path.is_dir() else f"has no {MANIFEST}"
         what = what if path.exists() else "does not exist"
         raise TableError(f"{path} is no result directory of gaitsweep: it {what}.") from None
     except OSError as error:
         raise TableError(f"{file} cannot be read: {reason(error)}.") from error
     except ValueError as error:
-        raise DamagedManifest(f"{file} is no text any more ({error}): {_again(path)}") from error
+        raise DamagedManifest(f"{file} is no text any more ({error})", path) from error
     try:
         manifest = json.loads(text)
         json.dumps(manifest, ensure_ascii=False).encode()  # half a surrogate could not be printed
     except (ValueError, RecursionError) as error:
-        raise DamagedManifest(f"{file} is no JSON any more ({error}): {_again(path)}") from error
+        raise DamagedManifest(f"{file} is no JSON any more ({error})", path) from error
     needed = ("format", "job_hash", "rows", "block")
     if not isinstance(manifest, dict) or not all(name in manifest for name in needed):
         raise DamagedManifest(f"{file} is no manifest of gaitsweep: it lacks one of {', '.join(needed)}.")
@@ -70,12 +78,8 @@ def read_manifest(path: Path) -> dict[str, Any]:
             f"formats up to {FORMAT}: use the version that its manifest names."
         )
     if manifest["format"] >= FORMAT and manifest.get(SEAL) != sealed(manifest)[SEAL]:
-        raise DamagedManifest(f"{file} was changed after gaitsweep wrote it: {_again(path)}")
+        raise DamagedManifest(f"{file} was changed after gaitsweep wrote it", path)
     return manifest
-
-
-def _again(path: Path) -> str:
-    return f"run the job of {path} again, which makes it anew where the parts of the table are its own."
 
 
 def _short(value: object) -> str:
@@ -87,8 +91,7 @@ def _check_fields(file: Path, manifest: Mapping[str, Any]) -> None:
     for name, (fits, allowed) in _FIELDS.items():
         if name in manifest and not fits(manifest[name]):
             raise DamagedManifest(
-                f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but is {allowed}: "
-                f"{_again(file.parent)}"
+                f"{file}: {name} is {_short(json.dumps(manifest[name]))}, but is {allowed}", file.parent
             )
 
 
@@ -170,6 +173,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "slowest": (_COUNTS, "numbers of rows by observable"),
     "mislabelled": (_SOME_ROWS, "rows by label"),
     "starts_beyond": (_SOME_ROWS, "rows by event"),
+    "without_period": (_SOME_ROWS, "rows by period"),
     "axes": (_are_axes, "names, number of points and drawn of each axis"),
     "figures_drawn": (_are_texts, "digests by name"),
     "versions": (_are_texts, "versions by name"),

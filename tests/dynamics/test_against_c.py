@@ -20,6 +20,7 @@ from gaitsweep.dynamics.mjx import against_c
 from gaitsweep.dynamics.mjx.against_c import at_first_use, compare
 from gaitsweep.dynamics.mjx.body import MjxBody, mjx
 from gaitsweep.dynamics.mjx.refusals import cautions
+from gaitsweep.models.conformity import fault
 
 CHEAP = {"xla_backend_optimization_level": 0}  # XLA's optimizations would take longer than they save
 
@@ -214,3 +215,19 @@ def test_check_model_steps_beside_c() -> None:
     )
     assert done.exit_code == 0, done.output
     assert "9 of 9 motions of 40 steps agree" in done.output
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "words"),
+    [
+        ("q", "knee", "signal q_0 has the name of what a job sets"),
+        ("a-b", "a_b", "have the name a_b_0 twice"),
+        ("x", "x_rate", "have the name x_rate_0 twice"),
+    ],
+)
+def test_joints_whose_starts_would_be_one_are_refused(first: str, second: str, words: str) -> None:
+    xml = f"""<mujoco><worldbody><body pos="0 0 1">
+      <joint name="{first}" axis="0 1 0"/><geom size=".1" mass="1"/>
+      <body pos=".4 0 0"><joint name="{second}" axis="0 1 0"/><geom size=".1" mass="1"/></body></body>
+      </worldbody></mujoco>"""
+    assert words in (fault(model_of(xml)) or "")

@@ -18,7 +18,8 @@ from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal,
 from gaitsweep.contract import Status
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.examples.hopper import Hopper
-from gaitsweep.models.conformity import fault
+from gaitsweep.models.conformity import fault, faults
+from gaitsweep.skeleton import LimbLook
 
 
 @dataclasses.dataclass(frozen=True)
@@ -249,6 +250,13 @@ def _flows(**rates):
     return {"flow": lambda self, p, s: {"z": s.v, "v": -p.g} | {k: rate(s) for k, rate in rates.items()}}
 
 
+def _jumps(effect):
+    """An event "is high" with this jump."""
+    high = event("is high")(lambda self, p, s: s.z - 2.0)
+    high.jump(effect)
+    return high
+
+
 FAULTS = {
     "rate of v as whole numbers": _flows(v=lambda s: -1),
     "rate of v as complex numbers": _flows(v=lambda s: s.z + 0j),
@@ -258,6 +266,20 @@ FAULTS = {
         "lands": None,
         "tick": event("it ticks", section=True)(lambda self, p, s: s.v),
     },
+    "but its function flow gives tuple, where": {"flow": lambda self, p, s: (s.v, -p.g)},
+    "but its function flow gives nothing, where": {"flow": lambda self, p, s: None},
+    "flow gives z a rate of shape \\(2,\\), but": _flows(z=lambda s: jnp.stack([s.v, s.v])),
+    "but its function flow raises TracerBool.* Use jnp.where": _flows(v=lambda s: -1.0 if s.z > 0 else 1.0),
+    "the jump of 'is high' gives nothing": {"high": _jumps(lambda self, p, s: None)},
+    "the jump of 'is high' raises .* no field w": {"high": _jumps(lambda self, p, s: s.replace(w=0.0))},
+    "period gives whole numbers": {"period": lambda self, p: 3},
+    "signal z_0 has the name of what a job sets": {
+        "z_0": variable("m", "a variable named as the start of z", 1.0),
+        **_flows(z_0=lambda s: 0.0),
+    },
+    r"a gait named '\$\\\\bm{a}\$', which Matplotlib cannot set": {"gaits": (r"$\bm{a}$", "b")},
+    r"a limb named '\$\\\\bm{l}\$', which": {"limbs": property(lambda self: (LimbLook(r"$\bm{l}$"),))},
+    r"an event named '\$\\\\bm{e}\$', which": {"high": event(r"$\bm{e}$")(lambda self, p, s: s.z - 2.0)},
     "'it is high' gives booleans": {"high": event("it is high")(lambda self, p, s: s.z > 2.0)},
     "'it is one' gives whole numbers": {"one": event("it is one")(lambda self, p, s: jnp.asarray(1))},
     "jump gives z the type int64": {
@@ -283,6 +305,34 @@ def test_what_no_row_can_be_run_with_is_refused_by_its_name(words: str) -> None:
     assert re.search(words, fault(model()) or "")
     with pytest.raises(gs.UserError, match=words):
         gs.sweep(model, g=[9.0, 10.0])
+
+
+@pytest.mark.slow
+def test_an_event_that_its_jump_does_not_end_happens_without_end() -> None:
+    class Held(Ground):
+        @event("too high", rising=False, during=lambda s: s.v > -1e9)
+        def high(self, p, s):
+            return s.z - 0.5
+
+        @high.jump
+        def pushed(self, p, s):
+            return s.replace(v=-jnp.abs(s.v))
+
+    (told,) = faults(Held)
+    assert "event 'too high' is not ended by its jump: it happens without end at" in told
+
+
+def test_a_sentence_of_a_model_that_cannot_be_made_ends_once() -> None:
+    def fails(self: object) -> None:
+        raise ValueError("A foot has no ground.")
+
+    told = "which raises ValueError when it is made: A foot has no ground."
+    assert faults(type("Mine", (Ground,), {"limbs": property(fails)})) == [told]
+
+
+def test_complex_rates_are_refused_without_a_warning_of_jax(recwarn: pytest.WarningsRecorder) -> None:
+    assert "complex numbers" in (fault(type("Mine", (Ground,), _flows(v=lambda s: s.z + 1j))()) or "")
+    assert not recwarn.list
 
 
 def test_a_variable_that_a_jump_alone_moves_needs_no_rate() -> None:

@@ -11,13 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from plane_maps import Logistic, Params, Spiral, State
-from sweeping import run_rows
+from sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, launches
 
+import gaitsweep as gs
 from gaitsweep.contract import Quantity, Status
 from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
+from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder, end_values
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
@@ -323,3 +325,80 @@ def test_what_left_all_bounds_is_not_told_as_the_last_crossing(kind: str) -> Non
     assert names(found) == ["diverged", "not_a_number"]
     n = [int(np.log(bound) / np.log(1.5)) for bound in (1e9, 1e3)]
     np.testing.assert_allclose(found.last[:, 0], [1.5 ** n[0], 1.5 ** n[1]], rtol=1e-12)
+
+
+class Clock(gs.DeclaredModel):
+    """`m` grows by `rate` a second; `x` only jumps, to 1000 times itself each second; the period is given."""
+
+    rate = gs.parameter("1/s", "rate", 1.0)
+    T_squared = gs.parameter("s^2", "the nominal period squared", 1.0)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+    m = gs.variable("1", "what grows", 0.0)
+    x = gs.variable("1", "what jumps", 0.0)
+
+    def flow(self, p, s):
+        return {"clock": 1.0, "m": p.rate}
+
+    @gs.event("a second is over", section=True)
+    def tick(self, p, s):
+        return s.clock - 1.0
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(clock=0.0, x=1e3 * s.x)
+
+    def period(self, p):
+        return jnp.where(p.T_squared == np.inf, jnp.inf, jnp.sqrt(p.T_squared))
+
+
+def clocks(recorder: Any, engine: str, **params: list[float]) -> BlockResult:
+    starts = {"clock_0": [0.0] * 4, "m_0": [0.0] * 4, "x_0": [0.0, 0.0, 1e-3, 1.0]}
+    numerics = Numerics(method="tsit5", rtol=1e-9, atol=1e-12)
+    return run_rows(Clock(), recorder, starts, params=params, numerics=numerics, engine=engine)
+
+
+@pytest.mark.parametrize("engine", [pytest.param("xla", marks=pytest.mark.slow), "kernel"])
+def test_a_given_time_is_read_at_that_time_and_what_only_jumps_diverges(engine: str) -> None:
+    """m(5.9) = 5.9 rate, not its value at the last crossing; x is above 1e9 after 4 jumps from 1e-3."""
+    found = clocks(FixedTimeRecorder(Clock(), 5.9), engine, rate=[1.0, 2.0, 1.0, 1.0])
+    assert names(found) == ["complete", "complete", "diverged", "diverged"]
+    np.testing.assert_allclose(end_values(found)[:2], [[5.9, 0.0], [11.8, 0.0]], rtol=1e-9)
+    np.testing.assert_allclose(found.last[:2, 0], [5.0, 10.0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "engine"),
+    [
+        ("crossings", "kernel"),
+        *(pytest.param(kind, "kernel", marks=pytest.mark.slow) for kind in ("settle", "fixed_time")),
+        *(
+            pytest.param(kind, "xla", marks=pytest.mark.slow)
+            for kind in ("settle", "crossings", "fixed_time")
+        ),
+    ],
+)
+def test_a_row_whose_period_is_not_finite_ends_at_once(kind: str, engine: str) -> None:
+    """No limit of time or of steps follows from such a period, and the other rows run as they are."""
+    model = Clock()
+    recorder = {
+        "settle": SettleRecorder(model, max_cycles=30),
+        "crossings": CrossingRecorder(model, crossings=20),
+        "fixed_time": FixedTimeRecorder(model, 20.0),
+    }[kind]
+    found = clocks(recorder, engine, T_squared=[1.0, -1.0, np.inf, 0.0])
+    ends = names(found)
+    assert ends[0] == ("cycle_limit" if kind == "settle" else "complete"), ends
+    assert ends[1:3] == ["not_a_number"] * 2
+    assert ends[3] == ("step_limit" if kind == "fixed_time" else "not_a_number")
+    assert found.attempts.max() < 5000
+    assert found.attempts[1:].max() <= 64
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("T_squared", "status"), [(1.0, "crossed"), (-1.0, "lost"), (np.inf, "lost")])
+def test_a_return_whose_period_is_not_finite_ends_at_once(T_squared: float, status: str) -> None:
+    model = Clock()
+    params = scalars(model, T_squared=T_squared)
+    start = {name: jnp.zeros(()) for name in ("clock_0", "m_0", "x_0")}
+    crossing = crossing_of(model, Numerics(method="tsit5", rtol=1e-9, atol=1e-12))
+    assert ReturnStatus(int(crossing(params, model.init(params, start))[2])).name == status

@@ -20,7 +20,7 @@ from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.runs import execute
 from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.self_check import counted, sample_rows
+from gaitsweep.runs.self_check import SelfCheck, counted, sample_rows
 from gaitsweep.runs.self_check_report import advice, sentence
 
 HOLD = {"kind": "fixed_time", "duration": 40.0}
@@ -33,7 +33,7 @@ def job(**fields: Any) -> Job:
 
 
 def checked(tmp_path: Path, *, warns: bool = False, **fields: Any) -> dict[str, Any]:
-    told = pytest.warns(UserWarning, match="Self-check") if warns else contextlib.nullcontext()
+    told = pytest.warns(UserWarning, match=r"\ASelf-check") if warns else contextlib.nullcontext()
     with told:
         result = gs.run(job(**fields), tmp_path / "out")
     found = result.manifest["self_check"]
@@ -151,7 +151,7 @@ def test_it_can_be_turned_off_and_is_no_part_of_the_hash(tmp_path: Path) -> None
     assert gs.run(off, tmp_path / "out").manifest["self_check"] == {"rows": 0, "verdict": "off"}
     on = job(vary={"x_0": [-4e-5]}, params={"lean": 1e-3})
     assert on.hash() == off.hash()
-    with pytest.warns(UserWarning, match="Self-check"):
+    with pytest.warns(UserWarning, match=r"\ASelf-check"):
         assert gs.run(on, tmp_path / "out").manifest["self_check"]["verdict"] == "warned"
 
 
@@ -335,3 +335,21 @@ def test_stored_rows_that_are_not_what_the_rows_give_now_are_found(
     found = checked(tmp_path / "other", warns=True, **fields)
     assert (found["verdict"], found["stored_differs"]) == ("warned", 1)
     assert "run the job into a new directory" in advice({"stored_differs": 1}, None)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_has_no_size_hides_no_change() -> None:
+    """Crossings at one instant, or a single one, have no interval; the change of x is the worst still."""
+    found = SelfCheck(rows=3, of=3)
+    late, interval = np.array([[0.0], [0.0], [1e-9]]), np.array([[0.0], [np.nan], [np.nan]])
+    found.take_largest((gs.Quantity("x", "m", "position"),), np.full((3, 1), 1e-6), np.ones(1))
+    found.take_largest((gs.Quantity("t", "s", "time"),), late, interval)
+    assert (found.worst["name"], found.largest) == ("x", {"x": 1e-6, "t": 1e-9})
+    hidden = SelfCheck(rows=1, of=1)
+    size = np.array([1.0, np.nan])
+    quantities = (gs.Quantity("x", "m", "position"), gs.Quantity("v", "m/s", "speed"))
+    hidden.take_largest(quantities[:1], np.array([[1e-6], [2e-6]]), size[:, None])
+    hidden.take_largest(quantities[1:], np.array([[1e-7]]), np.ones(1))
+    assert hidden.worst["name"] == "x", "one row of unknown size hides no other"
+    hidden.take_largest((gs.Quantity("t", "s", "time"),), np.array([[1e-3]]), np.zeros((1, 1)))
+    assert hidden.worst["name"] == "t", "a change of what has no size is one beyond any size"

@@ -76,12 +76,79 @@ def test_a_model_without_labels_counts_no_gaits() -> None:
     assert "none" not in repr(result)
 
 
+class Timed(Unlabelled):
+    """Its nominal period is none for some frequencies: NaN, 0, below 0, infinite."""
+
+    def period(self, p):
+        return jnp.where(p.w > 4.0, jnp.inf, jnp.where(p.w > 3.0, 3.5 - p.w, 3.0 * jnp.sqrt(p.w - 1.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_run_remarks_rows_without_a_period() -> None:
+    """Such rows end at once, also where the first of a job is one; their steps are in no manifest."""
+    sizes = [0.5, 0.7, 1.0, 2.0, 3.5, 3.7, 5.0]
+    with pytest.warns(UserWarning, match="period gave NaN in 2 rows") as said:
+        result = gs.sweep(Timed, w=sizes, run=gs.Settle(max_cycles=20))
+    assert result.manifest["without_period"] == {
+        "NaN": {"rows": 2, "row": 0},
+        "0": {"rows": 2, "row": 2},
+        "a number below 0": {"rows": 1, "row": 5},
+        "infinity": {"rows": 1, "row": 6},
+    }
+    ends = result.table["status"].astype(str).tolist()
+    assert ends[:4] == ["not_a_number"] * 3 + ["settled"]
+    assert ends[6] == "not_a_number"
+    told = " ".join(str(each.message) for each in said)
+    assert "period gave a number below 0 in 1 row (row 5)" in told
+    assert result.manifest["dt"] == [pytest.approx(3.0 / 32), pytest.approx(3.0 / 32)]
+
+
 def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
     tried = trial(Swings)
     assert [("gives gait 2" in each or "gives gait -1" in each) for each in tried.faults] == [True, True]
     whole = trial(Unlabelled)
     assert not whole.faults
     assert any("energy is kept between events" in each for each in whole.remarks)
+
+
+def with_start(name: str) -> type[gs.HybridModel]:
+    """The model with one more variable."""
+    more = gs.variable("1", "one more", 1.0, scale=1.0)
+    members = {name: more, "flow": lambda self, p, s: {**Unlabelled.flow(self, p, s), name: 0.0 * s.x}}
+    return type("More", (Unlabelled,), members)
+
+
+@pytest.mark.parametrize(
+    ("kind", "column", "run"),
+    [
+        (type("More", (Unlabelled,), {"x_end": gs.parameter("1", "one more", 1.0)}), "x_end", "settle"),
+        (type("More", (Unlabelled,), {"t": gs.parameter("1", "one more", 1.0)}), "t", "return_map"),
+        (with_start("status"), "status", "trace"),
+    ],
+)
+def test_a_model_whose_names_some_table_has_otherwise_is_not_good(
+    kind: type[gs.HybridModel], column: str, run: str
+) -> None:
+    told = f"which has a quantity {column}, but a table of {run} has a column of that name"
+    assert [each.partition(":")[0] for each in trial(kind).faults] == [told]
+
+
+class Rooted(Unlabelled):
+    def flow(self, p, s):
+        return {"x": s.v, "v": -1.0 - jnp.sqrt(s.x)}
+
+
+@pytest.mark.slow
+def test_a_model_of_which_no_row_runs_is_not_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    (told,) = trial(Rooted).faults
+    assert told == "of which all 32 rows that were tried ended as not_a_number."
+
+    def refuse(*_: object) -> None:
+        raise gs.UserError("vary is refused.")
+
+    monkeypatch.setattr("gaitsweep.runs.trial.run_in_memory", refuse)
+    assert trial(Unlabelled).faults == ["of which no row can be run: vary is refused."]
 
 
 def rate_and_power(kind: type[gs.HybridModel], move, **start: float) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from gaitsweep.cli.main import main
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.runs.report import write_report
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
+from gaitsweep.table.digests import read_digests
 from gaitsweep.table.manifest import sealed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -132,7 +133,9 @@ def test_a_manifest_that_was_edited_is_refused_and_made_anew(whole: Path) -> Non
         file.write_text(good.replace(old, new, 1))
         with pytest.raises(TableError, match=r"manifest\.json"):
             load(whole)
-        assert "made anew" in mended(whole)[0]
+        note = mended(whole)[0]
+        assert "it is made anew, since the table's parts are this job's" in note
+        assert "run the job" not in note, "it is being run"
         assert len(load(whole)) == 10
         file.write_text(good)
 
@@ -341,6 +344,30 @@ def test_digests_are_those_of_sha256sum(whole: Path) -> None:
         pytest.skip("sha256sum is not installed")
     done = subprocess.run(["sha256sum", "-c", "SHA256SUMS"], cwd=whole, capture_output=True, check=True)
     assert done.stdout.count(b"OK") == 4
+
+
+def test_files_that_are_written_anew_have_one_digest(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So `sha256sum -c` finds a sound directory sound; a kill before the old line is gone loses nothing."""
+    with open_toy(whole) as directory:
+        directory.write_beside("best.parquet", b"12345")
+    before = read_digests(whole)
+    with monkeypatch.context() as killed:
+        killed.setattr("gaitsweep.table.directory.write_digests", lambda *_: sys.exit(1))
+        with open_toy(whole) as directory, pytest.raises(SystemExit):
+            directory.write_beside("best.parquet", b"67")
+    lines = (whole / "SHA256SUMS").read_text().splitlines()
+    assert len(lines) == len(before) + 1
+    with open_toy(whole) as directory:
+        assert directory.read_beside("best.parquet") == b"67"
+        directory.write_beside("best.parquet", b"8")
+        assert directory.read_beside("best.parquet") == b"8"
+    names = [line.partition("  ")[2] for line in (whole / "SHA256SUMS").read_text().splitlines()]
+    assert sorted(names) == sorted(before)
+    (whole / "job.yaml").write_text("name: edited\n")
+    mended(whole)
+    names = [line.partition("  ")[2] for line in (whole / "SHA256SUMS").read_text().splitlines()]
+    assert sorted(names) == sorted(before)
+    assert read_digests(whole) | {"best.parquet": ""} == before | {"best.parquet": ""}
 
 
 def test_a_kill_between_the_digest_and_the_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

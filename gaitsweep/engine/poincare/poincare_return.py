@@ -36,7 +36,7 @@ class ReturnStatus(ResultCode):
     crossed = 0, "The section was crossed."
     late = 1, "No crossing came within four nominal periods."
     stalled = 2, "Events followed each other without end."
-    lost = 3, "A state variable became NaN or infinite."
+    lost = 3, "A state variable became NaN or infinite, or the model's period is."
     fell = 4, "The model's own test of a fall came true."
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
 
@@ -86,6 +86,7 @@ class PoincareReturn:
         stop = LATEST * self.model.period(params)
         carry = start(self.model, params, state, dt=dt, stop=stop, share=self.share)
         limit = ATTEMPTS_PER_STEP * (carry.stop / dt * self.numerics.steps_in_longest + 1000.0)
+        limit = jnp.where(limit < jnp.inf, limit, 0.0)  # also NaN, which no number of attempts exceeds
         if self._evaluate is None:
             return ReturnState(carry, None, limit)
         assert isinstance(self.model, HybridModel)
@@ -106,7 +107,8 @@ class PoincareReturn:
     def status(self, trajectory: ReturnState) -> jax.Array:
         """The `ReturnStatus` of a return that has ended."""
         carry = trajectory.carry
-        sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in [carry.t, *float_leaves(carry.state)]]))
+        numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
+        sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
         stuck = stalled(self.model, carry) | (carry.attempts > trajectory.limit)
         missed = jnp.where(
             stuck,

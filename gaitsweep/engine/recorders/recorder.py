@@ -180,12 +180,17 @@ class Recorder(abc.ABC):
             moving = [getattr(carry.state, name) for name in names]
         leaves = [x for x in jax.tree.leaves(moving) if jnp.issubdtype(x.dtype, jnp.floating)]
         flat = jnp.concatenate([jnp.zeros((1,)), *(jnp.ravel(leaf) for leaf in leaves)])
-        endless = carry.attempts > self.max_attempts(params, dt)
+        limit = self.max_attempts(params, dt)
+        # no comparison with a limit that is NaN comes true, so such a row would not end
+        unknown = jnp.isnan(limit) | jnp.isnan(self.model.free_after(params))
+        unknown = unknown | ~(jnp.abs(carry.unit) < jnp.inf)
+        endless = (carry.attempts > limit) | (limit == jnp.inf)
         status = jnp.where(endless, Status.step_limit, Status.running)
         status = jnp.where(stalled(self.model, carry), Status.event_stall, status)
         status = jnp.where(self.model.failed(params, carry.state), Status.fell, status)
         status = jnp.where(jnp.any(jnp.abs(flat) > DIVERGED), Status.diverged, status)
-        return jnp.where(jnp.any(jnp.isnan(flat)), Status.not_a_number, status).astype(jnp.int32)
+        unknown = unknown | jnp.any(jnp.isnan(flat))
+        return jnp.where(unknown, Status.not_a_number, status).astype(jnp.int32)
 
 
 def _variables(model: Model) -> list[str]:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
+from gaitsweep.mathtext import settable
 from gaitsweep.plot import style
 from gaitsweep.plot.gaits.footprints import contact_intervals
 from gaitsweep.plot.limbs import limb_colours
@@ -157,7 +158,7 @@ def _places(figure: Figure, clip: Clip) -> tuple[Axes, Axes, Axes]:
     view = figure.add_axes((0.0, foot + chart + between, 1.0, 1.0 - head - between - chart - foot))
     falls = figure.add_axes((_LEFT, foot, _RIGHT - _LEFT, chart))
     bar = figure.add_axes((_LEFT, 0.13 / tall, _RIGHT - _LEFT, 0.06 / tall))
-    figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+    figure.text(_EDGE, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
     for x, text, side in ((_EDGE, "feet on the ground", "left"), (_RIGHT, clip.skeleton.note, "right")):
         figure.text(x, foot + chart + 0.03 / tall, text, ha=side, va="bottom", fontsize=7.5, color=_INK)
     figure.text(_RIGHT, 1.0 - head - 0.02 / tall, _FORWARD, ha="right", va="top", fontsize=8, color=_INK)
@@ -201,7 +202,7 @@ def still(clip: Clip, size: tuple[int, int], scene: Drawn = side_view) -> Figure
         tall = figure.get_figheight()
         head, foot, between = 0.3 / tall, 0.38 / tall, 0.2 / tall
         chart = _chart_height(clip, tall)
-        figure.text(_EDGE, 1.0 - 0.5 * head, clip.title, va="center", fontsize=10, weight="bold")
+        figure.text(_EDGE, 1.0 - 0.5 * head, settable(clip.title), va="center", fontsize=10, weight="bold")
         figure.text(_RIGHT, 1.0 - 0.5 * head, _FORWARD, ha="right", va="center", fontsize=8, color=_INK)
         low = foot + chart + between
         wide, high = 1.0 / columns, (1.0 - head - low) / lines

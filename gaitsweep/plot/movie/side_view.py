@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from scipy.spatial import ConvexHull, QhullError
 
+from gaitsweep.mathtext import settable
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Skeleton
 
@@ -195,7 +196,14 @@ class SideView:
             place = float(projected(roots)[:, 0].mean())
             y, alignment = (high, "bottom") if limb.far else (low, "top")
             self._axes.text(
-                place, y, limb.name, color=colour, ha="center", va=alignment, weight="bold", fontsize=8
+                place,
+                y,
+                settable(limb.name),
+                color=colour,
+                ha="center",
+                va=alignment,
+                weight="bold",
+                fontsize=8,
             )
 
 
