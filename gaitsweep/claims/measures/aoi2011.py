@@ -465,7 +465,8 @@ def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
     rows = first.loc[first["same"], "row"]
     if rows.empty:
         raise AnalysisError(f"No row has the gait {gait} on the first stair.")
-    return float(shown[shown["row"].isin(rows)].groupby("row")["same"].all().mean())
+    kept = shown.loc[shown["row"].isin(rows)].groupby("row")["same"].all()
+    return float(np.mean(kept.to_numpy()))
 
 
 @measure
