@@ -100,10 +100,8 @@ def uncertainty_fraction(
     outcome[grid.place] = pd.factorize(labels)[0]
     outcome = outcome.reshape(shape)
     parts = max(round(BLOCKS ** (1 / len(shape))), 2)
-    block = np.ravel_multi_index(
-        tuple(place * parts // length for place, length in zip(np.indices(shape), shape, strict=True)),
-        (parts,) * len(shape),
-    )
+    part = [place * parts // length for place, length in zip(np.indices(shape), shape, strict=True)]
+    block = np.asarray(np.ravel_multi_index(tuple(part), (parts,) * len(shape)))
     differ = np.zeros((len(sizes), parts ** len(shape)))
     compared = np.zeros(parts ** len(shape))
     for axis, wraps in enumerate(grid.wraps):
@@ -155,7 +153,7 @@ def uncertainty_exponent(uncertainty: Uncertainty, level: float = 0.95) -> Expon
     f = uncertainty.fractions["uncertain"].to_numpy(float)
     used = np.flatnonzero((f > 0.0) & (f < 1.0))
     if used.size < FEWEST:
-        return Exponent(*[float("nan")] * 3, used.size)
+        return Exponent(float("nan"), float("nan"), float("nan"), used.size)
     f, covariance = f[used], uncertainty.covariance[np.ix_(used, used)]
     x = np.log(uncertainty.fractions["eps"].to_numpy(float)[used])
     slopes_of = np.diff(np.eye(f.size), axis=0) / np.diff(x)[:, None]
