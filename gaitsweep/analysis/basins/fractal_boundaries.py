@@ -84,14 +84,14 @@ def uncertainty_fraction(
     Args:
         grid: the grid.
         labels: the outcome of each row, (n,).
-        sizes: eps in steps of the grid, ascending; by default `grid.sizes()`.
+        sizes: eps in steps of the grid; by default `grid.sizes()`.
 
     Raises:
         AnalysisError: a size leaves no start with both neighbours on the grid.
 
     Source: Grebogi et al. 1983, Phys. Lett. A 99:415, who shift one coordinate by eps both ways.
     """
-    sizes = list(grid.sizes() if sizes is None else sizes)
+    sizes = sorted(set(grid.sizes() if sizes is None else sizes))
     margin, shape = max(sizes, default=0), grid.lengths
     if 2 * margin >= min(shape):
         raise AnalysisError(f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "
