@@ -1,4 +1,4 @@
-"""Settle tables with basins that are known, made without simulating."""
+"""Settle tables of which the basins or their boundaries are known, made without a model."""
 
 from __future__ import annotations
 
@@ -44,3 +44,36 @@ def cantor_labels(depth: int) -> np.ndarray:
     for k in range(depth, 0, -1):
         step[cells // 3 ** (depth - k) % 3 == 1] = k
     return step % 2
+
+
+def julia(x: np.ndarray, y: np.ndarray, c: complex) -> np.ndarray:
+    """Whether z^2 + c, iterated from x + i y, stays bounded."""
+    z, place = x + 1j * y, np.arange(x.size)
+    for _ in range(1500):
+        inside = np.abs(z := z * z + c) < 4.0
+        z, place = z[inside], place[inside]
+    return np.isin(np.arange(x.size), place)
+
+
+def newton(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The cube root of 1 that Newton's method comes to from x + i y: its angle in thirds of a turn."""
+    z = x + 1j * y
+    for _ in range(60):
+        z -= (z**3 - 1.0) / (3.0 * z**2)
+    return np.rint(np.angle(z) * 3 / TURN) % 3
+
+
+def final_state(theta: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The fixed point of the map of Grebogi et al. 1983 that a start comes to: true for (0, -.3)."""
+    for _ in range(500):
+        turn = 1.32 * np.sin(2 * theta) - 0.9 * np.sin(4 * theta) - x * np.sin(theta)
+        theta, x = theta + turn, -0.3 * np.cos(theta)
+    return np.cos(theta) > 0.0
+
+
+def weierstrass(theta: np.ndarray, x: np.ndarray, growth: float) -> np.ndarray:
+    """Whether x goes to +infinity under theta -> 2 theta, x -> growth x + cos theta.
+
+    The boundary is the graph of a Weierstrass function, of dimension 2 - log2(growth).
+    """
+    return x > -sum(growth ** -(n + 1.0) * np.cos(2.0**n * theta) for n in range(40))

@@ -9,6 +9,7 @@ import pandas as pd
 
 from gaitsweep.analysis.attractors.attractors import agreement, attractors
 from gaitsweep.analysis.basins.measures import basins
+from gaitsweep.analysis.basins.wada import Wada, wada
 from gaitsweep.analysis.chain.gait_shares import gait_shares
 from gaitsweep.analysis.gaits.gait_measures import gait_measures
 from gaitsweep.analysis.gaits.gait_tables import gaits_in
@@ -30,6 +31,7 @@ from gaitsweep.fitting.conflicts import Conflicts, conflicts
 __all__ = [
     "Conflicts",
     "Hysteresis",
+    "Wada",
     "agreement",
     "attractors",
     "basins",
@@ -46,6 +48,7 @@ __all__ = [
     "repertoire",
     "speed_transitions",
     "transition_points_by_gait",
+    "wada",
 ]
 
 

@@ -21,6 +21,10 @@ Directory = Annotated[Path, typer.Argument(metavar="DIR", help="A result directo
 Observable = Annotated[str, typer.Option("--observable", metavar="NAME", help="A section observable.")]
 Parameter = Annotated[str, typer.Option("--parameter", metavar="NAME", help="The parameter that moves.")]
 
+Kept = Annotated[
+    list[str] | None, typer.Option("--by", metavar="COLUMN", help="Kept apart; may be repeated.")
+]
+
 
 def _table(directory: Path) -> Any:
     from gaitsweep.table import load
@@ -114,12 +118,7 @@ def gait_measures(
 
 
 @app.command()
-def speed_transitions(
-    directory: Directory,
-    by: Annotated[
-        list[str] | None, typer.Option("--by", metavar="COLUMN", help="Kept apart; may be repeated.")
-    ] = None,
-) -> None:
+def speed_transitions(directory: Directory, by: Kept = None) -> None:
     """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
     from gaitsweep.analysis.transitions import speed_transitions as transitions
 
@@ -194,6 +193,28 @@ def attractors(directory: Directory) -> None:
     if "gait" in table.columns:
         share = analysis.agreement(table, found.column)
         print(f"{100 * share:.2f} % of the rows have the most frequent gait of their attractor.")
+
+
+@app.command()
+def basins(directory: Directory, by: Kept = None) -> None:
+    """Print the share of each outcome, basin entropies and the uncertainty exponent of starts on a grid."""
+    from gaitsweep.analysis.basins import measures
+
+    found = measures.basins(_table(directory), by=by or ())
+    for records in (found.fractions, found.panels, found.uncertainty):
+        _print(records)
+        print()
+
+
+@app.command()
+def wada(directory: Directory, by: Kept = None) -> None:
+    """Print two tests of the Wada property of basins on a grid: boundaries after merging, basins in boxes."""
+    from gaitsweep.analysis.basins import wada as tests
+
+    found = tests.wada(_table(directory), by=by or ())
+    for records in (found.merging, found.boxes):
+        _print(records)
+        print()
 
 
 @app.command()

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
+from basin_tables import grid_table
 from gait_traces import ends, traces
 from hysteresis_tables import staircase_table
 
@@ -122,3 +123,10 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "eigenvalues  1, 0.666667 (2), 0.5" in printed  # eq. (22), set A
     assert main(["analyse", "multilegged-theory", "--set", "m1=0.85"]) == 2
     assert "did you mean m_1" in capsys.readouterr().err
+
+
+def test_basins_are_measured(show: Show) -> None:
+    """Thirds of a line: of three basins the outer two share no boundary, 33 steps apart."""
+    thirds = grid_table((99, 99), lambda x, y: np.floor(3 * x), circular=False)
+    assert "exponent_low" in show(thirds, "basins")
+    assert "33.0" in show(thirds, "wada")

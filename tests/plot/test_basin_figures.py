@@ -36,7 +36,7 @@ def test_measures_over_panels() -> None:
     shares, entropies, uncertain = figure.axes
     assert [text.get_text() for text in shares.get_legend().get_texts()] == ["0", "1", "2"]
     assert len(uncertain.lines) == 3
-    assert "slope" in uncertain.get_legend().get_texts()[0].get_text()
+    assert "exponent" in uncertain.get_legend().get_texts()[0].get_text()
     np.testing.assert_allclose(entropies.lines[0].get_xdata(), [2.0, 3.0, 4.5])
 
 
@@ -51,7 +51,7 @@ def test_many_panels_are_told_apart_by_a_bar() -> None:
     assert uncertain.get_legend() is None
     (bar,) = uncertain.child_axes
     assert [text.get_text() for text in bar.get_xticklabels()] == ["$p$ = 2", "$p$ = 4"]
-    assert "slopes" in uncertain.texts[0].get_text()
+    assert "exponents" in uncertain.texts[0].get_text()
 
 
 def test_measures_of_attractors() -> None:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy
+from scipy import special
 
 from gaitsweep.analysis.basins.grid import BasinGrid
+from gaitsweep.analysis.records import AnalysisError
 
 # Cells along a side of the boxes of the basin entropy, as in Daza et al.: 25 starts in two dimensions.
 BOX = 5
-SATURATED = 0.5  # largest uncertainty fraction that the fit uses
 FEWEST = 3  # least number of sizes in the fit
+BLOCKS = 64  # parts of a grid of which the scatter gives the sampling error of the uncertainty fractions
+# Standard deviations of the change of the local slope over an octave of eps that the interval averages over.
+_BENDS = np.geomspace(0.002, 0.3, 30)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,8 +33,8 @@ def basin_entropy(grid: BasinGrid, labels: np.ndarray, box: int = BOX) -> Entrop
     """The entropy of outcomes in a box, averaged over all boxes, and over those that a boundary crosses.
 
     Boxes slide over the grid cell by cell, which averages over the offset of a tiling. A boundary entropy
-    above ln 2 indicates a fractal boundary; a smooth boundary between two basins stays below. NaN where the
-    grid is narrower than a box.
+    above ln 2 implies a fractal boundary, if few boxes hold three basins or more. The converse does not hold:
+    below ln 2 the boundary may be smooth or fractal. NaN where the grid is narrower than a box.
 
     Args:
         grid: the grid.
@@ -58,55 +60,118 @@ def basin_entropy(grid: BasinGrid, labels: np.ndarray, box: int = BOX) -> Entrop
     return Entropy(basin, boundary, float(crossed.mean()))
 
 
+@dataclasses.dataclass(frozen=True)
+class Uncertainty:
+    """Uncertainty fractions at several eps, and their sampling error.
+
+    `fractions`: one record a size (steps; eps, the geometric mean of the axes' steps times `steps`;
+    uncertain). `covariance` (sizes, sizes): the covariance of ln uncertain between the sizes.
+    """
+
+    fractions: pd.DataFrame
+    covariance: np.ndarray
+
+
 def uncertainty_fraction(
     grid: BasinGrid, labels: np.ndarray, sizes: Sequence[int] | None = None
-) -> pd.DataFrame:
-    """The fraction of windows of width eps that hold starts with different outcomes.
+) -> Uncertainty:
+    """The fraction f(eps) of starts of which a neighbour at a distance of eps has a different outcome.
+
+    A start is compared with its two neighbours at +eps and -eps along one axis, and f is the mean over axes.
+    What lies between the neighbours does not enter, so f is free of bias at any eps, one step included. All
+    sizes share the same starts: those at least the largest size from both ends of an axis that does not wrap.
 
     Args:
         grid: the grid.
         labels: the outcome of each row, (n,).
         sizes: eps in steps of the grid; by default `grid.sizes()`.
 
-    Returns:
-        One record a size: steps, eps (the geometric mean of the axes' steps times `steps`) and uncertain, the
-        fraction of windows that a boundary crosses, `steps` wide from the first cell's centre to the last.
+    Raises:
+        AnalysisError: a size leaves no start with both neighbours on the grid.
+
+    Source: Grebogi et al. 1983, Phys. Lett. A 99:415, who shift one coordinate by eps both ways.
     """
+    sizes = sorted(set(grid.sizes() if sizes is None else sizes))
+    margin, shape = max(sizes, default=0), grid.lengths
+    if 2 * margin >= min(shape):
+        raise AnalysisError(f"sizes has {margin} steps, but the grid is {min(shape)} starts wide: at most "
+                            f"{(min(shape) - 1) // 2} steps leave a start with both neighbours.")  # fmt: skip
+    outcome = np.empty(labels.size, int)
+    outcome[grid.place] = pd.factorize(labels)[0]
+    outcome = outcome.reshape(shape)
+    parts = max(round(BLOCKS ** (1 / len(shape))), 2)
+    part = [place * parts // length for place, length in zip(np.indices(shape), shape, strict=True)]
+    block = np.asarray(np.ravel_multi_index(tuple(part), (parts,) * len(shape)))
+    differ = np.zeros((len(sizes), parts ** len(shape)))
+    compared = np.zeros(parts ** len(shape))
+    for axis, wraps in enumerate(grid.wraps):
+        # rolling meets the other end of the axis, which is beyond the margin unless the axis wraps
+        kept = slice(None) if wraps else slice(margin, shape[axis] - margin)
+        inside = (slice(None),) * axis + (kept,)
+        mine = block[inside].ravel()
+        compared += np.bincount(mine, minlength=compared.size)
+        for number, size in enumerate(sizes):
+            moved = [np.roll(outcome, way * size, axis) != outcome for way in (1, -1)]
+            uncertain = (moved[0] | moved[1])[inside].ravel()
+            differ[number] += np.bincount(mine, uncertain, compared.size)
+    fraction = differ.sum(axis=1) / compared.sum()
+    off = (differ - fraction[:, None] * compared) / np.maximum(differ.sum(axis=1), 1.0)[:, None]
+    used = np.count_nonzero(compared)
     step = float(np.exp(np.mean(np.log(grid.steps))))
-    found = []
-    for size in sizes if sizes is not None else grid.sizes():
-        held = [grid.windows(labels == each, size + 1) for each in pd.unique(labels)]
-        largest = np.maximum.reduce(held)
-        uncertain = float(np.mean(largest < (size + 1) ** len(grid.lengths)))
-        found.append({"steps": size, "eps": size * step, "uncertain": uncertain})
-    return pd.DataFrame(found, columns=["steps", "eps", "uncertain"])
+    found = pd.DataFrame({"steps": sizes, "eps": step * np.array(sizes), "uncertain": fraction})
+    return Uncertainty(found, off @ off.T * used / max(used - 1, 1))
 
 
 @dataclasses.dataclass(frozen=True)
 class Exponent:
-    """The slope of ln uncertain over ln eps, its standard error, and the number of sizes in the fit."""
+    """The uncertainty exponent, the ends of its interval, and the number of sizes in the fit."""
 
     value: float
-    error: float
+    low: float
+    high: float
     sizes: int
 
 
-def uncertainty_exponent(uncertain: pd.DataFrame) -> Exponent:
-    """The uncertainty exponent: the power of eps with which the uncertainty fraction falls.
+def uncertainty_exponent(uncertainty: Uncertainty, level: float = 0.95) -> Exponent:
+    """The uncertainty exponent: the power of eps with which the uncertainty fraction falls as eps tends to 0.
 
     It is 1 at a smooth boundary, less at a fractal one; the boundary's dimension is that of the starts less
-    this exponent. It is fitted by least squares to sizes with a fraction above 0 and up to `SATURATED`; NaN
-    for fewer than `FEWEST`. The standard error measures how straight the line is and no more, since the
-    fractions of one grid are correlated.
+    this exponent. It is estimated from the local slopes of ln f over ln eps between neighbouring sizes. Each
+    has three errors: the sampling error; saturation, which bends ln f by a term of the order of f; and a
+    random walk from the limit at eps = 0 towards larger eps, for what else departs from a power law. The
+    slopes are weighted by the inverse of this covariance. The step of the walk is averaged over, each value
+    weighted by its restricted likelihood. The interval covers the limit so far as the boundary below the
+    smallest eps is like that above. NaN for fewer than `FEWEST` sizes with a fraction between 0 and 1.
 
     Args:
-        uncertain: the result of `uncertainty_fraction`.
+        uncertainty: the result of `uncertainty_fraction`.
+        level: confidence level of the interval.
 
-    Source: Grebogi et al. 1983, Phys. Lett. A 99:415; McDonald et al. 1985, Physica D 17:125.
+    Source: Grebogi et al. 1983, Phys. Lett. A 99:415; McDonald et al. 1985, Physica D 17:125. The interval is
+    this project's own; `tests/analysis/test_basin_measures.py` measures how often it covers.
     """
-    used = uncertain[(uncertain["uncertain"] > 0.0) & (uncertain["uncertain"] <= SATURATED)]
-    if len(used) < FEWEST:
-        return Exponent(float("nan"), float("nan"), len(used))
-    x, y = (np.log(np.asarray(used[name], float)) for name in ("eps", "uncertain"))
-    fit: Any = scipy.stats.linregress(x, y)
-    return Exponent(float(fit.slope), float(fit.stderr), len(used))
+    f = uncertainty.fractions["uncertain"].to_numpy(float)
+    used = np.flatnonzero((f > 0.0) & (f < 1.0))
+    if used.size < FEWEST:
+        return Exponent(float("nan"), float("nan"), float("nan"), used.size)
+    f, covariance = f[used], uncertainty.covariance[np.ix_(used, used)]
+    x = np.log(uncertainty.fractions["eps"].to_numpy(float)[used])
+    slopes_of = np.diff(np.eye(f.size), axis=0) / np.diff(x)[:, None]
+    slope = slopes_of @ np.log(f)
+    known = slopes_of @ covariance @ slopes_of.T + np.diag((slopes_of @ f) ** 2)
+    octaves = (x[1:] - x[0]) / np.log(2.0)
+    likelihood, centre, spread = (np.empty(_BENDS.size) for _ in range(3))
+    for number, bend in enumerate(_BENDS):
+        each = known + bend**2 * np.minimum.outer(octaves, octaves)
+        weight = np.linalg.solve(each, np.ones(slope.size))
+        variance = 1.0 / weight.sum()
+        centre[number], spread[number] = variance * (weight @ slope), np.sqrt(variance)
+        left = slope - centre[number]
+        misfit = left @ np.linalg.solve(each, left)
+        likelihood[number] = 0.5 * (np.log(variance) - np.linalg.slogdet(each)[1] - misfit)
+    share = special.softmax(likelihood)
+    value = float(share @ centre)
+    reach = value + 8.0 * spread.max() * np.linspace(-1.0, 1.0, 4001)
+    below = special.ndtr((reach[:, None] - centre) / spread) @ share
+    low, high = np.interp([(1.0 - level) / 2.0, (1.0 + level) / 2.0], below, reach)
+    return Exponent(value, float(low), float(high), used.size)

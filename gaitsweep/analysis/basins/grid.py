@@ -63,12 +63,8 @@ class BasinGrid:
         return sums[0] / sums[1]
 
     def sizes(self) -> list[int]:
-        """Distances in steps, ascending: an eighth of the shortest axis, halved up to four times.
-
-        Distances of one or two steps do not resolve a fractal boundary, so a fine grid leaves them out.
-        """
-        largest = max(min(self.lengths) // 8, 1)
-        return sorted({max(largest >> halvings, 1) for halvings in range(5)})
+        """Distances in steps: 1, 2, 4, ... up to an eighth of the shortest axis."""
+        return [2**octave for octave in range((min(self.lengths) // 8).bit_length())]
 
 
 def find_grid(table: pd.DataFrame, axes: Sequence[str]) -> BasinGrid | None:

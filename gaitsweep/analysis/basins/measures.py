@@ -12,6 +12,7 @@ from gaitsweep.analysis.attractors.attractors import with_attractors
 from gaitsweep.analysis.attractors.state_space import Space
 from gaitsweep.analysis.basins.fractal_boundaries import (
     BOX,
+    Uncertainty,
     basin_entropy,
     uncertainty_exponent,
     uncertainty_fraction,
@@ -29,8 +30,8 @@ class Basins:
     outcome) and shock_to (that outcome). `fractions`: one record for each panel and outcome (rows, of,
     fraction, low, high, interval, shock_median, shock_mean of its starts). `panels`: one record a panel
     (rows, grid: whether its starts form a grid, basin_entropy, boundary_entropy, crossed, exponent,
-    exponent_error, boundary_dimension). `uncertainty`: one record for each panel and eps (steps, eps,
-    uncertain).
+    exponent_low, exponent_high, boundary_dimension). `uncertainty`: one record for each panel and eps (steps,
+    eps, uncertain).
     """
 
     rows: pd.DataFrame
@@ -59,11 +60,11 @@ def basins(
             axes that are not in `by`.
         label: the column of the outcomes; `attractor` is computed if the table does not have it.
         by: columns of which each combination of values is a panel, measured separately.
-        level: confidence level of the intervals of fractions.
+        level: confidence level of the intervals.
         interval: as for `fractions`.
         box: cells along a side of the boxes of the basin entropy.
-        sizes: eps of the uncertainty fractions, in steps of the grid; by default an eighth of the shortest
-            axis, halved up to four times.
+        sizes: eps of the uncertainty fractions, in steps of the grid; by default 1, 2, 4, ... up to an eighth
+            of the shortest axis.
         scales: unit of each axis in the shock's distance; needed where axes have different units.
 
     Raises:
@@ -84,9 +85,11 @@ def basins(
         part, mine = table.iloc[rows], labels.iloc[rows]
         apart[rows], towards[rows] = minimal_fatal_shock(part, axes, mine, scales)
         grid = find_grid(part, axes)
-        uncertain = pd.DataFrame() if grid is None else uncertainty_fraction(grid, mine.to_numpy(), sizes)
-        uncertainty += [{**place, **record} for record in uncertain.to_dict("records")]
-        panels.append({**place, "rows": len(part), **_fractality(grid, mine.to_numpy(), uncertain, box)})
+        panels.append({**place, "rows": len(part), "grid": grid is not None})
+        if grid is not None:
+            uncertain = uncertainty_fraction(grid, mine.to_numpy(), sizes)
+            uncertainty += [{**place, **record} for record in uncertain.fractions.to_dict("records")]
+            panels[-1].update(_fractality(grid, mine.to_numpy(), uncertain, box, level))
     measured = table.assign(
         outcome=pd.Categorical(labels, names), shock=apart, shock_to=pd.Categorical(towards, names)
     )
@@ -101,7 +104,7 @@ def basins(
 
 _PANELS = [
     *("rows", "grid", "basin_entropy", "boundary_entropy", "crossed"),
-    *("exponent", "exponent_error", "boundary_dimension"),
+    *("exponent", "exponent_low", "exponent_high", "boundary_dimension"),
 ]
 
 
@@ -114,20 +117,18 @@ def _shock_of_outcomes(measured: pd.DataFrame, by: Sequence[str]) -> pd.DataFram
 
 
 def _fractality(
-    grid: BasinGrid | None, labels: np.ndarray, uncertain: pd.DataFrame, box: int
+    grid: BasinGrid, labels: np.ndarray, uncertainty: Uncertainty, box: int, level: float
 ) -> dict[str, object]:
-    """Entropies and uncertainty exponent of a panel; missing where its starts form no grid."""
-    if grid is None:
-        return {"grid": False}
+    """Entropies and uncertainty exponent of a panel."""
     entropy = basin_entropy(grid, labels, box)
-    exponent = uncertainty_exponent(uncertain)
+    exponent = uncertainty_exponent(uncertainty, level)
     return {
-        "grid": True,
         "basin_entropy": entropy.basin,
         "boundary_entropy": entropy.boundary,
         "crossed": entropy.crossed,
         "exponent": exponent.value,
-        "exponent_error": exponent.error,
+        "exponent_low": exponent.low,
+        "exponent_high": exponent.high,
         "boundary_dimension": len(grid.lengths) - exponent.value,
     }
 

@@ -153,8 +153,11 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
     for number, value in enumerate(values):
         mine = _of(measured.uncertainty, panels, value)
         mine = rows_where(mine, mine["uncertain"] > 0.0)
-        exponent = float(_of(measured.panels, panels, value)["exponent"].to_numpy(float)[0])
-        slope = f"slope {exponent:.3f}" if np.isfinite(exponent) else "no slope"
+        panel = _of(measured.panels, panels, value)
+        exponent, low, high = (
+            float(panel[f"exponent{end}"].to_numpy(float)[0]) for end in ("", "_low", "_high")
+        )
+        slope = f"{exponent:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(exponent) else "no exponent"
         label = f"{written(table, panels, value)}, {slope}" if panels else slope
         look = {"color": shades[number], "marker": style.SPARE_MARKERS[number % len(style.SPARE_MARKERS)]}
         named = None if many else label
@@ -174,7 +177,7 @@ def _uncertain(axes: Axes, table: pd.DataFrame, measured: Basins, panels: str | 
 
 
 def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: str) -> None:
-    """A colour bar of the lines, from the first value of the panels' column to the last, and the slopes."""
+    """A colour bar of the lines, from the panels' first value to the last, and the range of the exponents."""
     values = list(measured[panels])
     bar = axes.inset_axes((0.1, -0.36, 0.8, 0.05))
     bar.imshow(np.linspace(0.0, 1.0, len(values))[None, :], cmap=_SHADES, aspect="auto", vmin=0.0, vmax=1.0)
@@ -184,5 +187,5 @@ def _shades_of(axes: Axes, table: pd.DataFrame, measured: pd.DataFrame, panels: 
     bar.tick_params(length=0)
     slopes = measured["exponent"].to_numpy(float)
     if np.isfinite(slopes).any():
-        text = f"slopes {np.nanmin(slopes):.3f} to {np.nanmax(slopes):.3f}"
+        text = f"exponents {np.nanmin(slopes):.2f} to {np.nanmax(slopes):.2f}"
         axes.text(0.04, 0.96, text, transform=axes.transAxes, ha="left", va="top", fontsize=7.5)
