@@ -10,15 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.bifurcation_tests import (
-    changes,
-    classify,
-    classify_turns,
-    fold_test,
-    located,
-    multipliers_of,
-    unit_circle_test,
-)
+from gaitsweep.analysis.continuation.bifurcation_tests import Special, bifurcations, multipliers_of
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.engine.poincare.maps import Map, Points
 
@@ -164,10 +156,15 @@ class BranchFollower:
             problem, here = self.problem[rows], self.branch_points[rows]
             there, found = problem.step(here, self.length[rows])
             straight = np.sum(problem.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
-            taken = found & (straight | (self.length[rows] <= self.steps.shortest))
+            short = self.length[rows] <= self.steps.shortest
+            taken = found & (straight | short)
+            on = np.flatnonzero(taken)
+            specials = bifurcations(problem[on], here[on], there[on], self.length[rows[on]])
+            taken[on] &= short[on] | np.array([each is not None for each in specials], bool)
             self._reject(rows[~taken])
             if taken.any():
-                self._accept(rows[taken], there[taken])
+                kept = [each or [] for each, k in zip(specials, on, strict=True) if taken[k]]
+                self._accept(rows[taken], there[taken], kept)
 
     def _end(self, rows: np.ndarray, why: str) -> None:
         self.table.end(self.names[rows], why)
@@ -187,10 +184,13 @@ class BranchFollower:
         self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
         self._end(rows[~crossed], "lost")
 
-    def _accept(self, rows: np.ndarray, there: BranchPoints) -> None:
+    def _accept(self, rows: np.ndarray, there: BranchPoints, specials: list[list[Special]]) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
         problem, here, names = self.problem[rows], self.branch_points[rows], self.names[rows]
-        self._specials(problem, here, there, self.length[rows], names)
+        for k, found in enumerate(specials):
+            for each in found:
+                if problem.low <= each.here.parameter[0] <= problem.high:
+                    self.table.write(names[[k]], problem[[k]], each.here, [each.kind])
         inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:
@@ -213,30 +213,6 @@ class BranchFollower:
         self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
         easy = rows[there.corrections <= FEW]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
-
-    def _specials(
-        self,
-        problem: ContinuationProblem,
-        here: BranchPoints,
-        there: BranchPoints,
-        length: np.ndarray,
-        names: np.ndarray,
-    ) -> None:
-        """Locate and record the bifurcations between `here` and `there`."""
-        turned = fold_test(problem, here) * fold_test(problem, there) < 0.0
-        what = changes(multipliers_of(problem, here), multipliers_of(problem, there), turned)
-        for kind, test, classified in (
-            ("fold", fold_test, classify_turns),
-            ("crossing", unit_circle_test, classify),
-        ):
-            rows = np.flatnonzero(what == kind)
-            if rows.size:
-                some = problem[rows]
-                ends = test(some, here[rows]), test(some, there[rows])
-                branch_points, where = located(some, here[rows], length[rows], test, ends)
-                good = np.flatnonzero(np.isfinite(where))
-                found = branch_points[good]
-                self.table.write(names[rows[good]], some[good], found, classified(some[good], found))
 
 
 def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:
