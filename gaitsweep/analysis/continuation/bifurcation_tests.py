@@ -1,4 +1,4 @@
-"""Test functions of bifurcations along a branch, and where they are zero: folds, branch points, flips, circles.
+"""Test functions of bifurcations along a branch, and where they are zero."""
 
 Each test function is smooth along a smooth branch and changes sign at its own bifurcations, so that one step
 may hold several. At a branch point two branches cross, and Newton's equations are singular in two directions.
@@ -71,7 +71,7 @@ def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.n
 def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
     """The product of 1 - m_i m_k over pairs of multipliers, (n,): zero where a pair crosses the unit circle.
 
-    It is also zero at a neutral saddle, where two real multipliers on both sides of the circle have product 1.
+    It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
     """
     found = multipliers_of(problem, branch_points)
     i, k = np.triu_indices(found.shape[1], 1)
@@ -298,7 +298,7 @@ def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: np.ndarray
 
 @dataclasses.dataclass(frozen=True)
 class Special:
-    """A bifurcation on a step: its `kind`, the `arclength` from the step's start, and the point `here` (1,)."""
+    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,)."""
 
     kind: str
     arclength: float

@@ -8,7 +8,10 @@ import pandas as pd
 from gaitsweep.analysis.records import AnalysisError, require
 
 # Special points of a continuation at which the stability of a branch may change.
-MARKS = frozenset({"fold", "corner", "flip", "neimark_sacker", "branch_point"})
+MARKS = (
+    *("fold", "corner", "flip", "neimark_sacker"),
+    *("transcritical", "supercritical_pitchfork", "subcritical_pitchfork", "branch_point"),
+)
 LEAST = 0.02  # least width of a stable range, as a share of the width of all branches
 
 
@@ -63,7 +66,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
     at = branch[parameter].to_numpy(float)
     special = branch["special"].fillna("").to_numpy(str)
     end = branch["end"].fillna("").to_numpy(str)
-    marked = np.isin(special, list(MARKS))
+    marked = np.isin(special, MARKS)
     inner = np.flatnonzero(branch["stable"].to_numpy(bool) & ~marked)
     pieces = []
     for points in np.split(inner, np.flatnonzero(np.diff(inner) > 1) + 1):
