@@ -62,7 +62,7 @@ def followed(size: int, cases: list[dict[str, float]], **options: Any) -> pd.Dat
 
 
 def specials(table: pd.DataFrame, row: int) -> tuple[list[str], np.ndarray]:
-    found = table[(table["row"] == row) & (table["special"] != "")]
+    found = table.loc[(table["row"] == row) & (table["special"] != "")]
     return found["special"].tolist(), found["r"].to_numpy()
 
 
@@ -84,7 +84,7 @@ def test_normal_forms(size: int, towards: int, steps: ArclengthSteps) -> None:
         found, at = specials(table, row)
         assert found == [kind]
         np.testing.assert_allclose(at, 0.0, atol=1e-8)
-        branch = table[(table["row"] == row) & (table["special"] == "")]
+        branch = table.loc[(table["row"] == row) & (table["special"] == "")]
         assert branch["end"].iloc[-1] == "range"
         before = branch["point"] < table.loc[(table["row"] == row) & (table["special"] != ""), "point"].item()
         assert branch.loc[before, "unstable"].nunique() == branch.loc[~before, "unstable"].nunique() == 1

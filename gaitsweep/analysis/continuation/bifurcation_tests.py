@@ -1,4 +1,4 @@
-"""Test functions of bifurcations along a branch, and where they are zero."""
+"""Test functions of bifurcations along a branch, and where they are zero.
 
 Each test function is smooth along a smooth branch and changes sign at its own bifurcations, so that one step
 may hold several. At a branch point two branches cross, and Newton's equations are singular in two directions.
@@ -296,6 +296,7 @@ def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: np.ndarray
     found, ok = problem[both].step(guess, np.zeros(2))
     return found if ok.all() else None
 
+
 @dataclasses.dataclass(frozen=True)
 class Special:
     """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,)."""
@@ -318,7 +319,8 @@ def bifurcations(
     found: list[list[Special] | None] = [[] for _ in length]
     for k in np.flatnonzero(np.any(list(changed.values()), axis=0)):
         mine = {test: (ends[test][0][[k]], ends[test][1][[k]]) for test in TESTS if changed[test][k]}
-        found[k] = _on_step(problem[[k]], here[[k]], there[[k]], length[[k]], mine)
+        only = np.array([k])
+        found[k] = _on_step(problem[only], here[only], there[only], length[only], mine)
     return found
 
 

@@ -190,7 +190,7 @@ class BranchFollower:
         for k, found in enumerate(specials):
             for each in found:
                 if problem.low <= each.here.parameter[0] <= problem.high:
-                    self.table.write(names[[k]], problem[[k]], each.here, [each.kind])
+                    self.table.write(names[[k]], problem[np.array([k])], each.here, [each.kind])
         inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:
