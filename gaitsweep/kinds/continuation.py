@@ -42,8 +42,16 @@ class Continuation(FollowsFixedPoints):
         min_length=2, max_length=2, description="where the branch starts, and the other end of its range"
     )
 
+    crossing: bool = Field(
+        default=False, description="follow the branches that cross at branch points, too, in both directions"
+    )
+
     def values_between(self) -> Iterator[float]:
         return path_values(sorted(self.path))
+
+    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Its fields, without `crossing` where that does nothing: older results keep their hashes."""
+        return {name: each for name, each in fields.items() if name != "crossing" or each}
 
     def first_values(self) -> Mapping[str, float]:
         return {self.parameter: self.path[0]}
@@ -51,6 +59,7 @@ class Continuation(FollowsFixedPoints):
     def columns(self, model: Model) -> list[Column]:
         return [
             Column("point"),
+            *([Column("branch", repeats=False)] if self.crossing else []),
             Column(self.parameter, repeats=False),
             *observed(model, "n"),
             Column("gait"),
@@ -125,5 +134,6 @@ class Continuation(FollowsFixedPoints):
             steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, between),
             shown=(),
             with_points=with_points,
+            crossing=self.crossing,
         )
         return mapping, values, table

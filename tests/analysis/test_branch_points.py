@@ -13,6 +13,8 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.fold_curves import fold_curves
 from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.analysis.continuation.stable_ranges import stable_ranges
+from gaitsweep.plot.branches.continuation import continuation as draw
 
 LOWER, UPPER = "supercritical_pitchfork", "subcritical_pitchfork"
 # x -> s x + r (k x + p) + a x^2 + b x^3
@@ -121,6 +123,28 @@ def test_branches_that_pass_each_other() -> None:
         folds = int(case["h"] < 0.0)
         assert [each for each in found if each != "flip"] == ["fold"] * folds
         np.testing.assert_allclose(at[:folds], [-2.0 * np.sqrt(abs(case["h"]))] * folds, atol=1e-6)
+
+
+def test_branches_that_cross_are_followed() -> None:
+    """From x = 0 of x + r x - x^3 both halves of x^2 = r, of x + r x - x^2 both of x = r."""
+    cases = [{"b": -1.0, "r": -0.8, "x": 0.0}, {"a": -1.0, "r": -0.8, "x": 0.0}]
+    table = followed(1, cases, crossing=True)
+    assert not table.duplicated(["row", "point"]).any()
+    x = (table["x_0"].to_numpy() - 0.3) * MAPS[1][1][0, 0]
+    r, branch, row = (table[name].to_numpy() for name in ("r", "branch", "row"))
+    assert [sorted(set(branch[row == each])) for each in (0, 1)] == [[0, 1, 2]] * 2
+    np.testing.assert_allclose(x[branch == 0], 0.0, atol=1e-7)
+    across = branch > 0
+    np.testing.assert_allclose((x**2)[across & (row == 0)], r[across & (row == 0)], atol=1e-7)
+    np.testing.assert_allclose(x[across & (row == 1)], r[across & (row == 1)], atol=1e-7)
+    assert table.loc[across & (r > 0.0), "stable"].all()
+    assert not table.loc[across & (r < 0.0), "stable"].any()
+    assert set(table.drop_duplicates(["row", "branch"], keep="last")["end"]) == {"range"}
+    ranges = stable_ranges(table, "r")
+    assert ranges["row"].tolist() == [0, 0, 0, 1, 1]
+    np.testing.assert_allclose(ranges["high"], [0.0, 0.95, 0.95, 0.0, 0.95], atol=1e-9)
+    assert ranges["high_by"].tolist() == [LOWER, "range", "range", "transcritical", "range"]
+    assert len(draw(table, x="r", y="x_0").axes[0].get_lines()) > 0
 
 
 def coupled(v: Any, at: Any) -> Any:

@@ -299,11 +299,15 @@ def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: np.ndarray
 
 @dataclasses.dataclass(frozen=True)
 class Special:
-    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,)."""
+    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,).
+
+    `aside` (2,): points on the branch that crosses, as in `Crossing`.
+    """
 
     kind: str
     arclength: float
     here: BranchPoints
+    aside: BranchPoints | None = None
 
 
 def bifurcations(
@@ -343,7 +347,9 @@ def _on_step(
         if abs(beta) > IMPERFECT:
             return None
         if crossing is not None and _is_on_step(problem, here, crossing, length):
-            found.append(Special(crossing.kind, _ahead(problem, here, crossing.here), crossing.here))
+            found.append(
+                Special(crossing.kind, _ahead(problem, here, crossing.here), crossing.here, crossing.aside)
+            )
             # a pitchfork where the branch itself turns is no fold
             turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
         elif np.isfinite(where[0]) and abs(branch_test(problem, near)[0]) < SMALL * np.max(np.abs(ends)):

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 
@@ -54,6 +55,7 @@ class BranchTable:
         n: number of branches.
         held: the conserved quantities that are constrained.
         with_points: each record has its `Points` of one point as `at`, coordinates and modes.
+        crossing: records have the number of their `branch`, since a row may have several.
     """
 
     def __init__(
@@ -65,11 +67,22 @@ class BranchTable:
         n: int,
         held: ConservedConstraints,
         with_points: bool = False,
+        crossing: bool = False,
     ) -> None:
         self.parameter, self._with_points = parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
         self._observed, self._held = list(observed), [mapping.conserved[k].name for k in held.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
+        self._crossing, self._rows, self._branches, self._next = crossing, [*range(n)], [0] * n, [1] * n
+
+    def added(self, name: int) -> int:
+        """The name of a further branch of the row that the branch `name` belongs to."""
+        row = self._rows[name]
+        self._rows.append(row)
+        self._branches.append(self._next[row])
+        self._next[row] += 1
+        self._records.append([])
+        return len(self._records) - 1
 
     def counts(self, rows: np.ndarray) -> np.ndarray:
         return np.array([len(self._records[row]) for row in rows])
@@ -81,9 +94,10 @@ class BranchTable:
     def failed(self, row: int, parameter: float, why: str) -> None:
         self._records[row].append({**self._head(row, parameter), "end": why})
 
-    def _head(self, row: int, parameter: float) -> dict[str, Any]:
-        others = {name: each[row] for name, each in self._values.items()}
-        return {"row": row, "point": len(self._records[row]), self.parameter: parameter, **others}
+    def _head(self, name: int, parameter: float) -> dict[str, Any]:
+        row, branch = self._rows[name], {"branch": self._branches[name]} if self._crossing else {}
+        others = {other: each[row] for other, each in self._values.items()}
+        return {"row": row, "point": len(self._records[name]), **branch, self.parameter: parameter, **others}
 
     def write(
         self,
@@ -116,10 +130,17 @@ class BranchTable:
 
     def table(self) -> pd.DataFrame:
         """All records; the columns are the same where no branch has a fixed point."""
-        head = ("row", "point", self.parameter, *self._values, *self._observed)
+        branch = ["branch"] if self._crossing else []
+        head = ("row", "point", *branch, self.parameter, *self._values, *self._observed)
         drifts = (f"drift_{name}" for name in self._held)
         columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
-        return pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        table = pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        if not self._crossing:
+            return table
+        table = table.sort_values(["row", "branch", "point"], kind="stable", ignore_index=True)
+        # one number is left out before each further branch
+        table["point"] = table.groupby("row").cumcount() + table["branch"]
+        return table
 
 
 class BranchFollower:
@@ -131,6 +152,8 @@ class BranchFollower:
         names: (n,) the row of each branch in the table.
         table: the table that collects the points.
         steps: the step lengths.
+
+    `crossings` has, for each branch point, the place of its branch and points on the one that crosses.
     """
 
     def __init__(
@@ -145,6 +168,7 @@ class BranchFollower:
         self.home = self.branch_points = branch_points
         self.length = np.full(len(names), steps.first)
         self.going = np.ones(len(names), bool)
+        self.crossings: list[tuple[int, BranchPoints]] = []
         table.write(names, problem, branch_points, [""] * len(names))
 
     def follow(self) -> None:
@@ -165,6 +189,15 @@ class BranchFollower:
             if taken.any():
                 kept = [each or [] for each, k in zip(specials, on, strict=True) if taken[k]]
                 self._accept(rows[taken], there[taken], kept)
+
+    def crossing(self) -> BranchFollower | None:
+        """A follower of both halves of each branch that crosses at a branch point; None if there is none."""
+        if not self.crossings:
+            return None
+        of = np.repeat([row for row, _ in self.crossings], 2)
+        names = np.array([self.table.added(int(self.names[row])) for row in of])
+        asides = jax.tree.map(lambda *each: np.concatenate(each), *(aside for _, aside in self.crossings))
+        return BranchFollower(self.problem[of], asides, names, self.table, self.steps)
 
     def _end(self, rows: np.ndarray, why: str) -> None:
         self.table.end(self.names[rows], why)
@@ -191,6 +224,8 @@ class BranchFollower:
             for each in found:
                 if problem.low <= each.here.parameter[0] <= problem.high:
                     self.table.write(names[[k]], problem[np.array([k])], each.here, [each.kind])
+                    if each.aside is not None:
+                        self.crossings.append((int(rows[k]), each.aside))
         inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:

@@ -38,8 +38,8 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
     width = np.ptp(table[parameter].to_numpy(float)) if len(table) else 0.0
     found = []
-    for row, branch in table.groupby("row", sort=True):
-        found += [{"row": row, **each} for each in _pieces(branch, parameter)]
+    for _, branch in table.groupby(["row", *(["branch"] if "branch" in table else [])], sort=True):
+        found += [{"row": branch["row"].iloc[0], **each} for each in _pieces(branch, parameter)]
     names = ["row", *(["gait"] if "gait" in table else []), "low", "high", "low_by", "high_by"]
     pieces = pd.DataFrame(found, columns=pd.Index(names))
     wide = pieces["high"].to_numpy(float) - pieces["low"].to_numpy(float) > least * width
