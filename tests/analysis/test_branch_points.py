@@ -60,7 +60,9 @@ def followed(size: int, cases: list[dict[str, float]], **options: Any) -> pd.Dat
     }
     begin = np.array([case["r"] for case in cases])
     points = mapping.points(at @ turn.T + 0.3)
-    return continuation(mapping, points, values, parameter="r", within=(-1.0, 0.95), begin=begin, **options)
+    return continuation(
+        mapping, points, values, parameter="r", begin=begin, **{"within": (-1.0, 0.95), **options}
+    )
 
 
 def specials(table: pd.DataFrame, row: int) -> tuple[list[str], np.ndarray]:
@@ -199,6 +201,34 @@ def test_two_multipliers_at_once() -> None:
     found = table[table["special"] != ""]
     assert found["special"].tolist() == ["branch_point"]
     np.testing.assert_allclose(found["r"], 0.0, atol=1e-6)
+
+
+def test_steps_that_end_at_the_point_itself() -> None:
+    """Steps of 1/4 from r = -3/4 and 3/4 meet r = 0 exactly, where Newton's equations are singular."""
+    steps = ArclengthSteps(0.125, 0.125)
+    kinds = [kind for kind in FORMS if kind != "fold"]
+    for r, towards in ((-0.75, 1), (0.75, -1)):
+        for size in (1, 2):
+            cases = [{**FORMS[kind], "r": r, "x": 0.0} for kind in kinds]
+            table = followed(size, cases, within=(-1.0, 1.0), towards=towards, steps=steps)
+            for row, kind in enumerate(kinds):
+                found, at = specials(table, row)
+                assert found == [kind]
+                np.testing.assert_allclose(at, 0.0, atol=1e-8)
+
+
+def test_one_soon_after_the_other() -> None:
+    """x and y lose stability at r = 0 and r = .003, within one step: pitchforks, or flips."""
+    for sign, kind in ((1.0, LOWER), (-1.0, "flip")):
+        mapping = PlainMap(
+            lambda v, at: v["sign"] * ((1.0 + v["r"] - jnp.array([0.0, 0.003])) * at - at**3),
+            ("x", "y"),
+            (("r", 0.0), ("sign", sign)),
+        )
+        table = continuation(mapping, mapping.points([[0.0, 0.0]]), {}, parameter="r", within=(-0.5, 0.5))
+        found = table[table["special"] != ""]
+        assert found["special"].tolist() == [kind, kind]
+        np.testing.assert_allclose(found["r"], [0.0, 0.003], atol=1e-8)
 
 
 def test_a_pitchfork_begins_no_curve_of_folds() -> None:

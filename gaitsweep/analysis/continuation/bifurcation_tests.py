@@ -100,7 +100,7 @@ def located(
     below, above = (each.copy() for each in ends)
     target = NEAR * np.maximum(np.abs(below), np.abs(above))
     best, where = before, np.full(len(length), np.nan)
-    going = below * above < 0.0
+    going = below * above <= 0.0
     for _ in range(MOST_TRIALS):
         rows = np.flatnonzero(going)
         if not rows.size:
@@ -156,10 +156,10 @@ class Crossing:
 
 
 def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Crossing | None, float]:
-    """The branch point near one point (1,) of a branch and the scaled beta there; None and NaN if not found.
+    """The branch point near one point (1,) of a branch, None if not found, and the scaled beta there.
 
-    Every tangent of the branch that came satisfies w' F_zz t t = 0 (z: coordinates, drifts, parameter), a
-    quadratic form on the two null vectors of [F_x F_p].
+    The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
+    form on the two null vectors of [F_x F_p].
     """
     size = near.points.at.shape[1]
     scale = np.where(problem.weights[0] > 0.0, problem.weights[0], 1.0) ** -0.5
@@ -236,10 +236,11 @@ class _Branching:
             points = Points(unscaled[:, :size], like.points[every].modes)
             images = some.evaluated(points, unscaled[:, -1])
             miss = residuals(problem.mapping, points, unscaled[:, size:-1], images, some.held) / rows
+            miss[~images.sound] = np.nan
             return miss, some.bordered(images, unscaled)[:, :-1] * scale / rows[:, None]
 
         miss, J = equations(z[None])
-        if not np.isfinite(J).all():
+        if not (np.isfinite(J).all() and np.isfinite(miss).all()):
             return None
         left, values, right = np.linalg.svd(J[0])
         w, null = left[:, -1], right[-2:]
@@ -319,7 +320,8 @@ def bifurcations(
     multipliers crossed the unit circle one after the other.
     """
     ends = {test: (test(problem, here), test(problem, there)) for test in TESTS}
-    changed = {test: before * after < 0.0 for test, (before, after) in ends.items()}
+    # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
+    changed = {test: (before < 0.0) != (after < 0.0) for test, (before, after) in ends.items()}
     found: list[list[Special] | None] = [[] for _ in length]
     for k in np.flatnonzero(np.any(list(changed.values()), axis=0)):
         mine = {test: (ends[test][0][[k]], ends[test][1][[k]]) for test in TESTS if changed[test][k]}
@@ -341,12 +343,12 @@ def _on_step(
         ends = changed[branch_test]
         near, where = _between(problem, here, there, ends[0] / (ends[0] - ends[1])), np.full(1, np.nan)
         crossing, beta = branch_point(problem, near)
-        if not (_is_on_step(problem, here, crossing, length) or abs(beta) > IMPERFECT):
+        if not _is_on_step(problem, here, crossing, length):
             near, where = located(problem, here, length, branch_test, ends)
             crossing, beta = branch_point(problem, near) if np.isfinite(where[0]) else (None, np.nan)
-        if abs(beta) > IMPERFECT:
-            return None
         if crossing is not None and _is_on_step(problem, here, crossing, length):
+            if abs(beta) > IMPERFECT:
+                return None
             found.append(
                 Special(crossing.kind, _ahead(problem, here, crossing.here), crossing.here, crossing.aside)
             )

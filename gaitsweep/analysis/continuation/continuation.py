@@ -58,10 +58,11 @@ def continuation(
         drift_NAME of each constrained quantity, multiplier (the largest modulus; multiplier_re and
         multiplier_im are its parts), unstable (the number of multipliers outside the unit circle), stable,
         special, corrections, end.
-        `special` is fold, flip, neimark_sacker, transcritical, supercritical_pitchfork (the branch that
-        crosses exists where this one, or if it is the one that turns the other, has lost stability),
-        subcritical_pitchfork, or branch_point (another, or of several multipliers at once); corner: a fold at
-        a corner of the map, where no multiplier is 1; kink: a step over a corner or a jump; or empty.
+        `special` is fold, flip, neimark_sacker, transcritical, supercritical_pitchfork (the branch that turns
+        exists where one more multiplier of the other is outside the unit circle), subcritical_pitchfork
+        (where one fewer is), or branch_point (where two branches cross in another way, or several multipliers
+        are 1 at once); corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a
+        corner or a jump of the map; or empty.
         A branch that ends as lost, or has a kink, is followed again on the refined map (half the time step),
         and the result of that is returned: so neither is an artefact of the time step alone.
         `end` is the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
