@@ -76,11 +76,17 @@ class Continuation(FollowsFixedPoints):
         return super().check_steps()
 
     def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
-        """A row's branch is likely followed along its whole range, at most to `most` points."""
-        points = min(POINTS_SHARE / self.longest + math.log2(self.longest / self.step), float(self.most))
+        """A row's branch is likely followed along its whole range, at most to `most` points.
+
+        With `crossing` it likely has one branch point, from which two halves of another branch lead on.
+        """
+        branches = 3.0 if self.crossing else 1.0
+        points = branches * min(
+            POINTS_SHARE / self.longest + math.log2(self.longest / self.step), float(self.most)
+        )
         likely, most = (
             (self.settle + count * CYCLES_A_NUMBER * (unknowns(rows) + 1)) * cycle
-            for count in (points, float(self.most))
+            for count in (points, branches * self.most)
         )
         return Cost(likely, most, max(points, 1.0))
 
