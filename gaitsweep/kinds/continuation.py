@@ -42,8 +42,16 @@ class Continuation(FollowsFixedPoints):
         min_length=2, max_length=2, description="where the branch starts, and the other end of its range"
     )
 
+    crossing: bool = Field(
+        default=False, description="follow the branches that cross at branch points, too, in both directions"
+    )
+
     def values_between(self) -> Iterator[float]:
         return path_values(sorted(self.path))
+
+    def hashed(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Its fields, without `crossing` where that does nothing: older results keep their hashes."""
+        return {name: each for name, each in fields.items() if name != "crossing" or each}
 
     def first_values(self) -> Mapping[str, float]:
         return {self.parameter: self.path[0]}
@@ -51,6 +59,7 @@ class Continuation(FollowsFixedPoints):
     def columns(self, model: Model) -> list[Column]:
         return [
             Column("point"),
+            *([Column("branch", repeats=False)] if self.crossing else []),
             Column(self.parameter, repeats=False),
             *observed(model, "n"),
             Column("gait"),
@@ -67,11 +76,17 @@ class Continuation(FollowsFixedPoints):
         return super().check_steps()
 
     def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
-        """A row's branch is likely followed along its whole range, at most to `most` points."""
-        points = min(POINTS_SHARE / self.longest + math.log2(self.longest / self.step), float(self.most))
+        """A row's branch is likely followed along its whole range, at most to `most` points.
+
+        With `crossing` it likely has one branch point, from which two halves of another branch lead on.
+        """
+        branches = 3.0 if self.crossing else 1.0
+        points = branches * min(
+            POINTS_SHARE / self.longest + math.log2(self.longest / self.step), float(self.most)
+        )
         likely, most = (
             (self.settle + count * CYCLES_A_NUMBER * (unknowns(rows) + 1)) * cycle
-            for count in (points, float(self.most))
+            for count in (points, branches * self.most)
         )
         return Cost(likely, most, max(points, 1.0))
 
@@ -125,5 +140,6 @@ class Continuation(FollowsFixedPoints):
             steps=ArclengthSteps(self.step, self.longest, self.shortest, self.most, between),
             shown=(),
             with_points=with_points,
+            crossing=self.crossing,
         )
         return mapping, values, table

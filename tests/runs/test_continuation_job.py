@@ -77,6 +77,26 @@ def test_blocks_without_a_fixed_point() -> None:
     result.plot.continuation(x="r", y="x")
 
 
+@pytest.mark.slow
+def test_branches_that_cross_a_symmetric_gait() -> None:
+    """x' = a x - x^3: x = 0 loses stability at a = 0 to both x^2 = a, whose multipliers are exp(-2 a)."""
+    run = gs.Continuation(parameter="a", path=[-0.5, 0.5], settle=2, crossing=True)
+    result = gs.sweep(
+        "cusp_flow:CuspFlow", r=0.0, x_0=0.2, run=run, numerics={"method": "rk4", "dt": 1e-2}, verify=0
+    )
+    table = result.table
+    found = table[table["special"] != ""]
+    assert found["special"].tolist() == ["supercritical_pitchfork"]
+    np.testing.assert_allclose(found["a"], 0.0, atol=1e-8)
+    own, across = table[table["branch"] == 0], table[table["branch"] > 0]
+    np.testing.assert_allclose(own["x_n"], 0.0, atol=1e-8)
+    assert not own.loc[own["a"] > 1e-3, "stable"].any()
+    assert sorted(across.drop_duplicates("branch")["gait"]) == ["left", "right"]
+    np.testing.assert_allclose(across["x_n"] ** 2, across["a"], atol=1e-7)
+    np.testing.assert_allclose(across["multiplier_re"], np.exp(-2.0 * across["a"]), atol=1e-6)
+    result.plot.continuation(y="x")
+
+
 def test_refusals() -> None:
     for run, words in (
         ({**RUN, "path": [0.2, 0.2]}, "as where the branch starts"),

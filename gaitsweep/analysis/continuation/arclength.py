@@ -104,7 +104,7 @@ class ContinuationProblem:
 
     def tangents(self, images: MapEvaluation, before: np.ndarray) -> np.ndarray:
         """The unit tangents (n, m) of the branches, oriented along the tangents `before` (n, m)."""
-        full = self._bordered(images, self.weights * before)
+        full = self.bordered(images, self.weights * before)
         last = np.zeros(full.shape[:2])
         last[:, -1] = 1.0
         tangent = _solved(full, last)
@@ -162,7 +162,7 @@ class ContinuationProblem:
         change, count, going = guess.copy(), np.zeros(n, int), np.ones(n, bool)
         points = Points(branch_points.points.at + change[:, :size], branch_points.points.modes)
         norm, step = np.full(n, np.inf), np.zeros_like(guess)
-        matrix = self._bordered(branch_points.images, normal)
+        matrix = self.bordered(branch_points.images, normal)
         for taken in range(1, MOST_CORRECTIONS + 1):
             rows = np.flatnonzero(going)
             if not rows.size:
@@ -190,7 +190,7 @@ class ContinuationProblem:
                 points = points.merged(mine, Points(moved, images.points[rest].modes))
         return points, change, count
 
-    def _bordered(self, images: MapEvaluation, row: np.ndarray) -> np.ndarray:
+    def bordered(self, images: MapEvaluation, row: np.ndarray) -> np.ndarray:
         """The Jacobians (n, m, m) of Newton's equations, bordered by a last `row` (n, m)."""
         inner = matrices(images, self.held)
         n, m, _ = inner.shape

@@ -1,13 +1,26 @@
-"""Test functions of bifurcations along a branch: folds, flips, and other crossings of the unit circle."""
+"""Test functions of bifurcations along a branch, and where they are zero.
+
+Each test function is smooth along a smooth branch and changes sign at its own bifurcations, so that one step
+may hold several. At a branch point two branches cross, and Newton's equations are singular in two directions.
+It is therefore found as a regular solution of a larger system, F + beta w = 0 with a Jacobian [F_x F_p] of
+rank m - 1 and left null vector w. If beta is not zero, no branches cross there: they pass each other.
+
+Sources: Govaerts 2000, Numerical Methods for Bifurcations of Dynamical Equilibria, chapters 3 and 4 (test
+functions, the algebraic branching equation of the two tangents); Kuznetsov 2004, Elements of Applied
+Bifurcation Theory, chapter 10.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.floquet import multipliers
+from gaitsweep.analysis.continuation.newton import residuals, sizes
+from gaitsweep.engine.poincare.maps import Points
 
 # A zero is found when the test function is below this share of its larger value at the step's ends.
 NEAR = 1e-7
@@ -19,6 +32,16 @@ MOST_TRIALS = 40
 FLAT = 1e-3
 # A multiplier is real if its imaginary part is below this share of its modulus.
 REAL = 1e-6
+# Two real multipliers cross the unit circle together if they are this close to it, and to each other.
+TOGETHER = 1e-3
+# Central differences of the Jacobian, in scaled coordinates; tolerance and most steps of the search for a
+# branch point; the largest scaled beta at which branches cross, that is a few residuals of Newton's method.
+ALONG, TOLERANCE, MOST_STEPS, IMPERFECT = 1e-4, 1e-8, 12, 1e-8
+# Length of the first step along the branch that crosses.
+ASIDE = 0.01
+
+# A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
+SMALL = 1e-3
 
 Test = Callable[[ContinuationProblem, BranchPoints], np.ndarray]
 
@@ -35,22 +58,27 @@ def fold_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.n
     return branch_points.tangent[:, -1]
 
 
-def unit_circle_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
-    """The modulus less one of the multiplier nearest to the unit circle, (n,): zero at a crossing."""
-    outside = np.abs(multipliers_of(problem, branch_points)) - 1.0
-    nearest = np.argmin(np.abs(outside), axis=1)
-    return outside[np.arange(len(outside)), nearest]
+def branch_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+    """The determinant of [F_x F_p] bordered by the tangent, (n,): zero at a branch point, not at a fold."""
+    return np.linalg.det(problem.bordered(branch_points.images, problem.weights * branch_points.tangent))
 
 
-def changes(before: np.ndarray, after: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """The bifurcation on a step of each branch: "fold", "crossing" (of the unit circle), or "".
+def flip_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+    """The product of the multipliers plus one, (n,): zero at a flip."""
+    return np.prod(1.0 + multipliers_of(problem, branch_points), axis=1).real
 
-    Args:
-        before, after: multipliers at the step's ends, (n, m).
-        turned: whether the parameter turned back, (n,).
+
+def pair_test(problem: ContinuationProblem, branch_points: BranchPoints) -> np.ndarray:
+    """The product of 1 - m_i m_k over pairs of multipliers, (n,): zero where a pair crosses the unit circle.
+
+    It is also zero at a neutral saddle: two real multipliers on both sides of the circle with product 1.
     """
-    count = [np.sum(np.abs(each) > 1.0, axis=1) for each in (before, after)]
-    return np.where(turned, "fold", np.where(count[0] != count[1], "crossing", ""))
+    found = multipliers_of(problem, branch_points)
+    i, k = np.triu_indices(found.shape[1], 1)
+    return np.prod(1.0 - found[:, i] * found[:, k], axis=1).real
+
+
+TESTS: tuple[Test, ...] = (fold_test, branch_test, flip_test, pair_test)
 
 
 def located(
@@ -72,7 +100,7 @@ def located(
     below, above = (each.copy() for each in ends)
     target = NEAR * np.maximum(np.abs(below), np.abs(above))
     best, where = before, np.full(len(length), np.nan)
-    going = below * above < 0.0
+    going = below * above <= 0.0
     for _ in range(MOST_TRIALS):
         rows = np.flatnonzero(going)
         if not rows.size:
@@ -94,20 +122,285 @@ def located(
     return best, where
 
 
-def classify_turns(problem: ContinuationProblem, branch_points: BranchPoints) -> list[str]:
-    """The kind of each turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
-    smooth = np.abs(fold_test(problem, branch_points)) < FLAT * (problem.high - problem.low)
-    return np.where(smooth, "fold", "corner").tolist()
+def turn_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
+    """The kind of one turn of the parameter: "fold" where smooth, "corner" where the map has a kink."""
+    smooth = abs(fold_test(problem, there)[0]) < FLAT * (problem.high - problem.low)
+    return "fold" if smooth else "corner"
 
 
-def classify(problem: ContinuationProblem, branch_points: BranchPoints) -> list[str]:
-    """The kind of each crossing of the unit circle: neimark_sacker, flip or branch_point."""
-    found = multipliers_of(problem, branch_points)
-    names = []
-    for each in found:
-        nearest = each[np.argmin(np.abs(np.abs(each) - 1.0))]
-        if abs(nearest.imag) > REAL * abs(nearest):
-            names.append("neimark_sacker")
-        else:
-            names.append("flip" if nearest.real < 0.0 else "branch_point")
-    return names
+def pair_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
+    """The kind of one zero of `pair_test`: neimark_sacker; flip or branch_point of two at once; or ""."""
+    found = multipliers_of(problem, there)[0]
+    i, k = np.triu_indices(len(found), 1)
+    nearest = int(np.argmin(np.abs(1.0 - found[i] * found[k])))
+    one, other = found[i[nearest]], found[k[nearest]]
+    if max(abs(one - 1.0), abs(other - 1.0)) < TOGETHER:
+        return "branch_point"
+    if max(abs(one + 1.0), abs(other + 1.0)) < TOGETHER:
+        return "flip"
+    return "neimark_sacker" if abs(one.imag) > REAL * abs(one) else ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossing:
+    """A branch point on one branch.
+
+    `kind` is transcritical, supercritical_pitchfork, subcritical_pitchfork, or branch_point where the
+    quadratic and cubic terms do not tell; `here` (1,) the point, with the tangent of the branch that came
+    there; `aside` (2,) points close by on the branch that crosses, each with the tangent away from there.
+    """
+
+    kind: str
+    here: BranchPoints
+    aside: BranchPoints | None
+
+
+def branch_point(problem: ContinuationProblem, near: BranchPoints) -> tuple[Crossing | None, float]:
+    """The branch point near one point (1,) of a branch, None if not found, and the scaled beta there.
+
+    The tangents t of both branches satisfy w' F_zz t t = 0 (z: coordinates, drifts, parameter), a quadratic
+    form on the two null vectors of [F_x F_p].
+    """
+    size = near.points.at.shape[1]
+    scale = np.where(problem.weights[0] > 0.0, problem.weights[0], 1.0) ** -0.5
+    z, found = np.concatenate([near.points.at[0], near.drift[0], near.parameter]) / scale, None
+    for _ in range(MOST_STEPS):
+        branching = _Branching.at(problem, near, scale, z)
+        if branching is None:
+            break
+        step, beta = branching.step()
+        z = z + step
+        if not np.max(np.abs(step)) < 1.0:
+            break
+        if np.max(np.abs(step)) < TOLERANCE:
+            found = branching, beta
+            break
+    if found is None:
+        return None, np.nan
+    branching, beta = found
+    tangents = branching.tangents()
+    if tangents is None:
+        return None, beta
+    along = near.tangent[0] / scale
+    ours = int(np.argmax(np.abs(tangents @ along)))
+    mine = tangents[ours] * np.sign(tangents[ours] @ along)
+    unscaled = z * scale
+    points = Points(unscaled[None, :size], near.points.modes)
+    drift, parameter = unscaled[None, size:-1], unscaled[-1:]
+    here = BranchPoints(
+        points, drift, parameter, (mine * scale)[None], problem.evaluated(points, parameter), near.corrections
+    )
+    aside = _aside(problem, here, tangents[1 - ours] * scale)
+    flat, through = sorted(tangents, key=lambda each: abs(each[-1]))
+    if abs(flat[-1]) > FLAT:
+        return Crossing("transcritical", here, aside), beta
+    sides = aside if ours == int(np.argmax(np.abs(tangents[:, -1]))) else _aside(problem, here, flat * scale)
+    kind = "branch_point"
+    if sides is not None:
+        # the mean of both sides: a rest of the slope cancels
+        bend = float(np.mean(sides.parameter) - parameter[0]) / (problem.high - problem.low)
+        rate = branching.rate(through, flat, size)
+        if abs(bend) > FLAT * ASIDE**2 and rate != 0.0:
+            kind = "supercritical_pitchfork" if bend * rate > 0.0 else "subcritical_pitchfork"
+    return Crossing(kind, here, aside), beta
+
+
+@dataclasses.dataclass(frozen=True)
+class _Branching:
+    """The equations of a branch point at scaled unknowns z (m + 1,), and their second derivatives.
+
+    `miss` (m,) of F, `J` (m, m + 1); `w` (m,), `smallest`, `null` (2, m + 1): left and right singular vectors
+    of the smallest singular value, and the null vector; `bent` (2, m + 1), w' J_z `null`.
+    """
+
+    miss: np.ndarray
+    J: np.ndarray
+    w: np.ndarray
+    smallest: float
+    null: np.ndarray
+    bent: np.ndarray
+    rows: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def at(
+        cls, problem: ContinuationProblem, like: BranchPoints, scale: np.ndarray, z: np.ndarray
+    ) -> _Branching | None:
+        """The equations at z; None where the map has no derivatives."""
+        size, m = like.points.at.shape[1], len(z) - 1
+        rows = np.concatenate([sizes(like.points.at)[0], np.ones(m - size)])
+
+        def equations(several: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            every = np.zeros(len(several), int)
+            unscaled, some = several * scale, problem[every]
+            points = Points(unscaled[:, :size], like.points[every].modes)
+            images = some.evaluated(points, unscaled[:, -1])
+            miss = residuals(problem.mapping, points, unscaled[:, size:-1], images, some.held) / rows
+            miss[~images.sound] = np.nan
+            return miss, some.bordered(images, unscaled)[:, :-1] * scale / rows[:, None]
+
+        miss, J = equations(z[None])
+        if not (np.isfinite(J).all() and np.isfinite(miss).all()):
+            return None
+        left, values, right = np.linalg.svd(J[0])
+        w, null = left[:, -1], right[-2:]
+        several = equations(z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]]))[1]
+        if not np.isfinite(several).all():
+            return None
+        bent = w @ (several[::2] - several[1::2]) / (2.0 * ALONG)
+        return cls(miss[0], J[0], w, float(values[-1]), null, bent, rows, scale)
+
+    def step(self) -> tuple[np.ndarray, float]:
+        """Newton's step (m + 1,) and beta; infinite where the system is singular."""
+        m = len(self.w)
+        matrix = np.zeros((m + 2, m + 2))
+        matrix[:m, :-1], matrix[:m, -1], matrix[m:, :-1] = self.J, self.w, self.bent
+        try:
+            found = np.linalg.solve(matrix, -np.concatenate([self.miss, [self.smallest, 0.0]]))
+        except np.linalg.LinAlgError:
+            return np.full(m + 1, np.inf), np.nan
+        return found[:-1], float(found[-1])
+
+    def tangents(self) -> np.ndarray | None:
+        """The unit tangents (2, m + 1) of the two branches; None where none or only one is real."""
+        form = self.bent @ self.null.T
+        (low, high), vectors = np.linalg.eigh(0.5 * (form + form.T))
+        if not low < 0.0 < high:
+            return None
+        pair = np.array([[np.sqrt(high), np.sqrt(-low)], [-np.sqrt(high), np.sqrt(-low)]])
+        return pair @ vectors.T @ self.null / np.sqrt(high - low)
+
+    def rate(self, through: np.ndarray, flat: np.ndarray, size: int) -> float:
+        """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
+
+        Its eigenvector is the tangent of the branch that is `flat`.
+        """
+        change = (self.null @ through) @ (self.bent @ flat)
+        norm = (self.w / self.rows)[:size] @ (self.scale * flat)[:size]
+        return float(change * norm * np.sign(through[-1]))
+
+
+def _aside(problem: ContinuationProblem, here: BranchPoints, tangent: np.ndarray) -> BranchPoints | None:
+    """Points (2,) on both sides of a branch point, on the branch with this tangent (m,); None if not found.
+
+    The equations are singular at the branch point itself, so they are linearised where the step leads.
+    """
+    both = np.zeros(2, int)
+    tangent = np.stack([tangent, -tangent]) / np.sqrt(np.sum(problem.weights[0] * tangent**2))
+    change, size = ASIDE * tangent, here.points.at.shape[1]
+    points = Points(here.points.at + change[:, :size], here.points[both].modes)
+    parameter = here.parameter + change[:, -1]
+    images = problem[both].evaluated(points, parameter)
+    guess = BranchPoints(
+        points, here.drift + change[:, size:-1], parameter, tangent, images, here.corrections[both]
+    )
+    found, ok = problem[both].step(guess, np.zeros(2))
+    return found if ok.all() else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Special:
+    """A bifurcation on a step: its `kind`, its `arclength` from the step's start, the point `here` (1,).
+
+    `aside` (2,): points on the branch that crosses, as in `Crossing`.
+    """
+
+    kind: str
+    arclength: float
+    here: BranchPoints
+    aside: BranchPoints | None = None
+
+
+def bifurcations(
+    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, length: np.ndarray
+) -> list[list[Special] | None]:
+    """The bifurcations on a step of each of n branches, from `here` to `there`, in order.
+
+    None where the step must be shorter: it led from one branch to another that passes close by, or two
+    multipliers crossed the unit circle one after the other.
+    """
+    ends = {test: (test(problem, here), test(problem, there)) for test in TESTS}
+    # a test function may be zero at the end of a step: then it changes sign on one of the two steps there
+    changed = {test: (before < 0.0) != (after < 0.0) for test, (before, after) in ends.items()}
+    found: list[list[Special] | None] = [[] for _ in length]
+    for k in np.flatnonzero(np.any(list(changed.values()), axis=0)):
+        mine = {test: (ends[test][0][[k]], ends[test][1][[k]]) for test in TESTS if changed[test][k]}
+        only = np.array([k])
+        found[k] = _on_step(problem[only], here[only], there[only], length[only], mine)
+    return found
+
+
+def _on_step(
+    problem: ContinuationProblem,
+    here: BranchPoints,
+    there: BranchPoints,
+    length: np.ndarray,
+    changed: dict[Test, tuple[np.ndarray, np.ndarray]],
+) -> list[Special] | None:
+    """The bifurcations on a step of one branch, as in `bifurcations`, by the tests that `changed` sign."""
+    found, turns = [], fold_test in changed
+    if branch_test in changed:
+        ends = changed[branch_test]
+        near, where = _between(problem, here, there, ends[0] / (ends[0] - ends[1])), np.full(1, np.nan)
+        crossing, beta = branch_point(problem, near)
+        if not _is_on_step(problem, here, crossing, length):
+            near, where = located(problem, here, length, branch_test, ends)
+            crossing, beta = branch_point(problem, near) if np.isfinite(where[0]) else (None, np.nan)
+        if crossing is not None and _is_on_step(problem, here, crossing, length):
+            if abs(beta) > IMPERFECT:
+                return None
+            found.append(
+                Special(crossing.kind, _ahead(problem, here, crossing.here), crossing.here, crossing.aside)
+            )
+            # a pitchfork where the branch itself turns is no fold
+            turns &= abs(crossing.here.tangent[0, -1]) > FLAT * (problem.high - problem.low)
+        elif np.isfinite(where[0]) and abs(branch_test(problem, near)[0]) < SMALL * np.max(np.abs(ends)):
+            found.append(Special("branch_point", float(where[0]), near))
+    for test, kind_of in ((fold_test, turn_kind), (flip_test, _flip_kind), (pair_test, pair_kind)):
+        if test in changed and (turns or test is not fold_test):
+            at, where = located(problem, here, length, test, changed[test])
+            kind = kind_of(problem, at) if np.isfinite(where[0]) else ""
+            if kind:
+                found.append(Special(kind, float(where[0]), at))
+            if kind == "corner":  # multipliers jump there
+                return found
+    counts = [np.sum(np.abs(multipliers_of(problem, each)) > 1.0) for each in (here, there)]
+    if not found and abs(int(counts[1]) - int(counts[0])) > 1:
+        return None
+    return sorted(found, key=lambda each: each.arclength)
+
+
+def _flip_kind(problem: ContinuationProblem, there: BranchPoints) -> str:
+    return "flip"
+
+
+def _between(
+    problem: ContinuationProblem, here: BranchPoints, there: BranchPoints, share: np.ndarray
+) -> BranchPoints:
+    """The point at a share (1,) of the chord of a step, with the mean of the tangents at its ends."""
+    apart = problem.mapping.difference(there.points.at, here.points.at)
+    return dataclasses.replace(
+        here,
+        points=Points(here.points.at + share * apart, here.points.modes),
+        drift=here.drift + share * (there.drift - here.drift),
+        parameter=here.parameter + share * (there.parameter - here.parameter),
+        tangent=0.5 * (here.tangent + there.tangent),
+        corrections=there.corrections,
+    )
+
+
+def _ahead(problem: ContinuationProblem, here: BranchPoints, there: BranchPoints) -> float:
+    """The length from `here` to `there` along the tangent `here`."""
+    size = here.points.at.shape[1]
+    weighted = (problem.weights * here.tangent)[0]
+    apart = problem.mapping.difference(there.points.at, here.points.at)[0]
+    return float(weighted[:size] @ apart + weighted[-1] * (there.parameter - here.parameter)[0])
+
+
+def _is_on_step(
+    problem: ContinuationProblem, here: BranchPoints, crossing: Crossing | None, length: np.ndarray
+) -> bool:
+    """Whether a branch point lies on a step of this length, to a twentieth of it."""
+    if crossing is None:
+        return False
+    return abs(_ahead(problem, here, crossing.here) / length[0] - 0.5) < 0.55

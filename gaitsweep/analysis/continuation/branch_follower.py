@@ -6,19 +6,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.continuation.arclength import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.bifurcation_tests import (
-    changes,
-    classify,
-    classify_turns,
-    fold_test,
-    located,
-    multipliers_of,
-    unit_circle_test,
-)
+from gaitsweep.analysis.continuation.bifurcation_tests import Special, bifurcations, multipliers_of
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, newton
 from gaitsweep.engine.poincare.maps import Map, Points
 
@@ -62,6 +55,7 @@ class BranchTable:
         n: number of branches.
         held: the conserved quantities that are constrained.
         with_points: each record has its `Points` of one point as `at`, coordinates and modes.
+        crossing: records have the number of their `branch`, since a row may have several.
     """
 
     def __init__(
@@ -73,11 +67,22 @@ class BranchTable:
         n: int,
         held: ConservedConstraints,
         with_points: bool = False,
+        crossing: bool = False,
     ) -> None:
         self.parameter, self._with_points = parameter, with_points
         self._values = {k: np.broadcast_to(v, (n,)) for k, v in values.items() if k != parameter}
         self._observed, self._held = list(observed), [mapping.conserved[k].name for k in held.which]
         self._records: list[list[dict[str, Any]]] = [[] for _ in range(n)]
+        self._crossing, self._rows, self._branches, self._next = crossing, [*range(n)], [0] * n, [1] * n
+
+    def added(self, name: int) -> int:
+        """The name of a further branch of the row that the branch `name` belongs to."""
+        row = self._rows[name]
+        self._rows.append(row)
+        self._branches.append(self._next[row])
+        self._next[row] += 1
+        self._records.append([])
+        return len(self._records) - 1
 
     def counts(self, rows: np.ndarray) -> np.ndarray:
         return np.array([len(self._records[row]) for row in rows])
@@ -89,9 +94,10 @@ class BranchTable:
     def failed(self, row: int, parameter: float, why: str) -> None:
         self._records[row].append({**self._head(row, parameter), "end": why})
 
-    def _head(self, row: int, parameter: float) -> dict[str, Any]:
-        others = {name: each[row] for name, each in self._values.items()}
-        return {"row": row, "point": len(self._records[row]), self.parameter: parameter, **others}
+    def _head(self, name: int, parameter: float) -> dict[str, Any]:
+        row, branch = self._rows[name], {"branch": self._branches[name]} if self._crossing else {}
+        others = {other: each[row] for other, each in self._values.items()}
+        return {"row": row, "point": len(self._records[name]), **branch, self.parameter: parameter, **others}
 
     def write(
         self,
@@ -124,10 +130,17 @@ class BranchTable:
 
     def table(self) -> pd.DataFrame:
         """All records; the columns are the same where no branch has a fixed point."""
-        head = ("row", "point", self.parameter, *self._values, *self._observed)
+        branch = ["branch"] if self._crossing else []
+        head = ("row", "point", *branch, self.parameter, *self._values, *self._observed)
         drifts = (f"drift_{name}" for name in self._held)
         columns = [*head, *drifts, *_OF_POINT, *(["at"] if self._with_points else [])]
-        return pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        table = pd.DataFrame([record for branch in self._records for record in branch], columns=columns)
+        if not self._crossing:
+            return table
+        table = table.sort_values(["row", "branch", "point"], kind="stable", ignore_index=True)
+        # one number is left out before each further branch
+        table["point"] = table.groupby("row").cumcount() + table["branch"]
+        return table
 
 
 class BranchFollower:
@@ -139,6 +152,8 @@ class BranchFollower:
         names: (n,) the row of each branch in the table.
         table: the table that collects the points.
         steps: the step lengths.
+
+    `crossings` has, for each branch point, the place of its branch and points on the one that crosses.
     """
 
     def __init__(
@@ -153,6 +168,7 @@ class BranchFollower:
         self.home = self.branch_points = branch_points
         self.length = np.full(len(names), steps.first)
         self.going = np.ones(len(names), bool)
+        self.crossings: list[tuple[int, BranchPoints]] = []
         table.write(names, problem, branch_points, [""] * len(names))
 
     def follow(self) -> None:
@@ -164,10 +180,24 @@ class BranchFollower:
             problem, here = self.problem[rows], self.branch_points[rows]
             there, found = problem.step(here, self.length[rows])
             straight = np.sum(problem.weights * here.tangent * there.tangent, axis=1) > STRAIGHT
-            taken = found & (straight | (self.length[rows] <= self.steps.shortest))
+            short = self.length[rows] <= self.steps.shortest
+            taken = found & (straight | short)
+            on = np.flatnonzero(taken)
+            specials = bifurcations(problem[on], here[on], there[on], self.length[rows[on]])
+            taken[on] &= short[on] | np.array([each is not None for each in specials], bool)
             self._reject(rows[~taken])
             if taken.any():
-                self._accept(rows[taken], there[taken])
+                kept = [each or [] for each, k in zip(specials, on, strict=True) if taken[k]]
+                self._accept(rows[taken], there[taken], kept)
+
+    def crossing(self) -> BranchFollower | None:
+        """A follower of both halves of each branch that crosses at a branch point; None if there is none."""
+        if not self.crossings:
+            return None
+        of = np.repeat([row for row, _ in self.crossings], 2)
+        names = np.array([self.table.added(int(self.names[row])) for row in of])
+        asides = jax.tree.map(lambda *each: np.concatenate(each), *(aside for _, aside in self.crossings))
+        return BranchFollower(self.problem[of], asides, names, self.table, self.steps)
 
     def _end(self, rows: np.ndarray, why: str) -> None:
         self.table.end(self.names[rows], why)
@@ -187,10 +217,15 @@ class BranchFollower:
         self.table.write(self.names[rows[good]], problem[good], over[good], ["kink"] * good.size)
         self._end(rows[~crossed], "lost")
 
-    def _accept(self, rows: np.ndarray, there: BranchPoints) -> None:
+    def _accept(self, rows: np.ndarray, there: BranchPoints, specials: list[list[Special]]) -> None:
         """Record accepted steps and their bifurcations, and end branches that are complete."""
         problem, here, names = self.problem[rows], self.branch_points[rows], self.names[rows]
-        self._specials(problem, here, there, self.length[rows], names)
+        for k, found in enumerate(specials):
+            for each in found:
+                if problem.low <= each.here.parameter[0] <= problem.high:
+                    self.table.write(names[[k]], problem[np.array([k])], each.here, [each.kind])
+                    if each.aside is not None:
+                        self.crossings.append((int(rows[k]), each.aside))
         inside = (there.parameter >= problem.low) & (there.parameter <= problem.high)
         out = np.flatnonzero(~inside)
         if out.size:
@@ -213,30 +248,6 @@ class BranchFollower:
         self._end(rows[~closed & (self.table.counts(names) >= self.steps.most)], "most")
         easy = rows[there.corrections <= FEW]
         self.length[easy] = np.minimum(LONGER * self.length[easy], self.steps.longest)
-
-    def _specials(
-        self,
-        problem: ContinuationProblem,
-        here: BranchPoints,
-        there: BranchPoints,
-        length: np.ndarray,
-        names: np.ndarray,
-    ) -> None:
-        """Locate and record the bifurcations between `here` and `there`."""
-        turned = fold_test(problem, here) * fold_test(problem, there) < 0.0
-        what = changes(multipliers_of(problem, here), multipliers_of(problem, there), turned)
-        for kind, test, classified in (
-            ("fold", fold_test, classify_turns),
-            ("crossing", unit_circle_test, classify),
-        ):
-            rows = np.flatnonzero(what == kind)
-            if rows.size:
-                some = problem[rows]
-                ends = test(some, here[rows]), test(some, there[rows])
-                branch_points, where = located(some, here[rows], length[rows], test, ends)
-                good = np.flatnonzero(np.isfinite(where))
-                found = branch_points[good]
-                self.table.write(names[rows[good]], some[good], found, classified(some[good], found))
 
 
 def _jumps(here: BranchPoints, there: BranchPoints) -> list[str]:

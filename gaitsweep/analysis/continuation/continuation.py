@@ -32,6 +32,7 @@ def continuation(
     steps: ArclengthSteps | None = None,
     shown: Sequence[str] | None = None,
     with_points: bool = False,
+    crossing: bool = False,
 ) -> pd.DataFrame:
     """Follow the branches of fixed points through n starts.
 
@@ -48,14 +49,20 @@ def continuation(
         steps: lengths and number of the steps.
         shown: names of the values in the table beside the parameter; by default all.
         with_points: whether each record has its `Points` (of one point) as `at`.
+        crossing: whether the branches that cross at branch points are followed, too, in both directions. Then
+            `branch` numbers the branches of a row, 0 through its start, and `point` leaves out one number
+            before each other.
 
     Returns:
         One record a point: row (of the start), point, parameter and other values, the map's observables,
         drift_NAME of each constrained quantity, multiplier (the largest modulus; multiplier_re and
         multiplier_im are its parts), unstable (the number of multipliers outside the unit circle), stable,
         special, corrections, end.
-        `special` is fold, flip, neimark_sacker or branch_point; corner: a fold at a corner of the map, where
-        no multiplier is 1; kink: a step over a corner or a jump of the map; or empty.
+        `special` is fold, flip, neimark_sacker, transcritical, supercritical_pitchfork (the branch that turns
+        exists where one more multiplier of the other is outside the unit circle), subcritical_pitchfork
+        (where one fewer is), or branch_point (where two branches cross in another way, or several multipliers
+        are 1 at once); corner: a fold at a corner of the map, where no multiplier is 1; kink: a step over a
+        corner or a jump of the map; or empty.
         A branch that ends as lost, or has a kink, is followed again on the refined map (half the time step),
         and the result of that is returned: so neither is an artefact of the time step alone.
         `end` is the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
@@ -74,6 +81,7 @@ def continuation(
         steps=steps,
         shown=shown,
         with_points=with_points,
+        crossing=crossing,
     )
     branches = follow(mapping, starts, values, begin=begin, fix=fix)
     refined = mapping.refined()
@@ -113,6 +121,7 @@ def _followed(
     steps: ArclengthSteps | None,
     shown: Sequence[str] | None,
     with_points: bool,
+    crossing: bool,
 ) -> pd.DataFrame:
     """The branches of one map, as for `continuation`."""
     n = len(starts)
@@ -125,12 +134,18 @@ def _followed(
     ready = np.flatnonzero(found.converged)
     problem = ContinuationProblem.of(mapping, parameter, within, others, held, found.points.at)[ready]
     beside = {name: np.asarray(values[name]) for name in (values if shown is None else shown)}
-    table = BranchTable(mapping, parameter, beside, list(found.images.observed), n, held, with_points)
+    table = BranchTable(
+        mapping, parameter, beside, list(found.images.observed), n, held, with_points, crossing
+    )
     for row in np.flatnonzero(~found.converged):
         table.failed(int(row), float(at[row]), NewtonOutcome(int(found.outcome[row])).name)
     if ready.size:
         branch_points = problem.first(
             found.points[ready], found.drift[ready], at[ready], float(np.sign(towards))
         )
-        BranchFollower(problem, branch_points, ready, table, steps or ArclengthSteps()).follow()
+        follower = BranchFollower(problem, branch_points, ready, table, steps or ArclengthSteps())
+        follower.follow()
+        across = follower.crossing() if crossing else None
+        if across is not None:
+            across.follow()
     return table.table()

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.continuation.arclength import ContinuationProblem
-from gaitsweep.analysis.continuation.bifurcation_tests import fold_test, located
+from gaitsweep.analysis.continuation.bifurcation_tests import branch_test, fold_test, located
 from gaitsweep.analysis.continuation.branch_follower import JUMPS, ArclengthSteps
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import (
@@ -201,6 +201,8 @@ def _first_fold(
                 ends[k] = "lost" if lengths[k][0] < steps.shortest else ""
             elif not problem.low <= there.parameter[0] <= problem.high:
                 ends[k] = "no_fold"
+            elif branch_test(problem, here)[0] * branch_test(problem, there)[0] < 0.0:
+                ahead[k] = there  # at a pitchfork, a branch that turns has no fold
             elif fold_test(problem, here)[0] * fold_test(problem, there)[0] < 0.0:
                 values_there = fold_test(problem, here), fold_test(problem, there)
                 fold, where = located(problem, here, lengths[k], fold_test, values_there)

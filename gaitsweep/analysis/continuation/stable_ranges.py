@@ -8,7 +8,10 @@ import pandas as pd
 from gaitsweep.analysis.records import AnalysisError, require
 
 # Special points of a continuation at which the stability of a branch may change.
-MARKS = frozenset({"fold", "corner", "flip", "neimark_sacker", "branch_point"})
+MARKS = (
+    *("fold", "corner", "flip", "neimark_sacker"),
+    *("transcritical", "supercritical_pitchfork", "subcritical_pitchfork", "branch_point"),
+)
 LEAST = 0.02  # least width of a stable range, as a share of the width of all branches
 
 
@@ -35,8 +38,8 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = LEAST) -> 
     table = table.dropna(subset=["stable"]).sort_values(["row", "point"], kind="stable")
     width = np.ptp(table[parameter].to_numpy(float)) if len(table) else 0.0
     found = []
-    for row, branch in table.groupby("row", sort=True):
-        found += [{"row": row, **each} for each in _pieces(branch, parameter)]
+    for _, branch in table.groupby(["row", *(["branch"] if "branch" in table else [])], sort=True):
+        found += [{"row": branch["row"].iloc[0], **each} for each in _pieces(branch, parameter)]
     names = ["row", *(["gait"] if "gait" in table else []), "low", "high", "low_by", "high_by"]
     pieces = pd.DataFrame(found, columns=pd.Index(names))
     wide = pieces["high"].to_numpy(float) - pieces["low"].to_numpy(float) > least * width
@@ -63,7 +66,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
     at = branch[parameter].to_numpy(float)
     special = branch["special"].fillna("").to_numpy(str)
     end = branch["end"].fillna("").to_numpy(str)
-    marked = np.isin(special, list(MARKS))
+    marked = np.isin(special, MARKS)
     inner = np.flatnonzero(branch["stable"].to_numpy(bool) & ~marked)
     pieces = []
     for points in np.split(inner, np.flatnonzero(np.diff(inner) > 1) + 1):

@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from pydantic import Field
 
+from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.kinds.numbers import Real, Text
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import column, described, is_angle, moved_parameter
@@ -26,10 +27,12 @@ from gaitsweep.plot.figure_kind import Column, Observed, Title, figure_kind
 _STABLE, _UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _BESIDE = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
-MARKERS = {"fold": "o", "corner": "v", "flip": "s", "neimark_sacker": "D", "branch_point": "^"}
+MARKERS = dict(zip(MARKS, "ovsDX><^", strict=True))
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
+    "supercritical_pitchfork": "supercritical pitchfork",
+    "subcritical_pitchfork": "subcritical pitchfork",
     "branch_point": "branch point",
 }
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from gaitsweep.analysis.continuation.stable_ranges import MARKS, range_of_gait
+from gaitsweep.analysis.continuation.stable_ranges import range_of_gait
 from gaitsweep.analysis.continuation.stable_ranges import stable_ranges as ranges_of
 from gaitsweep.plot import style
 from gaitsweep.plot.branches.continuation import MARKERS, WORDS
@@ -108,10 +108,10 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
             by = area[f"{side}_by"].to_numpy(str)
             lost = ~np.isin(by, ["start", "range"])
             axes.plot(np.where(lost, at, np.nan), up, color=colour[name], lw=1.2, zorder=3)
-            for mark in MARKS:
+            for mark, shape in MARKERS.items():
                 here = by == mark
                 look: dict[str, Any] = {"ms": 4.5, "color": colour[name], "mfc": "white", "zorder": 4}
-                axes.plot(at[here], up[here], MARKERS[mark], **look)
+                axes.plot(at[here], up[here], shape, **look)
 
 
 def _overlaps(areas: dict[str, pd.DataFrame]) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
