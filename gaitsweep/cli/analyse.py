@@ -184,6 +184,42 @@ def targets(
 
 
 @app.command()
+def summary(
+    directory: Directory,
+    by: Annotated[list[str], typer.Option("--by", metavar="COLUMN", help="Groups; may be repeated.")],
+    of: Annotated[
+        list[str] | None,
+        typer.Option("--of", metavar="COLUMN", help="Median, least and largest; may be repeated."),
+    ] = None,
+) -> None:
+    """Count the rows of each group, such as each gait, and print the medians and ranges of columns."""
+    from gaitsweep.analysis.records import require
+
+    table = _table(directory)
+    require(table, *by, *(of or ()))
+    groups = table.groupby(by, observed=True, dropna=False)
+    found = groups.size().rename("rows").to_frame()
+    for name in of or ():
+        found[[name, f"{name}_least", f"{name}_largest"]] = groups[name].agg(["median", "min", "max"])
+    _print(found.reset_index(), 6)
+
+
+@app.command()
+def basins(
+    directory: Directory,
+    by: Annotated[
+        list[str] | None, typer.Option("--by", metavar="COLUMN", help="Panels; may be repeated.")
+    ] = None,
+) -> None:
+    """Print the shares of starts with intervals, the entropies of basins and the exponent of uncertainty."""
+    from gaitsweep.analysis.basins import measures
+
+    found = measures.basins(_table(directory), by=by or ())
+    _print(found.fractions)
+    _print(found.panels)
+
+
+@app.command()
 def attractors(directory: Directory) -> None:
     """Group the settled rows by attractor, and print how well the gaits agree with the groups."""
     from gaitsweep.analysis.attractors import attractors as analysis

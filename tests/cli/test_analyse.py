@@ -122,3 +122,22 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "eigenvalues  1, 0.666667 (2), 0.5" in printed  # eq. (22), set A
     assert main(["analyse", "multilegged-theory", "--set", "m1=0.85"]) == 2
     assert "did you mean m_1" in capsys.readouterr().err
+
+
+def test_groups_have_their_medians(show: Show) -> None:
+    table = pd.DataFrame({"gait": ["trot", "walk", "trot"], "cycles": [3, 5, 4]})
+    lines = show(table, "summary", "--by", "gait", "--of", "cycles").splitlines()
+    assert [line.split() for line in lines[1:]] == [
+        ["trot", "2", "3.5", "3", "4"],
+        ["walk", "1", "5.0", "5", "5"],
+    ]
+
+
+def test_basins_have_their_shares(show: Show) -> None:
+    psi = np.linspace(0.0, 1.0, 40)
+    table = pd.DataFrame(
+        {"row": range(40), "psi": psi, "status": "settled", "gait": np.where(psi < 0.5, "a", "b")}
+    )
+    printed = show(table, "basins")
+    assert "0.5" in printed
+    assert "basin_entropy" in printed
