@@ -7,8 +7,9 @@ A comment after a paragraph or table names a command and, a line each, what it p
     -->
 
 `{300}` stands for a number of the page, which has to stand between the last heading and the comment. Other
-text is the output's own, and `...` is any text. Equal is what rounds to the page's digits; `{24 +- 3}` gives
-another tolerance, `{<1e-6}` an upper bound, `{15.0 %}` a percentage of which the command prints the fraction.
+text is the output's own, `*` is any word and `...` any text. Equal is what rounds to the page's digits;
+`{24 +- 3}` gives another tolerance, `{<1e-6}` an upper bound, `{15.0 %}` a percentage of which the command
+prints the fraction.
 
 Commands run in a temporary folder, one after another and each once. One that takes longer than `--limit` is
 stopped, and those of `<!-- numbers, 240 s: ` do not begin where this time is above it.
@@ -197,11 +198,15 @@ def main() -> int:
         outputs = Outputs(Path(folder), asked.limit)
         for page in asked.page or pages():
             text, name = page.read_text(encoding="utf-8"), os.path.relpath(page, ROOT)
+            try:
+                named = list(checks(text))
+            except ValueError as error:
+                parser.error(f"{name}, {error}")
             if asked.list:
-                stated = sum(len(line.stated) for check in checks(text) for line in check.lines)
+                stated = sum(len(line.stated) for check in named for line in check.lines)
                 print(f"{name:28} {stated:4} with a command, {unstated(text):4} no command")
                 continue
-            for check in checks(text):
+            for check in named:
                 for number, digits, outcome in compared(check, outputs):
                     print(f"{name}:{number}: {digits} {outcome}", flush=True)
                     outcomes.append(outcome.partition(":")[0])
@@ -250,8 +255,8 @@ def _line(number: int, text: str, section: str) -> Line:
 
 
 def _literal(text: str) -> str:
-    gaps = (r"\s+".join(map(re.escape, re.split(r"\s+", part))) for part in text.split("..."))
-    return ".*?".join(gaps)
+    words = {"...": ".*?", "*": r"\S+"}
+    return r"\s+".join(words.get(word) or re.escape(word) for word in re.split(r"\s+", text))
 
 
 if __name__ == "__main__":

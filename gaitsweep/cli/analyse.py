@@ -140,7 +140,7 @@ def body_oscillation(
     if along:
         _print(oscillation_along(_table(directory)))
     else:
-        _print(family_oscillation(_table(directory)), index=True)
+        _print(family_oscillation(_table(directory)).reset_index())
 
 
 @app.command()
