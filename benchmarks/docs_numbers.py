@@ -249,8 +249,8 @@ def _line(number: int, text: str, section: str) -> Line:
         number_there = rf"({_GROUPED}|{_NUMBER})" if " " in digits else f"({_NUMBER})"
         pattern += _literal(text[end : braces.start()]) + number_there
         end = braces.end()
-    if not stated:
-        raise ValueError(f"line {number}: {text!r} has no number in braces")
+    if not stated or re.search(r"\.\.\. *\{", text):
+        raise ValueError(f"line {number}: wanted is a number in braces, and a word between `...` and it")
     return Line(number, tuple(stated), re.compile(r"(?<!\S)" + pattern + _literal(text[end:])))
 
 
