@@ -155,8 +155,10 @@ class Outputs:
             try:
                 printed, _ = process.communicate(timeout=self.limit)
             except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)  # workers too
                 return TimeoutError(f"longer than {self.limit:g} s")
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)  # its workers too
         if process.returncode:
             last = (printed.strip().splitlines() or [""])[-1]
             return ChildProcessError(f"exit code {process.returncode}: {last}")
