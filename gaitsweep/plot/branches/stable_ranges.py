@@ -140,7 +140,7 @@ def _key(areas: dict[str, pd.DataFrame]) -> list[Line2D | Patch]:
     look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
     handles += [
         Line2D([], [], marker=mark, label=WORDS.get(kind, kind), **look)
-        for kind, mark in MARKS.items()
+        for kind, mark in MARKERS.items()
         if kind in every
     ]
     return handles
