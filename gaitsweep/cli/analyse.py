@@ -139,7 +139,7 @@ def body_oscillation(
     if along:
         _print(oscillation_along(_table(directory)))
     else:
-        _print(family_oscillation(_table(directory)), index=True)
+        _print(family_oscillation(_table(directory)).reset_index())
 
 
 @app.command()
@@ -180,6 +180,27 @@ def targets(
         f"\nAt most {len(found.most)} targets are met by one set: {', '.join(found.most) or 'none'} "
         f"(in {found.most_sets} sets)."
     )
+
+
+@app.command()
+def summary(
+    directory: Directory,
+    by: Annotated[list[str], typer.Option("--by", metavar="COLUMN", help="Groups; may be repeated.")],
+    of: Annotated[
+        list[str] | None,
+        typer.Option("--of", metavar="COLUMN", help="Median, least and largest; may be repeated."),
+    ] = None,
+) -> None:
+    """Count the rows of each group, such as each gait, and print the medians and ranges of columns."""
+    from gaitsweep.analysis.records import require
+
+    table = _table(directory)
+    require(table, *by, *(of or ()))
+    groups = table.groupby(by, observed=True, dropna=False)
+    found = groups.size().rename("rows").to_frame()
+    for name in of or ():
+        found[[name, f"{name}_least", f"{name}_largest"]] = groups[name].agg(["median", "min", "max"])
+    _print(found.reset_index(), 6)
 
 
 @app.command()

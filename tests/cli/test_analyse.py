@@ -130,3 +130,12 @@ def test_basins_are_measured(show: Show) -> None:
     thirds = grid_table((99, 99), lambda x, y: np.floor(3 * x), circular=False)
     assert "exponent_low" in show(thirds, "basins")
     assert "33.0" in show(thirds, "wada")
+
+
+def test_groups_have_their_medians(show: Show) -> None:
+    table = pd.DataFrame({"gait": ["trot", "walk", "trot"], "cycles": [3, 5, 4]})
+    lines = show(table, "summary", "--by", "gait", "--of", "cycles").splitlines()
+    assert [line.split() for line in lines[1:]] == [
+        ["trot", "2", "3.5", "3", "4"],
+        ["walk", "1", "5.0", "5", "5"],
+    ]

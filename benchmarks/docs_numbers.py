@@ -1,0 +1,265 @@
+"""Whether the commands that pages name still print the pages' numbers: `python -m benchmarks.docs_numbers`.
+
+A comment after a paragraph or table names a command and, a line each, what it prints:
+
+    <!-- numbers: gaitsweep run sweeps/quick_basins.yaml && gaitsweep info results/quick_basins
+    rows {300} of 300, complete
+    -->
+
+`{300}` stands for a number of the page, which has to stand between the last heading and the comment. Other
+text is the output's own, `*` is any word and `...` any text. Equal is what rounds to the page's digits;
+`{24 +- 3}` gives another tolerance, `{<1e-6}` an upper bound, `{15.0 %}` a percentage of which the command
+prints the fraction.
+
+Commands run in a temporary folder, one after another and each once. One that takes longer than `--limit` is
+stopped, and those of `<!-- numbers, 240 s: ` do not begin where this time is above it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+_COMMENT = re.compile(r"^<!-- numbers(?:, (\d+) s)?: (.*?)^-->$", re.MULTILINE | re.DOTALL)
+_HEADING = re.compile(r"^#+ .*$", re.MULTILINE)
+_NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
+_GROUPED = r"-?\d{1,3}(?:[ \n]\d{3})+(?![\d.])"
+_BRACES = re.compile(rf"\{{(<?) ?({_GROUPED}|{_NUMBER})(?: \+- ({_NUMBER}))?( %)?\}}")
+# Not measured: code, addresses of links, and what a number only names.
+_UNMEASURED = re.compile(
+    r"```.*?```|`[^`]*`|\]\([^)]*\)|(?:Figs?\.|Tables?|Sec\.|eqs?\.|Eqs?\.|et al\.) ?\(?\d[\d., a-z()]*"
+    r"|\$[^$]*\$|[\w:]*:\d+\b",
+    re.DOTALL,
+)
+_WRITTEN = re.compile(rf"(?<![\w.:/-])(?:{_GROUPED}|{_NUMBER})(?![\w/])")
+
+
+@dataclasses.dataclass(frozen=True)
+class Stated:
+    """A number of a page: its digits there, and which values of the command are equal to it."""
+
+    digits: str
+    tolerance: str = ""
+    bound: bool = False
+    percent: bool = False
+
+    def equals(self, printed: str) -> bool:
+        """Whether a number that a command printed is this one."""
+        found, stated = float(_plain(printed)) * (100.0 if self.percent else 1.0), float(_plain(self.digits))
+        if self.bound:
+            return found <= stated
+        mantissa, _, exponent = _plain(self.digits).partition("e")
+        last = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+        tolerance = float(self.tolerance) if self.tolerance else 0.5 * last
+        return abs(found - stated) <= tolerance + 1e-12 * abs(stated)
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """A line of output as a page has it; `number` is that of the line in the page."""
+
+    number: int
+    stated: tuple[Stated, ...]
+    pattern: re.Pattern[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """Commands, as words, the seconds that a page says they take, and the lines of output that it reports."""
+
+    commands: tuple[tuple[str, ...], ...]
+    seconds: int
+    lines: tuple[Line, ...]
+
+
+def pages() -> list[Path]:
+    """README and the pages of the documentation."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def checks(text: str) -> Iterator[Check]:
+    """The checks of a page.
+
+    Raises:
+        ValueError: for a command that is not allowed, and a line without a number of the section before it.
+    """
+    for comment in _COMMENT.finditer(text):
+        before = text[: comment.start()]
+        headings = [heading.end() for heading in _HEADING.finditer(_without_code(before))]
+        section = _COMMENT.sub("", before[headings[-1] if headings else 0 :])
+        first, *rest = comment[2].replace("\\\n", " ").splitlines()
+        begin = before.count("\n") + 2 + comment[2].count("\\\n")
+        lines = tuple(_line(begin + i, line, section) for i, line in enumerate(rest))
+        yield Check(tuple(map(_command, first.split(" && "))), int(comment[1] or 0), lines)
+
+
+def unstated(text: str) -> int:
+    """How many numbers of a page look measured (three digits, a point, an exponent, %) and have none."""
+    count = 0
+    known = {stated.digits for check in checks(text) for line in check.lines for stated in line.stated}
+    prose = _UNMEASURED.sub(" ", _COMMENT.sub(" ", text))
+    for found in _WRITTEN.finditer(prose):
+        digits = " ".join(found[0].split())
+        year = re.fullmatch(r"(19|20)\d\d", digits)
+        measured = len(re.sub(r"\D", "", digits)) > 2 or re.search(r"[.e]", digits)
+        measured = measured or prose[found.end() : found.end() + 2] == " %"
+        count += bool(measured and not year and digits not in known)
+    return count
+
+
+class Outputs:
+    """What commands print in one folder; each runs once."""
+
+    def __init__(self, folder: Path, limit: float) -> None:
+        self.folder, self.limit = folder, limit
+        self.known: dict[tuple[str, ...], str | OSError] = {}
+        for name in ("sweeps", "configs"):
+            (folder / name).symlink_to(ROOT / name)
+
+    def of(self, commands: tuple[tuple[str, ...], ...]) -> str:
+        """What commands print, one after the other.
+
+        Raises:
+            TimeoutError: one took longer than the limit.
+            ChildProcessError: one failed.
+        """
+        text = ""
+        for command in commands:
+            if command not in self.known:
+                self.known[command] = self._run(command)
+            if isinstance(printed := self.known[command], OSError):
+                raise printed
+            text += printed
+        return text
+
+    def _run(self, command: tuple[str, ...]) -> str | OSError:
+        words = [sys.executable, "-m", *(command[2:] if command[0] == "python" else command)]
+        path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        environment = os.environ | {"PYTHONPATH": path, "COLUMNS": "200"}
+        with subprocess.Popen(
+            words, cwd=self.folder, env=environment, text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+        ) as process:  # fmt: skip
+            try:
+                printed, _ = process.communicate(timeout=self.limit)
+            except subprocess.TimeoutExpired:
+                return TimeoutError(f"longer than {self.limit:g} s")
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)  # its workers too
+        if process.returncode:
+            last = (printed.strip().splitlines() or [""])[-1]
+            return ChildProcessError(f"exit code {process.returncode}: {last}")
+        return printed
+
+
+def compared(check: Check, outputs: Outputs) -> Iterator[tuple[int, str, str]]:
+    """For each number of a check its line in the page, its digits, and the outcome in words."""
+    try:
+        if check.seconds > outputs.limit:
+            raise TimeoutError(f"takes {check.seconds} s")
+        printed, problem = outputs.of(check.commands), ""
+    except TimeoutError as error:
+        printed, problem = "", f"not run: {error}"
+    except ChildProcessError as error:
+        printed, problem = "", f"differs: {error}"
+    for line in check.lines:
+        found = next(filter(None, map(line.pattern.search, printed.splitlines())), None)
+        for i, stated in enumerate(line.stated):
+            if problem or found is None:
+                outcome = problem or "differs: the command prints no such line"
+            elif stated.equals(found[i + 1]):
+                outcome = "equal"
+            else:
+                outcome = f"differs: the command prints {found[i + 1]}"
+            yield line.number, stated.digits, outcome
+
+
+def main() -> int:
+    """Compare, and print a line each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--page", type=Path, action="append", help="only this page; may be repeated")
+    parser.add_argument("--limit", type=float, default=60.0, help="seconds of a command (60)")
+    parser.add_argument("--list", action="store_true", help="run nothing; count what has a command")
+    asked = parser.parse_args()
+    outcomes: list[str] = []
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        outputs = Outputs(Path(folder), asked.limit)
+        for page in asked.page or pages():
+            text, name = page.read_text(encoding="utf-8"), os.path.relpath(page, ROOT)
+            try:
+                named = list(checks(text))
+            except ValueError as error:
+                parser.error(f"{name}, {error}")
+            if asked.list:
+                stated = sum(len(line.stated) for check in named for line in check.lines)
+                print(f"{name:28} {stated:4} with a command, {unstated(text):4} no command")
+                continue
+            for check in named:
+                for number, digits, outcome in compared(check, outputs):
+                    print(f"{name}:{number}: {digits} {outcome}", flush=True)
+                    outcomes.append(outcome.partition(":")[0])
+    if not asked.list:
+        counts = ", ".join(f"{outcomes.count(kind)} {kind}" for kind in ("equal", "differs", "not run"))
+        print(f"{len(outcomes)} numbers: {counts}, in {time.perf_counter() - began:.0f} s")
+    return int("differs" in outcomes)
+
+
+def _plain(digits: str) -> str:
+    return re.sub(r"\s", "", digits)
+
+
+def _without_code(text: str) -> str:
+    """A page whose blocks of code are blank, so that comments in them are no headings; as long as before."""
+    return re.sub(r"```.*?```", lambda block: " " * len(block[0]), text, flags=re.DOTALL)
+
+
+def _command(text: str) -> tuple[str, ...]:
+    """The words of a command.
+
+    Raises:
+        ValueError: neither gaitsweep nor a module of benchmarks/.
+    """
+    words = tuple(shlex.split(text))
+    module = words[2] if words[:2] == ("python", "-m") and len(words) > 2 else ""
+    if words[:1] != ("gaitsweep",) and not re.fullmatch(r"benchmarks(\.[a-z_]+)+", module):
+        raise ValueError(f"{text}: only `gaitsweep ...` and `python -m benchmarks...` are run")
+    return words
+
+
+def _line(number: int, text: str, section: str) -> Line:
+    stated, pattern, end = [], "", 0
+    for braces in _BRACES.finditer(text):
+        bound, digits, tolerance, percent = braces.groups()
+        written = rf"(?<![\d.]){re.escape(digits)}(?!\.?\d)".replace("\\ ", r"\s")
+        if not re.search(written, section):
+            raise ValueError(f"line {number}: {digits} does not stand between the heading and the comment")
+        stated.append(Stated(digits, tolerance or "", bool(bound), bool(percent)))
+        number_there = rf"({_GROUPED}|{_NUMBER})" if " " in digits else f"({_NUMBER})"
+        pattern += _literal(text[end : braces.start()]) + number_there
+        end = braces.end()
+    if not stated or re.search(r"\.\.\. *\{", text):
+        raise ValueError(f"line {number}: wanted is a number in braces, and a word between `...` and it")
+    return Line(number, tuple(stated), re.compile(r"(?<!\S)" + pattern + _literal(text[end:])))
+
+
+def _literal(text: str) -> str:
+    words = {"...": ".*?", "*": r"\S+"}
+    return r"\s+".join(words.get(word) or re.escape(word) for word in re.split(r"\s+", text))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
