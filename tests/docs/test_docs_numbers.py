@@ -19,7 +19,7 @@ The trot is at 3.09 rad, in 29 403 rows.
 <!-- numbers: gaitsweep run sweeps/quick_basins.yaml && \\
      gaitsweep info results/quick_basins
 trot * {3.09} rad
-rows ... {29 403}
+rows ... all {29 403}
 -->
 """
 
@@ -81,6 +81,12 @@ def test_a_number_that_the_page_does_not_have_is_refused() -> None:
 def test_what_takes_longer_is_not_run(tmp_path: Path) -> None:
     (check,) = checks(PAGE.replace("numbers:", "numbers, 240 s:"))
     assert {each[2] for each in compared(check, Outputs(tmp_path, 60.0))} == {"not run: takes 240 s"}
+
+
+def test_any_text_right_before_a_number_is_refused() -> None:
+    """It could end at any number of the line."""
+    with pytest.raises(ValueError, match="a word between"):
+        list(checks(PAGE.replace("all {", "{")))
 
 
 @pytest.mark.slow
