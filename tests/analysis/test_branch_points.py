@@ -181,6 +181,29 @@ def test_two_coupled_logistic_maps() -> None:
         np.testing.assert_allclose(table["y"], table["x"], atol=1e-7)
 
 
+def test_with_a_conserved_quantity() -> None:
+    """x + y = E is conserved, and u = x - y -> u + r u - u^3; no step of the first length converges."""
+    mapping = PlainMap(
+        lambda v, at: at + jnp.array([0.5, -0.5]) * (v["r"] * (at[0] - at[1]) - (at[0] - at[1]) ** 3),
+        ("x", "y"),
+        (("r", 0.0),),
+        invariants=(("E", lambda values, at: at[0] + at[1]),),
+    )
+    steps = ArclengthSteps(2.0, 2.0)
+    for x, r, towards in ((0.0, -0.4, 1), (0.6, 0.36, -1)):
+        start = mapping.points([[1.0 + 0.5 * x, 1.0 - 0.5 * x]])
+        table = continuation(
+            mapping, start, {}, parameter="r", within=(-0.5, 0.5), begin=r, towards=towards, fix=["E"],
+            steps=steps, crossing=True,
+        )  # fmt: skip
+        found = table[table["special"] != ""]
+        assert found["special"].tolist() == [LOWER]
+        np.testing.assert_allclose(found["r"], 0.0, atol=1e-8)
+        u = (table["x"] - table["y"]).to_numpy()
+        np.testing.assert_allclose(u * (table["r"] - u**2), 0.0, atol=1e-8)
+        assert table["branch"].nunique() == 3
+
+
 def test_henon() -> None:
     """x -> 1 - a x^2 + y, y -> b x: the fold at -(1 - b)^2/4, the flip at 3 (1 - b)^2/4; b = .3."""
     mapping = PlainMap(

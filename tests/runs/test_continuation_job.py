@@ -91,7 +91,7 @@ def test_branches_that_cross_a_symmetric_gait() -> None:
     own, across = table[table["branch"] == 0], table[table["branch"] > 0]
     np.testing.assert_allclose(own["x_n"], 0.0, atol=1e-8)
     assert not own.loc[own["a"] > 1e-3, "stable"].any()
-    assert sorted(across.drop_duplicates("branch")["gait"]) == ["left", "right"]
+    assert sorted(across.drop_duplicates(["branch"])["gait"]) == ["left", "right"]
     np.testing.assert_allclose(across["x_n"] ** 2, across["a"], atol=1e-7)
     np.testing.assert_allclose(across["multiplier_re"], np.exp(-2.0 * across["a"]), atol=1e-6)
     result.plot.continuation(y="x")

@@ -183,7 +183,9 @@ class BranchFollower:
             short = self.length[rows] <= self.steps.shortest
             taken = found & (straight | short)
             on = np.flatnonzero(taken)
-            specials = bifurcations(problem[on], here[on], there[on], self.length[rows[on]])
+            specials = (
+                bifurcations(problem[on], here[on], there[on], self.length[rows[on]]) if on.size else []
+            )
             taken[on] &= short[on] | np.array([each is not None for each in specials], bool)
             self._reject(rows[~taken])
             if taken.any():
