@@ -146,7 +146,8 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     read = list(
         dict.fromkeys(v for e in found for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
     )
-    part = ClosedJaxpr(program.replace(outvars=read, debug_info=None), closed.consts)
+    told = program.debug_info and program.debug_info._replace(result_paths=None)
+    part = ClosedJaxpr(program.replace(outvars=read, debug_info=told), closed.consts)
     values = dict(zip(read, jaxpr_as_fun(part)(*given), strict=True))
     levels, surfaces = [jnp.zeros((0,))], [jnp.zeros((0,))]
     for equation in found:
