@@ -459,5 +459,5 @@ def test_damages_of_real_tables() -> None:
 
 @pytest.mark.slow
 def test_kills_of_working_runs() -> None:
-    line = [sys.executable, "-m", "benchmarks.reliability.kills", "--kills", "24"]
+    line = [sys.executable, "-m", "benchmarks.reliability.kills", "--kills", "12"]
     subprocess.run(line, cwd=ROOT, check=True, timeout=1800)
