@@ -126,13 +126,15 @@ def reproduce(
             tables[name] = load(path)
         return tables[name]
 
+    sources = {name: _source(paper.job_file(name)) for name in paper.jobs}
     rows = []
     for written, judged in asked:
         began = time.perf_counter()
         ours, found, why = _judge(judged, runs, table_of)
         if judged is not None and why and found is ClaimVerdict.not_run:
             say(f"{judged.id} is not judged: {why}")
-        rows.append(_row(paper, judged or written, runs, ours, found, why, time.perf_counter() - began))
+        seconds = time.perf_counter() - began
+        rows.append(_row(paper, judged or written, runs, sources, ours, found, why, seconds))
     table = pd.DataFrame(rows)
     # a folder that is passed on does not tell where it was made
     stored = table.assign(figure=[each and os.path.relpath(each, folder) for each in table["figure"]])
@@ -201,13 +203,13 @@ def _row(
     paper: Paper,
     claim: Claim,
     runs: dict[str, JobRun],
+    sources: dict[str, tuple[str, str]],
     ours: Value | None,
     found: ClaimVerdict,
     why: str,
     seconds: float,
 ) -> dict[str, object]:
     first = claim.of[0] if claim.of else None
-    sources = [_source(paper.job_file(name)) for name in claim.of]
     run = runs.get(first) if first is not None else None
     figure = run.figure(claim.figure) if run is not None and claim.figure else None
     command = claim.command or (run.command if run is not None else "")
@@ -232,8 +234,8 @@ def _row(
         "measure": claim.measure,
         "jobs": ", ".join(claim.of),
         "simulated": bool(claim.of),
-        "model": ", ".join(dict.fromkeys(model for model, _ in sources)),
-        "constants": ", ".join(dict.fromkeys(constants for _, constants in sources)),
+        "model": ", ".join(dict.fromkeys(sources[name][0] for name in claim.of)),
+        "constants": ", ".join(dict.fromkeys(sources[name][1] for name in claim.of)),
         "figure": "" if figure is None else str(figure),
         "command": command,
         "seconds": seconds,
@@ -241,12 +243,15 @@ def _row(
 
 
 def _source(file: Path) -> tuple[str, str]:
-    """The model of a job's file, and the name of the file that has its constants."""
-    data = read_document(file).data
-    if "config" not in data:
-        return str(data.get("model", "")), "defaults"
-    config = file.parent / str(data["config"])
-    return str(read_document(config).data.get("model", "")), config.stem
+    """The model of a job's file, and the file of its constants by name; empty texts if it cannot be read."""
+    try:
+        data = read_document(file).data
+        if "config" not in data:
+            return str(data.get("model", "")), "defaults"
+        config = file.parent / str(data["config"])
+        return str(read_document(config).data.get("model", "")), config.stem
+    except UserError:  # its run says what is wrong, and fails alone
+        return "", ""
 
 
 def written(value: Value) -> str:

@@ -13,7 +13,8 @@ the root is above rounding, so guards whose roots are the same instant fire in t
 Guards that fire in the same trial jump one at a time, in the order of the guards, each in an attempt of zero
 length. After each jump the others are looked at again: one that is below zero by then does not jump. Each
 has its own derivative of the event time. Guards that a jump causes follow, again in their order. A crossing
-of the section halts the trajectory when the guards that fired in the same trial have jumped.
+of the section halts the trajectory when the guards that fired in the same trial have jumped. Guards of a
+model that says so jump together (`HybridModel.simultaneous`).
 """
 
 from __future__ import annotations
@@ -269,7 +270,7 @@ def _advance_hybrid(
         early = early & (carry.trials <= SECANT_TRIALS) & (h < carry.far)
         land = hit & (late <= tolerance) & ~astray & ~early
 
-        # one guard jumps in an attempt
+        # in turn: one guard jumps in an attempt
         due = jnp.where(waiting, waits, fired)
         jumping = _first_of(due) if in_turn else fired
         others = due & ~jumping

@@ -10,6 +10,7 @@ import pytest
 from gaitsweep.claims.measure import MEASURES
 from gaitsweep.claims.measures.general import MeasureError, share, texts, value
 from gaitsweep.claims.paper import known_papers, read_paper
+from gaitsweep.claims.reproduce import reproduce
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import ExpressionError
@@ -99,6 +100,14 @@ def test_a_job_that_fails_harms_no_other(
     assert found["verdict"].to_dict()["of_lost"] == "not run"
     assert "settled" in found["why"]["of_lost"]
     assert "lost failed" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_job_whose_config_is_gone_harms_no_other(table_of_claims: Path, tmp_path: Path) -> None:
+    table_of_claims.with_name("bad.yaml").write_text("name: bad\nconfig: gone.yaml\nrun: {kind: settle}\n")
+    found = reproduce(read_paper(table_of_claims), tmp_path / "out").table.set_index("id")
+    assert found["verdict"][["all_settle", "of_lost"]].tolist() == ["reproduced", "not run"]
+    assert found["constants"][["all_settle", "of_lost"]].tolist() == ["defaults", ""]
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def wada(
 
 
 def _merged(grid: BasinGrid, labels: np.ndarray, radius: float) -> list[dict[str, object]]:
-    """How far the boundary of each basin with the union of all others is from those of other basins."""
+    """Distances from the boundary of each basin, all others merged, to the boundaries of other basins."""
     cells = np.stack(np.unravel_index(grid.place, grid.lengths), axis=1)
     period = [length if wraps else 0 for length, wraps in zip(grid.lengths, grid.wraps, strict=True)]
     names = pd.unique(labels)
