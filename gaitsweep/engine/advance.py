@@ -31,6 +31,7 @@ from gaitsweep.engine.hidden_events import (
     LOOKS,
     between,
     guard_slopes,
+    may_bend,
     may_hide,
     switch_unseen,
     unresolved,
@@ -263,7 +264,10 @@ def _advance_hybrid(
             jnp.where(hit, carry.near, guards), jnp.where(hit, guards, carry.far_guards)
         )
         late = h - h * _share(below, above)
-        past = jnp.any(fired & (guards > LARGEST_LATE * tolerance * speed))
+        # of a smooth guard, the secant through so short a bracket has its slope
+        past = jnp.asarray(False)
+        if may_bend(model.guards, there, trial, arriving):
+            past = jnp.any(fired & (guards > LARGEST_LATE * tolerance * speed))
         # once the bracket is as short as the tolerance, the rates need not be trusted
         astray = hit & (late <= tolerance) & past & (h > tolerance)
         early = hit & (late < LEAST_LATE * tolerance) & ~still & ~astray & (h < room)

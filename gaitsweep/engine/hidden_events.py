@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.propose import move
@@ -48,6 +48,20 @@ _LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
 _SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NOTHING}
 _SATURATED = {"tanh", "logistic", "erf"}
 _SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, "rem"}
+# Operations that are smooth in all their arguments, or in those whose places are named.
+_SHAPES = (
+    "broadcast_in_dim",
+    "reshape",
+    "squeeze",
+    "slice",
+    "concatenate",
+    "stack",
+    "transpose",
+    "copy",
+    "rev",
+)
+_SMOOTH = {*_SHAPES, "add", "sub", "mul", "neg", "square", "sin", "cos", "exp", "reduce_sum", "dot_general"}
+_SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0}}
 
 
 def guard_slopes(model: HybridModel, params: Params, state: State, rates: Rates) -> jax.Array:
@@ -133,16 +147,7 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
     with jax.disable_jit():  # the program of a function that is jitted stands in its place
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program, given = closed.jaxpr, jax.tree.leaves((params, state))
-    # a state that is registered without names of its fields counts as moving as a whole
-    fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
-    moves = zip(program.invars[len(given) - len(fields) :], fields, strict=True)
-    moving = {v for v, name in moves if name is None or name in rates}
-    found = []
-    for equation in program.eqns:
-        if moving.intersection(v for v in equation.invars if not isinstance(v, Literal)):
-            moving.update(equation.outvars)
-            if equation.primitive.name in _SWITCHES:
-                found.append(equation)
+    found = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
     read = list(
         dict.fromkeys(v for e in found for v in (*e.invars, e.outvars[0]) if not isinstance(v, Literal))
     )
@@ -164,6 +169,34 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
         if operation in _SURFACES:
             surfaces.append(jnp.ravel(args[0] - (args[1] if len(args) > 1 else _SURFACES[operation])))
     return Switching(jnp.concatenate(levels), jnp.concatenate(surfaces))
+
+
+def may_bend(
+    function: Callable[[Params, State], jax.Array], params: Params, state: State, rates: Rates
+) -> bool:
+    """Whether a function may jump or bend as `rates` move the state: its program is not seen to be smooth."""
+    with jax.disable_jit():
+        program = jax.make_jaxpr(function)(params, state).jaxpr
+    return any(
+        equation.primitive.name not in _SMOOTH
+        and not places <= _SMOOTH_IN.get(equation.primitive.name, set())
+        for equation, places in _moving(program, state, rates)
+    )
+
+
+def _moving(program: Jaxpr, state: State, rates: Rates) -> list[tuple[JaxprEqn, set[int]]]:
+    """The equations of a program of `(params, state)` that move with the state, and which arguments do."""
+    # a state that is registered without names of its fields counts as moving as a whole
+    fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
+    moves = zip(program.invars[len(program.invars) - len(fields) :], fields, strict=True)
+    moving = {v for v, name in moves if name is None or name in rates}
+    found = []
+    for equation in program.eqns:
+        places = {i for i, v in enumerate(equation.invars) if not isinstance(v, Literal) and v in moving}
+        if places:
+            moving.update(equation.outvars)
+            found.append((equation, places))
+    return found
 
 
 def switch_unseen(

@@ -16,9 +16,18 @@ import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
-from gaitsweep.engine.hidden_events import may_hide, switch_unseen
+from gaitsweep.engine.hidden_events import may_bend, may_hide, switch_unseen
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Moving:
+    """A state of a position `x` that moves and a mode `m` that does not."""
+
+    x: jax.Array
+    m: jax.Array
 
 
 class Peaks(DeclaredModel):
@@ -203,3 +212,24 @@ def test_pulses_have_their_closed_solution() -> None:
     exact = np.exp(-(1.0 - width)) * (1.0 - np.exp(-width)) / width
     for i in range(1, 6):
         np.testing.assert_allclose(last[f"u_{i}_n"], exact, rtol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("guard", "bends"),
+    [
+        (lambda x, w, m: x - 0.3, False),
+        (lambda x, w, m: 2.0 * jnp.sin(x) - w, False),
+        (lambda x, w, m: jnp.where(m > 0, x - 0.3, -x) / w, False),
+        (lambda x, w, m: jnp.where(x > 0.3, 1e-9, -1.0), True),
+        (lambda x, w, m: jnp.minimum(1e6 * (x - 0.3), 1e-6 * (x - 0.3)), True),
+        (lambda x, w, m: jnp.tan(x), True),
+        (lambda x, w, m: w / x, True),
+    ],
+)
+def test_a_guard_that_may_bend_is_found_out(guard: Callable[..., Any], bends: bool) -> None:
+    state = Moving(x=jnp.asarray(0.2), m=jnp.asarray(1))
+
+    def guards(params: Any, s: Moving) -> jax.Array:
+        return jnp.stack([guard(s.x, params["w"], s.m)])
+
+    assert may_bend(guards, {"w": jnp.asarray(1.0)}, state, {"x": jnp.asarray(1.0)}) is bends
