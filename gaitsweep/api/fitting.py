@@ -40,6 +40,7 @@ def search(
     width: float | None = None,
     seed: int | None = None,
     finalists: int | None = None,
+    robust: Mapping[str, Any] | None = None,
     run: BaseModel | Mapping[str, Any] | None = None,
     params: Mapping[str, Any] | None = None,
     start: Mapping[str, Any] | int | None = None,
@@ -72,6 +73,8 @@ def search(
         width: standard deviation with which cma begins, a share of the ranges, .2 by default.
         seed: of all that is drawn, 0 by default.
         finalists: the best sets, which are measured again at half the step; 8 by default.
+        robust: the share of a set's random neighbours that should keep targets, such as {"within": 0.02,
+            "targets": ["lag"], "wanted": [0.9, 1], "error": 0.1}.
         run: what is done with each row, `Settle()` by default; `FixedTime` too, or their fields.
         params, numerics, engine: as for `gaitsweep.sweep`.
         start: start values by name, as for `gaitsweep.sweep`; a whole number is the `search.start` of a job,
@@ -97,7 +100,7 @@ def search(
     asked = {"free": free, "targets": targets, "method": method, "budget": budget, "population": population}
     asked |= {"side_by_side": side_by_side, "start": begin, "first": first, "first_within": first_within}
     asked |= {"known": known, "known_best": known_best, "width": width, "seed": seed}
-    asked |= {"finalists": finalists}
+    asked |= {"finalists": finalists, "robust": robust}
     fields = {"run": run, "params": params, "numerics": numerics}
     if is_job(model):
         refuse_beside_a_job(model, {**asked, **fields, "start": start, "engine": engine, **values})

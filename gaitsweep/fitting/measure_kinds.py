@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gaitsweep.fitting.measures import (
+    Coexistence,
     Edge,
     Failures,
     FixedPoint,
@@ -16,5 +17,6 @@ from gaitsweep.fitting.ramp_measures import GaitSequence, Transition
 from gaitsweep.kinds.part import Registry
 
 MEASURES: Registry[Measure] = Registry(
-    "measure", [Value, Edge, Share, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence]
+    "measure",
+    [Value, Edge, Share, Coexistence, Order, Prominence, Failures, FixedPoint, Transition, GaitSequence],
 )

@@ -263,6 +263,40 @@ class Share(RowMeasure):
         return _wrong_ranges(self.among, columns)
 
 
+class Coexistence(RowMeasure):
+    """The length of a parameter's range in which holds keep each of several gaits, from some start.
+
+    Each value of the list stands for half of the way to its neighbours.
+    """
+
+    kind: Literal["coexistence"] = Field(
+        description="coexistence: the length of a parameter's range in which holds keep each of several gaits"
+    )
+    gaits: list[Gaits] = Field(min_length=2, description="gaits, or lists of which one is enough")
+    along: Text = Field(description="the parameter, whose list stands in `at` beside those of starts")
+
+    def of_sets(self, rows: SetRows, model: Model) -> Measured:
+        stands = ~np.isin(rows["status"], list(FAILED))
+        lengths, axis = [len(values) for values in self.at.values()], list(self.at).index(self.along)
+        together = np.ones((len(stands), lengths[axis]), bool)
+        for group in self.gaits:
+            has = (np.isin(rows["gait"], group) & stands).reshape(-1, *lengths)
+            together &= np.moveaxis(has, axis + 1, 1).reshape(*together.shape, -1).any(axis=2)
+        values = np.asarray(self.at[self.along])
+        middles = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+        return _always(together @ np.abs(np.diff(middles)))
+
+    def unit(self, model: Model) -> str:
+        return {q.name: q.unit for q in model.parameters}.get(self.along, "1")
+
+    def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
+        for gait in (gait for group in self.gaits for gait in group):
+            if (bad := wrong_gait(gait, model.gaits)) is not None:
+                return "gaits", bad[1]
+        alone = {name: values for name, values in self.at.items() if name == self.along}
+        return _wrong_list(self.along, alone, "a coexistence")
+
+
 class Order(RowMeasure):
     """The least step between the medians of a column in successive groups of gaits: above 0 in their order.
 

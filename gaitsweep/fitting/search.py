@@ -31,6 +31,7 @@ from gaitsweep.fitting.measures import Measured
 from gaitsweep.fitting.near_best import NearBest, near_best
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.robustness import ROBUST, share_kept
 from gaitsweep.fitting.search_figures import FIGURES, draw_search, search_figure
 from gaitsweep.fitting.search_job import SearchJob, read_search_field
 from gaitsweep.fitting.targets import MISS, scores
@@ -230,8 +231,10 @@ class _Search:
     ) -> dict[str, Measured]:
         """What is measured of the sets of a batch."""
         if self.job.choice.first:
-            return self.population.measure_in_turn(sets, self.job.choice.first, self._goes_on, tell)
-        return self.population.measure(sets, tell)
+            measured = self.population.measure_in_turn(sets, self.job.choice.first, self._goes_on, tell)
+        else:
+            measured = self.population.measure(sets, tell)
+        return measured | _robustness(self.job, self.population, sets, measured, tell)
 
     def _goes_on(self, first: Mapping[str, Measured]) -> np.ndarray:
         """Whether sets (n,) are measured further: the first targets have values, and near enough ones."""
@@ -314,6 +317,44 @@ class _Search:
         return frame
 
 
+def _robustness(
+    job: SearchJob,
+    population: Population,
+    sets: Mapping[str, np.ndarray],
+    measured: Mapping[str, Measured],
+    tell: Callable[[SweepProgress], None] | None = None,
+    share: float = 1.0,
+) -> dict[str, Measured]:
+    """The share of neighbours that keep targets, of the sets that keep them; empty if it is not asked for."""
+    robust = job.choice.robust
+    if robust is None:
+        return {}
+    model = population.prepared(job.fit.structures[0]).plan.model
+
+    def keep(of: Mapping[str, Measured]) -> np.ndarray:
+        near = [np.abs(job.targets[name].misses(of[name], model)) <= 1.0 for name in robust.targets]
+        return np.all(near, axis=0)
+
+    def rows(now: SweepProgress) -> None:
+        if tell is not None:  # rows of neighbours are none of the batch's own sets
+            tell(dataclasses.replace(now, rows=0))
+
+    kept = keep(measured)
+    values = np.full(kept.size, np.nan)
+    if kept.any():
+        mine = {name: column[kept] for name, column in sets.items()}
+        some = population.of(robust.targets)
+        values[kept] = share_kept(
+            robust,
+            mine,
+            job.changing,
+            job.free,
+            job.fit.spec.quantities,
+            lambda near: keep(some.measure(near, rows, share)),
+        )
+    return {ROBUST: Measured(values, np.where(kept, "", "the set itself does not keep the targets"))}
+
+
 def _finalists(
     job: SearchJob, population: Population, directory: ResultDirectory, near: NearBest, show: Progress
 ) -> pd.DataFrame | None:
@@ -330,6 +371,7 @@ def _finalists(
     show(total, total, 0.0, 1.0, f"{count} finalists at half the step")
     sets = {name: free.column(frame[name].tolist()) for name, free in job.free.items()}
     measured = population.measure(sets, share=0.5)
+    measured |= _robustness(job, population, sets, measured, share=0.5)
     model = population.prepared(job.fit.structures[0]).plan.model
     misses = {name: target.misses(measured[name], model) for name, target in job.targets.items()}
     frame["score_half"] = scores(misses, job.targets)

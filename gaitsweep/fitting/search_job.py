@@ -20,6 +20,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
+from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Aim, Target
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
 from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Seed, Text, word
@@ -69,6 +70,11 @@ class Choice(Part):
         description="reading errors by which the targets of `first` may be missed for a set to be measured "
         "further; by default any value will do",
     )
+    robust: Robust | None = Field(
+        default=None,
+        description="the share of random neighbours of a set that should keep some targets: a target itself, "
+        "measured of sets that keep them",
+    )
     known: list[dict[str, Any] | Text] = Field(
         default=[],
         description="sets that are measured before all others: constants by name, a config that has them, or "
@@ -92,7 +98,10 @@ class Choice(Part):
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """The field `search` of a job: the free constants, `targets` what is wanted, `choice` how it goes."""
+    """The field `search` of a job: the free constants, `targets` what is wanted, `choice` how it goes.
+
+    The share of a set's neighbours that keep its targets is the last of the targets, if it is asked for.
+    """
 
     free: dict[str, Free]
     targets: dict[str, Target]
@@ -108,12 +117,14 @@ class Search:
 class SearchJob(Search):
     """A search as its file says it: `fit` has the job, `written` its fields.
 
-    `known` are the values of the sets that are measured first, those of each constant by name.
+    `known` are the values of the sets that are measured first, those of each constant by name;
+    `changing` those of the job's constants that differ between a set and its neighbours.
     """
 
     fit: FitJob
     written: dict[str, Any]
     known: tuple[dict[str, Any], ...] = ()
+    changing: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -188,18 +199,20 @@ def read_search(data: Mapping[str, Any], folder: Path) -> SearchJob:
     data = plain(data)
     wrong: list[Diagnostic] = []
     search = read_search_field(data, wrong)
-    measures = {name: target.measure for name, target in search.targets.items()}
+    robust = search.choice.robust
+    measures = {name: target.measure for name, target in search.targets.items() if target.aim is not robust}
     fit = read_fit_job("search", data, folder, search.free, measures, "targets", wrong)
     if (package := missing_package(search.choice.method)) is not None:
         raise ArgumentError(
             f"search.method {search.choice.method} needs the package {package}: "
             "pip install 'gaitsweep[search]'."
         )
+    changing = {} if robust is None else own_constants(robust, fit)
     known = _known(search, fit)
     written = {key: value for key, value in data.items() if value is not None}
     if known:  # a config may change, and has to be another search then
         written["search"] = {**written["search"], "known": [dict(values) for values in known]}
-    return SearchJob(search.free, search.targets, search.choice, fit, written, known)
+    return SearchJob(search.free, search.targets, search.choice, fit, written, known, changing)
 
 
 def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Search:
@@ -220,12 +233,16 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         wrong.append(unknown_field(("search", str(key)), "search", allowed))
         del rest[key]
     choice = read_part(Choice, rest, ("search",), wrong)
+    if choice is not None and choice.robust is not None:
+        wrong.extend(wrong_robust(choice.robust, free, targets))
+        targets = {**targets, ROBUST: robust_target(choice.robust)}
     read = Search(free, targets, Choice(budget=1) if choice is None else choice)
     if targets and not read.counted:
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
     for place, name in enumerate(read.choice.first):
-        if name not in targets:
-            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+        rows_of = [each for each in targets if each != ROBUST]
+        if name not in rows_of:
+            text = f"is {name}, which is no target{near_miss.suggestion(name, rows_of)}"
             wrong.append(Diagnostic(("search", "first", place), text))
     if read.choice.first_within is not None and not read.choice.first:
         text = "has no meaning without search.first, the targets that are measured first."

@@ -1,0 +1,124 @@
+"""The robustness of a set of constants: how many of its random neighbours keep what it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from gaitsweep import near_miss
+from gaitsweep.contract import Model, Quantity
+from gaitsweep.fitting.fit_job import FitJob
+from gaitsweep.fitting.free import Free
+from gaitsweep.fitting.measures import At, Measure
+from gaitsweep.fitting.targets import Aim, Target
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError
+from gaitsweep.kinds.numbers import Count, Positive, Seed, Text
+
+# The name of the target, and of its column.
+ROBUST = "robust"
+
+
+class Robust(Aim):
+    """The share of a set's random neighbours that should keep some targets."""
+
+    within: Positive = Field(description="largest change of each constant, as a share of its value, below 1")
+    targets: list[Text] = Field(
+        min_length=1, description="targets that a neighbour keeps, within their error"
+    )
+    sets: Count = Field(default=24, description="neighbours of each set")
+    constants: list[Text] = Field(
+        default=[],
+        description="constants of the job that change too; those that are free, but for choices, always do",
+    )
+    seed: Seed = Field(default=0, description="seed of the changes, which are the same for all sets")
+
+
+class ShareKept(Measure):
+    """The share of a set's neighbours that keep some targets."""
+
+    kind: Literal["robust"] = Field(description="robust: the share of neighbours that keep the targets named")
+    at: At = Field(default_factory=dict, description="no rows of its own")
+
+    def unit(self, model: Model) -> str:
+        return "1"
+
+
+def robust_target(robust: Robust) -> Target:
+    """The target of a search that asks for robustness."""
+    return Target(ROBUST, ShareKept(kind="robust"), robust)
+
+
+def wrong_robust(robust: Robust, free: Mapping[str, Free], targets: Mapping[str, Target]) -> list[Diagnostic]:
+    """Faults of the field in view of the search's constants and targets."""
+    path, wrong = ("search", ROBUST), []
+    if robust.within >= 1.0:
+        wrong.append(Diagnostic((*path, "within"), f"is {robust.within:g}, but is a share below 1."))
+    for place, name in enumerate(robust.targets):
+        if name not in targets:
+            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
+            wrong.append(Diagnostic((*path, "targets", place), text))
+    for place, name in enumerate(robust.constants):
+        if name in free:
+            wrong.append(Diagnostic((*path, "constants", place), f"is {name}, which is free and changes."))
+    if ROBUST in targets:
+        text = "has the name of the column of search.robust: take another."
+        wrong.append(Diagnostic(("search", "targets", ROBUST), text))
+    return wrong
+
+
+def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
+    """The values of the job's own constants that change.
+
+    Raises:
+        JobError: a name that the model does not have, or one whose value is a formula.
+    """
+    job = fit.job_of(fit.structures[0])
+    known = {q.name: q for q in job.plan.model.parameters}
+    values: dict[str, float] = {}
+    wrong = []
+    for place, name in enumerate(robust.constants):
+        given = job.plan.settings.get(name, known[name].default if name in known else None)
+        if name not in known:
+            text = f"is {name}, which is no parameter{near_miss.suggestion(name, known)}"
+        elif not isinstance(given, int | float):
+            text = f"is {name}, whose value is {given}: only a number can change by a share of itself."
+        else:
+            values[name] = float(given)
+            continue
+        wrong.append(Diagnostic(("search", ROBUST, "constants", place), text))
+    if wrong:
+        raise JobError(wrong)
+    return values
+
+
+def share_kept(
+    robust: Robust,
+    sets: Mapping[str, np.ndarray],
+    own: Mapping[str, float],
+    free: Mapping[str, Free],
+    quantities: Mapping[str, Quantity],
+    keeps: Callable[[Mapping[str, np.ndarray]], np.ndarray],
+) -> np.ndarray:
+    """The share (n,) of each set's neighbours that keep the targets.
+
+    Args:
+        robust: how they are drawn.
+        sets: constants and choices of structure, (n,) by name.
+        own: values of the job's constants that change as well.
+        free: the free constants; those with choices, and whole numbers, do not change.
+        quantities: the model's parameters and starts by name, within whose limits neighbours stay.
+        keeps: whether each of m sets keeps the targets, (m,).
+    """
+    n = next(iter(sets.values())).size
+    rng = np.random.default_rng(robust.seed)
+    near = {name: np.repeat(column, robust.sets) for name, column in sets.items()}
+    near |= {name: np.full(n * robust.sets, value) for name, value in own.items()}
+    changing = [name for name, each in free.items() if each.choices is None and not each.whole]
+    for name in [*changing, *own]:
+        quantity = quantities[name]
+        factor = 1.0 + robust.within * rng.uniform(-1.0, 1.0, robust.sets)
+        near[name] = np.clip(near[name] * np.tile(factor, n), quantity.low, quantity.high)
+    return keeps(near).reshape(n, robust.sets).mean(axis=1)
