@@ -22,7 +22,8 @@ def estimate(needs: SearchEstimate) -> str:
     """What a search would need, as text."""
     lines = {
         "sets": f"{needs.sets}, {needs.together} at a time",
-        "rows of a set": str(needs.rows_of_a_set),
+        "rows of a set": str(needs.rows_of_a_set)
+        + (f", and at most {needs.rows_of_neighbours} of its neighbours" if needs.rows_of_neighbours else ""),
     }
     if needs.batch is None:
         lines["time"] = "not estimated: fixed points alone"

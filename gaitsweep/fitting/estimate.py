@@ -21,15 +21,17 @@ _FINALIST = 2.0
 class SearchEstimate:
     """What a search would need.
 
-    `rows_of_a_set` are those of each set, fixed points not among them; `steps` those of all sets; `seconds`
-    the likely time and `seconds_most` that of rows at their limits. `batch` is the estimate of sets in the
-    middle of all ranges, from which these follow, with the run of the job where there are targets of it; None
-    where no target has rows.
+    `rows_of_a_set` are those of each set, fixed points not among them, and `rows_of_neighbours` those of its
+    neighbours, which only sets that keep their targets have; `steps` those of all sets, without neighbours;
+    `seconds` the likely time and `seconds_most` that of rows at their limits, with all neighbours. `batch` is
+    the estimate of sets in the middle of all ranges, from which these follow, with the run of the job where
+    there are targets of it; None where no target has rows.
     """
 
     sets: int
     together: int
     rows_of_a_set: int
+    rows_of_neighbours: int
     steps: float
     seconds: float
     seconds_most: float
@@ -45,6 +47,8 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     population = job.fit.population()
     structure = job.fit.structures[0]
     rows = population.rows_of_a_set
+    robust = job.choice.robust
+    near = 0 if robust is None else robust.sets * population.of(robust.targets).rows_of_a_set
     together = job.sets_together(population.prepared(structure), rows)
     middle = {
         name: free.at(np.array([0.5]))[0] for name, free in job.free.items() if name not in job.fit.structure
@@ -52,7 +56,7 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
     batches = [_Batch.of(part, structure, middle, together) for part in population.parts]
     known = [each for each in batches if each is not None]
     if not known:
-        return SearchEstimate(job.choice.budget, together, 0, 0.0, 0.0, 0.0, None)
+        return SearchEstimate(job.choice.budget, together, 0, 0, 0.0, 0.0, 0.0, None)
     # the search in batches of as many rows as the samples have
     sets = math.ceil(job.choice.budget / together) * together
     sets += _FINALIST * min(job.choice.finalists, job.choice.budget)
@@ -60,9 +64,12 @@ def estimate_search(job: SearchJob) -> SearchEstimate:
         sets=job.choice.budget,
         together=together,
         rows_of_a_set=rows,
+        rows_of_neighbours=near,
         steps=sum(each.steps for each in known) * job.choice.budget,
         seconds=sum(each.estimate.compile_s + sets * each.seconds for each in known),
-        seconds_most=sum(each.estimate.compile_s + sets * each.seconds_most for each in known),
+        seconds_most=sum(
+            each.estimate.compile_s + sets * each.seconds_most * (1.0 + near / rows) for each in known
+        ),
         batch=known[0].estimate,
     )
 

@@ -66,6 +66,20 @@ def test_a_share_of_several_gaits() -> None:
     assert measure("share", gait=["rest", "hop"]).of_sets(seen, TOY).values == [0.75]
 
 
+def test_a_coexistence_is_the_length_of_the_range_with_all_gaits() -> None:
+    at = {"launch_1": [0.0, 1.0], "mass": [1.0, 2.0, 4.0]}
+    gaits = [["rest", "rest", "rest", "hop", "hop", "rest"], ["hop"] * 6]
+    status = [["complete"] * 6, ["complete"] * 6]
+    seen = {"gait": np.array(gaits), "status": np.array(status)}
+    both = MEASURES["coexistence"].model_validate(
+        {"kind": "coexistence", "at": at, "along": "mass", "gaits": ["rest", "hop"]}
+    )
+    # masses 1 and 2 stand for 1 to 1.5 and 1.5 to 3
+    assert both.of_sets(seen, TOY).values == pytest.approx([2.0, 0.0])
+    seen["status"][0, 3] = "fell"
+    assert both.of_sets(seen, TOY).values == pytest.approx([1.5, 0.0])
+
+
 def test_the_order_of_gaits_is_the_least_step_of_their_medians() -> None:
     gaits = [["rest", "hop", "hop", "rest"], ["hop", "hop", "rest", "rest"], ["rest"] * 4]
     seen = rows(gait=gaits, apex=[[1.0, 2.0, 4.0, 2.0]] * 3)

@@ -57,6 +57,7 @@ TOY: dict[str, Any] = {
 }
 
 
+ROBUST = {"within": 0.02, "targets": ["speed"], "sets": 400, "wanted": [0.9, 1], "error": 0.1}
 EDGE = {"kind": "edge", "along": "mass", "gait": "hop", "at": {"mass": [1, 2]}}
 
 
@@ -306,6 +307,25 @@ def test_sets_that_fail_first_are_not_measured_further(tmp_path: Path) -> None:
     assert_frame_equal(near[~far], whole[~far], check_exact=True)
 
 
+def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path) -> None:
+    # the speed is kick / (1 - restitution), read to 1 %, and keeps if both change together by less than that
+    kick, restitution = np.random.default_rng(0).uniform(-0.02, 0.02, (2, 10**6))
+    speed = (1.0 + kick) * (1.0 - RESTITUTION) / (1.0 - RESTITUTION * (1.0 + restitution))
+    share = np.mean(np.abs(speed - 1.0) < 0.01)
+    assert 0.4 < share < 0.5
+    asked = job(robust={**ROBUST, "constants": ["restitution"]}, budget=2, method="sobol", finalists=1)
+    asked["search"]["targets"]["speed"]["error"] = 0.01 * SPEED
+    asked["search"]["known"] = [{"kick": KICK, "stiffness": 5.0}, {"kick": 2.0 * KICK}]
+    found = gs.search(asked, tmp_path / "out")
+    assert found.table["robust"][0] == pytest.approx(share, abs=0.08)  # three standard errors of 400
+    assert np.isnan(found.table["robust"][1])
+    assert found.table["why"][1] == "robust: the set itself does not keep the targets"
+    assert found.finalists is not None
+    assert found.finalists["robust_half"][0] == found.table["robust"][0]
+    asked["search"]["robust"]["within"] = 0.001
+    assert gs.search(asked, tmp_path / "near").table["robust"][0] == 1.0
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -326,6 +346,17 @@ def test_sets_that_fail_first_are_not_measured_further(tmp_path: Path) -> None:
         ({"first_within": 2.0}, "search.first_within has no meaning without search.first"),
         ({"method": "nsga3", "population": 1}, "search.population is 1, but nsga3 takes as many sets"),
         ({"targets": {}}, "search.targets is an empty mapping"),
+        ({"robust": ROBUST | {"within": 2}}, "search.robust.within is 2, but is a share below 1"),
+        (
+            {"robust": ROBUST | {"targets": ["speeed"]}},
+            "search.robust.targets[0] is speeed, which is no target",
+        ),
+        ({"robust": ROBUST | {"constants": ["kick"]}}, "search.robust.constants[0] is kick, which is free"),
+        (
+            {"robust": ROBUST | {"constants": ["masss"]}},
+            "is masss, which is no parameter",
+        ),
+        ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is no target"),
         ({"method": "annealing"}, "search.method"),
         ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
     ],
@@ -513,6 +544,8 @@ def test_the_estimate_counts_sets_and_rows() -> None:
     assert (needs.sets, needs.together, needs.rows_of_a_set) == (1280, 32, 2)
     assert 0.0 < needs.seconds <= needs.seconds_most
     assert needs.steps > 1e6
+    front = load_search(SWEEPS / "waist_quadruped_robust.yaml").fit.population()
+    assert front.of(["bistable"]).rows_of_a_set == 18
 
 
 def test_a_search_has_no_axes_and_no_figures(tmp_path: Path) -> None:
