@@ -103,6 +103,17 @@ class Paper(Part):
         beside = self.file.parent / written
         return beside if beside.is_file() else shipped("sweeps") / written
 
+    def only(self, names: Iterable[str]) -> Paper:
+        """The paper with some of its claims.
+
+        Raises:
+            ArgumentError: it has no claim of a name.
+        """
+        wanted, known = set(names), [claim.id for claim in self.claims]
+        for name in sorted(wanted - set(known)):
+            raise ArgumentError(f"{name} is no claim of {self.name}{near_miss.suggestion(name, known)}")
+        return self.model_copy(update={"claims": [claim for claim in self.claims if claim.id in wanted]})
+
 
 def known_papers() -> list[str]:
     """The papers whose claims come with gaitsweep."""

@@ -336,6 +336,10 @@ def reproduce(
         bool,
         typer.Option("--quick", help="Fewer rows and wider tolerances: minutes instead of half an hour."),
     ] = False,
+    claims: Annotated[
+        str | None,
+        typer.Option("--claims", metavar="ID,ID,...", help="These claims alone, and the jobs they need."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="results/reproduce_PAPER by default.")
     ] = None,
@@ -347,6 +351,8 @@ def reproduce(
     from gaitsweep.claims.paper import read_paper
 
     table_of_claims = read_paper(paper)
+    if claims is not None:
+        table_of_claims = table_of_claims.only(each.strip() for each in claims.split(","))
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
     from gaitsweep.claims.verdict import ClaimVerdict
     from gaitsweep.errors import FAILED

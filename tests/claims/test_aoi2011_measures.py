@@ -113,6 +113,9 @@ def test_lags_of_touchdowns(broken: float) -> None:
     table = trace((0.0, np.pi, 2.0, 2.0 + np.pi), broken)
     found = measures.touchdown_lags(table, row=0, pairs=[[1, 2], [1, 3], [3, 4]])
     np.testing.assert_allclose(found, [np.pi, 2.0, np.pi], atol=0.03)
+    assert measures.order_of_footfalls(table, row=0) == "1-3-2-4"
+    together = trace((0.0, np.pi, np.pi - 0.1, 2.0 * np.pi - 0.1), broken)
+    assert measures.order_of_footfalls(together, row=0) == "1+4-2+3"
 
 
 def test_lags_are_given_on_the_turn_asked_for() -> None:

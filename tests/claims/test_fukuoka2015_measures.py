@@ -48,6 +48,21 @@ def ramp(order: list[str], *, row: int = 0) -> pd.DataFrame:
 @pytest.mark.parametrize("gait", CHART)
 def test_the_order_of_swings_is_the_charts(gait: str) -> None:
     assert measures.swing_order(trace(gait), gait=gait) == measures.chart_order(gait=gait)
+    assert measures.footfall_order(trace(gait), gait=gait) == measures.chart_order(gait=gait)
+
+
+def test_footfalls_and_flights_are_the_feets_own() -> None:
+    """RF and LH alone bear load, for .3 of a cycle each, half a cycle apart: two flights of .2."""
+    table = trace("RT-gallop")
+    assert measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"]) == 0.0
+    into = table["t"] / 0.4 % 1.0
+    table[["F_LF", "F_RH"]] = 0.0
+    table["F_RF"], table["F_LH"] = (into < 0.3) * 30.0, ((into >= 0.5) & (into < 0.8)) * 30.0
+    found = measures.flight_between(table, gait="RT-gallop", legs=["RF", "LH"])
+    assert found == pytest.approx(0.4, abs=0.04)
+    assert measures.flight_between(table, gait="RT-gallop", legs=["LF", "RF"]) == 0.0
+    with pytest.raises(MeasureError, match="LF touches down"):
+        measures.footfall_order(table, gait="RT-gallop")
 
 
 def test_the_orders_of_the_paper() -> None:
@@ -105,6 +120,8 @@ def test_loads_of_pairs() -> None:
         [0.2, 0.2], abs=0.02
     )
     assert measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
+    tilt = measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
+    assert measures.late_tilt(table, gait="L-walk") == pytest.approx([each / 0.02 for each in tilt], rel=0.01)
 
 
 def test_values_of_the_model() -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from benchmarks.reliability.faults import FAULTS, ROOT
 from gaitsweep.claims.measure import MEASURES
-from gaitsweep.claims.measures.general import MeasureError, share, texts, value
+from gaitsweep.claims.measures.general import MeasureError, difference_of_shares, share, texts, value
 from gaitsweep.claims.paper import known_papers, read_paper
 from gaitsweep.claims.reproduce import reproduce
 from gaitsweep.cli import main
@@ -152,10 +153,28 @@ def test_papers() -> None:
         read_paper("ambe2012")
 
 
+def test_some_claims_of_a_paper() -> None:
+    paper = read_paper("ambe2021")
+    assert [claim.id for claim in paper.only(["fig3_converge", "eq2_contact"]).claims] == [
+        "eq2_contact",
+        "fig3_converge",
+    ]
+    with pytest.raises(ArgumentError, match="did you mean eq2_contact"):
+        paper.only(["eq2_contacts"])
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_planted_faults_find_their_text(name: str) -> None:
+    for fault in FAULTS[name]:
+        assert (ROOT / "gaitsweep" / fault.file).read_text().count(fault.right) == 1, fault.name
+
+
 def test_general_measures() -> None:
     table = pd.DataFrame({"gait": ["walk", "trot", "walk", None], "speed": [1.0, 2.0, 4.0, 8.0]})
     assert share(table, where="gait == 'walk'") == 0.5
     assert share(table, where="gait == 'walk'", of="speed < 3") == 0.5
+    less = {"of": "speed < 3", "less": "speed > 3"}
+    assert difference_of_shares(table, where="gait == 'trot'", **less) == 0.5
     assert value(table, column="speed", where="gait == 'walk'", take="mean") == 2.5
     assert value(table, column="speed", where="gait == 'pace'", take="count") == 0
     assert texts(table, column="gait") == ["walk", "trot"]

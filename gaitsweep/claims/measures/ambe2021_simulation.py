@@ -23,8 +23,10 @@ from gaitsweep.circular import wrapped_difference
 from gaitsweep.claims.measure import Condition, measure
 from gaitsweep.claims.measures.ambe2021_equations import chain_defaults
 from gaitsweep.claims.measures.general import MeasureError, masked, numbers, one_row, records
+from gaitsweep.models.multilegged.model import LANDING, STANCE, TAKEOFF
 from gaitsweep.models.multilegged.theory.chain import Chain, wavelength
 from gaitsweep.models.multilegged.theory.gaits import GAITS as LABELS
+from gaitsweep.models.multilegged.theory.reset_sets import TABLE_2
 
 
 @measure
@@ -102,6 +104,23 @@ def distance_from_planes(table: pd.DataFrame) -> float:
         np.abs(wrapped_difference(numbers(rows, "psi_3_end") - third)),
     )
     return float(away.max())
+
+
+@measure
+def slopes_of_segments(
+    table: pd.DataFrame, *, gait: str, free: str, other: str, within: float = 0.06, beyond: float = 0.5
+) -> list[float]:
+    """Slopes of a relative phase over the free one: near the smallest free value, and far from it (1).
+
+    Args:
+        gait: direct, source or retrograde.
+        free, other: such as psi_2, psi_3.
+        within, beyond: how far (rad) the free phase is from its smallest value at most, and at least.
+    """
+    rows = _settled(table, gait)
+    x, y = numbers(rows, f"{free}_end"), numbers(rows, f"{other}_end")
+    above = x - x.min()
+    return [float(np.polyfit(x[near], y[near], 1)[0]) for near in (above <= within, above >= beyond)]
 
 
 @measure
@@ -211,10 +230,51 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
 @measure
 def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> str:
     """Legs in their order of passing mid-stance in a simulated cycle that begins with the first of them."""
+    return " ".join(map(str, _order(table, row, legs)))
+
+
+def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
     found = passages(one_row(table, row), springs_of(table))
     behind = np.mod(-np.append(0.0, np.cumsum(found.leads)), found.period)  # of leg 1, s
     after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, found.period) for leg in legs}
-    return " ".join(map(str, sorted(legs, key=lambda leg: after[leg])))
+    return sorted(legs, key=lambda leg: after[leg])
+
+
+@measure
+def reset_set_numbers(table: pd.DataFrame, *, row: int, k: int) -> list[float]:
+    """The number 1 to 8 of the set S of each leg, by the simulated order of a cycle from leg k on (1)."""
+    legs = range(1, springs_of(table) + 2)
+    turn = {
+        leg: place for place, leg in enumerate(_order(table, row, [k, *(leg for leg in legs if leg != k)]))
+    }
+    beside = [[turn[j] < turn[i] if j in turn else None for j in (i - 1, i + 1)] for i in legs]
+    return [float(TABLE_2[front, rear]) for front, rear in beside]
+
+
+@measure
+def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
+    """Share of touchdowns at which both neighbours are in the segments of Fig. 8, in a source wave (1).
+
+    Args:
+        table: a trace.
+        row: its row.
+        k: the leg at the boundary of the source wave.
+    """
+    part, N, beta = one_row(table, row), springs_of(table), chain_defaults()["beta"]
+    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
+    segment = np.digitize(np.mod(phase, 2 * np.pi), [2 * beta * np.pi, (1 + beta) * np.pi])
+    right = []
+    for leg in range(1, N + 2):
+        down = numbers(part, f"contact_{leg}") > 0.5
+        lands = np.flatnonzero(~down[:-1] & down[1:] & (segment[:-1, leg - 1] == LANDING))
+        # a foot that bounces lands again within its landing segment
+        lands = lands[np.diff(lands, prepend=-len(down)) > len(down) / 20]
+        before = {leg - 1: {TAKEOFF} if leg < k else {STANCE, TAKEOFF} if leg == k else {STANCE}}
+        before[leg + 1] = {STANCE} if leg < k else {TAKEOFF}
+        if leg in (1, N + 1):  # an end's neighbour is in stance
+            before = {2 if leg == 1 else N: {STANCE}}
+        right += [all(segment[at, j - 1] in those for j, those in before.items()) for at in lands]
+    return float(np.mean(right))
 
 
 @measure
@@ -337,10 +397,14 @@ def three_gaits(table: pd.DataFrame, *, where: Condition | None = None) -> float
 
 
 @measure
-def no_gaits(table: pd.DataFrame, *, where: Condition) -> float:
-    """Share of the sets of parameters at which none of the three gaits occurs, of a condition's sets (1)."""
-    chosen = records(gait_shares(table), where)
-    return float(np.mean((np.asarray(chosen[list(GAITS)]) == 0.0).all(axis=1)))
+def no_gaits(table: pd.DataFrame, *, where: Condition, less: Condition) -> float:
+    """Share of sets of parameters with none of the three gaits, of a condition's less of another's (1)."""
+    shares = gait_shares(table)
+    one, other = (
+        float(np.mean((np.asarray(records(shares, each)[list(GAITS)]) == 0.0).all(axis=1)))
+        for each in (where, less)
+    )
+    return one - other
 
 
 @measure

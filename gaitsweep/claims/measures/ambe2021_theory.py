@@ -30,7 +30,7 @@ from gaitsweep.models.multilegged.theory.chain import (
 )
 from gaitsweep.models.multilegged.theory.gaits import GAITS as LABELS
 from gaitsweep.models.multilegged.theory.gaits import gait_of
-from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdown_order
+from gaitsweep.models.multilegged.theory.order import jumps, order_sets
 from gaitsweep.models.multilegged.theory.reset_sets import TABLE_2, reset_sets, touchdown_residuals
 from gaitsweep.models.multilegged.theory.solution_sets import (
     Branch,
@@ -153,17 +153,6 @@ def touchdown_relation_error(*, N: int = 9) -> float:
 
 
 @measure
-def reset_set_numbers(
-    table: pd.DataFrame | None = None, *, kind: str, k: int, N: int = 9, at: float = 0.45
-) -> list[float]:
-    """The number 1 to 8 of the set S of each leg at a share of a set's range (1)."""
-    N = springs_or(N, table)
-    branch, _, s = _at(N, kind, k, at)
-    found = reset_sets(N, branch, s)
-    return [float(each.number) for each in found]
-
-
-@measure
 def table_2(*, number: int) -> list[str]:
     """Whether the legs in front of and behind a leg of the set S are reset before it: no, yes or none."""
     words = {None: "none", False: "no", True: "yes"}
@@ -181,43 +170,6 @@ def order_sets_agree(*, N: int = 9) -> float:
         last = {i for i in alone if i >= branch.k + 2}
         agree.append(order_sets(N, branch, s) == (frozenset(first), frozenset(last)))
     return float(np.mean(agree))
-
-
-@measure
-def order_of_touchdowns(
-    table: pd.DataFrame | None = None, *, kind: str, k: int, N: int, legs: Sequence[int], at: float = 0.45
-) -> str:
-    """Some legs in their order of touchdown in a cycle that begins with leg k."""
-    N = springs_or(N, table)
-    branch, _, s = _at(N, kind, k, at)
-    order = touchdown_order(N, branch, s)
-    return " ".join(str(leg) for leg in order if leg in legs)
-
-
-@measure
-def phases_of_neighbours(table: pd.DataFrame | None = None, *, N: int = 9) -> float:
-    """Share of touchdowns at which neighbours are in the segments of Fig. 8, source waves of set B (1)."""
-    N = springs_or(N, table)
-    beta, circle = 0.8, float(touchdown_phase(Chain()))
-    stance, end = 2 * beta * np.pi, (1 + beta) * np.pi
-    right = []
-    for branch, s in _sets(N):
-        if branch.kind != "B" or branch.k == 2:
-            continue
-        theta = np.asarray(places(rule_of(N, branch, Chain()), s))
-        for i in range(1, N + 2):
-            phi = circle - np.mod(theta[i - 1] - theta, circle)  # at the touchdown of leg i
-            if i in (1, N + 1):
-                right.append(phi[1 if i == 1 else N - 1] < stance)
-                continue
-            ahead, behind = phi[i - 2], phi[i]
-            if i == branch.k:
-                right.append(ahead < end and stance <= behind < end)
-            elif i < branch.k:
-                right.append(stance <= ahead < end and behind < stance)
-            else:
-                right.append(ahead < stance and stance <= behind < end)
-    return float(np.mean(right))
 
 
 @measure

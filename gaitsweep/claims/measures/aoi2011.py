@@ -10,6 +10,7 @@ MuJoCo, which shares nothing with gaitsweep's equations of motion but the descri
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -29,7 +30,7 @@ from gaitsweep.analysis.transitions import return_map
 from gaitsweep.analysis.transitions.transition_points import transition_points, transition_points_by_gait
 from gaitsweep.circular import TURN, wrapped_difference
 from gaitsweep.claims.measure import Condition, measure
-from gaitsweep.claims.measures.general import defaults, masked, records, value
+from gaitsweep.claims.measures.general import defaults, masked, records, stances, value
 from gaitsweep.dynamics.tree.kinematics import movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import turned
 from gaitsweep.job.stored import row_params, stored_job
@@ -42,7 +43,6 @@ from gaitsweep.models.waist_quadruped.state import State
 
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
-_BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
 # largest relative deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
 _ONCE = 0.2
 
@@ -512,7 +512,7 @@ def foot_slip(table: pd.DataFrame, *, take: str = "median") -> float:
         at = np.asarray(feet(mechanics, jnp.asarray(part[[f"q_{i}" for i in range(16)]].to_numpy(float))))
         for i in LIMBS:
             down = part[f"contact_{i + 1}"].to_numpy(float) > 0.5
-            for first, last in _stances(t, down):
+            for first, last in stances(t, down):
                 ground = at[first:last, i, :2][down[first:last]]
                 moved.append(float(np.max(np.linalg.norm(ground - ground[0], axis=1))))
     return float(np.max(moved) if take == "max" else np.median(moved))
@@ -555,28 +555,26 @@ def touchdown_lags(
     return found
 
 
+@measure
+def order_of_footfalls(table: pd.DataFrame, *, row: int, apart: float = 0.2) -> str:
+    """Limbs in their order of touchdown from limb 1 on; those within `apart` (rad) joined by +."""
+    lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - apart] * 3)
+    order = sorted(zip([0.0, *lags], "1234", strict=True))
+    together = [[order[0][1]]]
+    for (before, _), (after, limb) in itertools.pairwise(order):
+        if after - before > apart:
+            together.append([])
+        together[-1].append(limb)
+    return "-".join("+".join(sorted(limbs)) for limbs in together)
+
+
 def _touchdowns(table: pd.DataFrame, row: int, foot: int) -> np.ndarray:
     """Times (s) at which a swing of a foot ends; breaks of a stance are no swings."""
     require(table, "row", "t", f"contact_{foot}")
     part = table.loc[table["row"].to_numpy() == row].sort_values("t")
     t, down = part["t"].to_numpy(float), part[f"contact_{foot}"].to_numpy(float) > 0.5
     # without its lift-off before it, the first stance is not known to begin with a touchdown
-    lands = _stances(t, down)[1:, 0]
+    lands = stances(t, down)[1:, 0]
     if len(lands) < 2:
         raise AnalysisError(f"Foot {foot} of row {row} has fewer than two touchdowns.")
     return t[lands]
-
-
-def _stances(t: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """First sample of each stance and the first after it, (n, 2); breaks up to `_BROKEN` are part of it.
-
-    Args:
-        t: times of the samples (k,), s.
-        down: whether the foot is on the ground (k,).
-    """
-    turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
-    lands, lifts = turns[::2], turns[1::2]
-    swings = t[lands[1:]] - t[lifts[:-1]] > _BROKEN
-    first, last = np.ones(len(lands), bool), np.ones(len(lands), bool)
-    first[1:], last[:-1] = swings, swings
-    return np.stack([lands[first], lifts[last]], axis=1)

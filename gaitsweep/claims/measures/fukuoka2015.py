@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep.analysis.circular import mean_direction
 from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
 from gaitsweep.analysis.gaits.gait_tables import FLEXORS, gaits_in
 from gaitsweep.analysis.gaits.loading_rule import REPEATS, load_prediction, loading_rule, pairs_in
@@ -19,8 +20,17 @@ from gaitsweep.analysis.records import axes_of, require
 from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
 from gaitsweep.analysis.transitions.speed_transitions import after_dwell
+from gaitsweep.circular import TURN
 from gaitsweep.claims.measure import Condition, measure
-from gaitsweep.claims.measures.general import MeasureError, default_values, records, value
+from gaitsweep.claims.measures.general import (
+    MeasureError,
+    default_values,
+    numbers,
+    one_row,
+    records,
+    stances,
+    value,
+)
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
 from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE
 from gaitsweep.models.planar_quadruped.nine_gaits import (
@@ -208,14 +218,35 @@ def gallops_by_their_canter_or_trot(table: pd.DataFrame, *, where: Condition | N
 
 
 @measure
-def swing_order(table: pd.DataFrame, *, gait: str, where: Condition | None = None) -> str:
+def swing_order(table: pd.DataFrame, *, gait: str) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
-    found = gaits_in(records(table, where))
+    found = gaits_in(table)
     found = found.loc[found["gait"].astype(str) == gait]
     if found.empty:
         raise MeasureError(f"No row of the table has the gait {gait}.")
-    orders = [_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for _, row in found.iterrows()]
-    return max(orders, key=orders.count)
+    return _most([_order({leg: float(row[f"phase_{leg}"]) for leg in LEGS}) for _, row in found.iterrows()])
+
+
+@measure
+def footfall_order(table: pd.DataFrame, *, gait: str) -> str:
+    """Order in which the feet touch down in a gait, named by its swings; as `swing_order`."""
+    return _most([_order(_footfalls(part)) for part in _rows_of(table, gait)])
+
+
+@measure
+def flight_between(table: pd.DataFrame, *, gait: str, legs: Sequence[str]) -> float:
+    """Share of the time in a gait with no foot on the ground, between the stances of two legs (1)."""
+    shares = []
+    for part in _rows_of(table, gait):
+        down = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float) > 0.0
+        turns = np.diff(down.any(axis=1).astype(int))
+        lifts, lands = np.flatnonzero(turns < 0), np.flatnonzero(turns > 0)
+        flights = ((at, lands[lands > at][0]) for at in lifts if (lands > at).any())
+        sides = [(down[at], down[end + 1], end - at) for at, end in flights]
+        one, other = (LEGS.index(leg) for leg in legs)
+        between = (n for a, b, n in sides if (a[one] and b[other]) or (a[other] and b[one]))
+        shares.append(sum(between) / len(part))
+    return float(np.mean(shares))
 
 
 @measure
@@ -252,6 +283,13 @@ def pairs_measure(table: pd.DataFrame, *, gait: str, measure: str) -> list[float
 
 
 @measure
+def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
+    """Pitch of each pair's late stance in a gait, nose down, over the range of the pitch (1)."""
+    nods = float(np.mean([np.ptp(part["pitch"].to_numpy(float)) for part in _rows_of(table, gait)]))
+    return [each / nods for each in pairs_measure(table, gait=gait, measure="tilt_late")]
+
+
+@measure
 def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: str) -> float:
     """Size of the `pair_measure` of one pair, over that of the other (1)."""
     own, other = (abs(pair_measure(table, gait=gait, pair=each, measure=measure)) for each in (pair, to))
@@ -261,13 +299,10 @@ def pair_ratio(table: pd.DataFrame, *, gait: str, pair: int, to: int, measure: s
 @measure
 def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
     """Share of the cycle by which each pair's hind foot is loaded longer than its fore foot in a gait (1)."""
-    found = gaits_in(table)
-    rows = found.loc[found["gait"].astype(str) == gait, "row"]
-    if rows.empty:
-        raise MeasureError(f"No row of the table has the gait {gait}.")
-    mine = table.loc[table["row"].isin(rows)]
+    mine = pd.concat(_rows_of(table, gait))
     return [
-        float((mine[f"F_{hind}"] > 0.0).mean() - (mine[f"F_{fore}"] > 0.0).mean()) for fore, hind in PAIRS
+        float(np.mean(numbers(mine, f"F_{hind}") > 0.0) - np.mean(numbers(mine, f"F_{fore}") > 0.0))
+        for fore, hind in PAIRS
     ]
 
 
@@ -370,6 +405,32 @@ def chart_order(*, gait: str) -> str:
         # both legs are shifted alike, in opposite directions (Fig. 5a)
         phases |= {fore: middle - 0.125 * sign, hind: middle + 0.125 * sign}
     return _order(phases)
+
+
+def _rows_of(table: pd.DataFrame, gait: str) -> list[pd.DataFrame]:
+    """The records of each row of a trace with a gait, in order of time."""
+    found = gaits_in(table)
+    rows = found.loc[found["gait"].astype(str) == gait, "row"]
+    if rows.empty:
+        raise MeasureError(f"No row of the table has the gait {gait}.")
+    return [one_row(table, row) for row in rows]
+
+
+def _footfalls(part: pd.DataFrame) -> dict[str, float]:
+    """By how much each leg touches down after LF in one row of a trace, cycles."""
+    t, lands = part["t"].to_numpy(float), {}
+    for leg in LEGS:
+        # the first stance may have begun before the trace
+        lands[leg] = t[stances(t, part[f"F_{leg}"].to_numpy(float) > 0.0)[1:, 0]]
+        if len(lands[leg]) < 2:
+            raise MeasureError(f"{leg} touches down less than twice.")
+    turns = TURN / float(np.median(np.diff(lands["LF"])))
+    after = {leg: (mine[:, None] - lands["LF"][None]).ravel() for leg, mine in lands.items()}
+    return {leg: float(mean_direction(turns * each)) / TURN for leg, each in after.items()}
+
+
+def _most(orders: list[str]) -> str:
+    return max(orders, key=orders.count)
 
 
 def _stance_time(trace: pd.DataFrame) -> float:

@@ -15,6 +15,8 @@ from gaitsweep.contract import Quantity
 from gaitsweep.expression import fulfilled, resolve
 from gaitsweep.near_miss import suggestion
 
+BROKEN = 0.05  # s; a shorter loss of contact is a break of the stance, not a swing
+
 
 class MeasureError(AnalysisError):
     """A table does not have what a measure needs; the message is a sentence."""
@@ -34,6 +36,12 @@ def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None)
     """
     among = records(table, of)
     return len(records(among, where, may_be_empty=True)) / len(among)
+
+
+@measure
+def difference_of_shares(table: pd.DataFrame, *, where: Condition, of: Condition, less: Condition) -> float:
+    """Share of the rows that fulfil `where` among those of `of`, less that among those of `less` (1)."""
+    return share(table, where=where, of=of) - share(table, where=where, of=less)
 
 
 @measure
@@ -140,6 +148,21 @@ def masked(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
 def numbers(table: pd.DataFrame, column: str) -> np.ndarray:
     """A column as floats, (n,), in its unit."""
     return np.asarray(table[column], float)
+
+
+def stances(t: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """First sample of each stance and the first after it, (n, 2); breaks up to `BROKEN` are part of it.
+
+    Args:
+        t: times of the samples (k,), s.
+        down: whether the foot is on the ground (k,).
+    """
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], down, [False]]).astype(int)))
+    lands, lifts = turns[::2], turns[1::2]
+    swings = t[lands[1:]] - t[lifts[:-1]] > BROKEN
+    first, last = np.ones(len(lands), bool), np.ones(len(lands), bool)
+    first[1:], last[:-1] = swings, swings
+    return np.stack([lands[first], lifts[last]], axis=1)
 
 
 def one_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
