@@ -458,15 +458,15 @@ class _Begun:
     state: Any
     observed: Any
     signals: Any
-    gait: jax.Array
-    period: jax.Array
-    fallen: jax.Array
+    gait: Any
+    period: Any
+    fallen: Any
     rates: Any
-    guards: jax.Array | None
+    guards: Any
     stepped: Any
     still: Any
-    closes: jax.Array
-    beyond: dict[str, jax.Array]
+    closes: Any
+    beyond: dict[str, Any]
 
     @property
     def own_state(self) -> dict[str, Any]:
@@ -558,7 +558,8 @@ def faults_of_rows(
 
 def _at_points(model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray]) -> _Begun:
     with jax.default_device(host_device()):
-        return _begun(model)(dict(model.on_host(values)), dict(starts))
+        # NumPy's arrays: JAX would compile each comparison of them
+        return jax.device_get(_begun(model)(dict(model.on_host(values)), dict(starts)))
 
 
 def _sound(found: _Begun, where: Where) -> Iterator[str]:
@@ -582,7 +583,7 @@ def _sound(found: _Begun, where: Where) -> Iterator[str]:
             text = f"but its function jump changes {field} where nothing fired{at}"
             yield f"{text}: use jnp.where(fired[i], ...)."
     if (closed := np.flatnonzero(found.closes)).size:
-        yield f"but its function section closes a cycle{where(int(closed[0]))} where no event has fired."
+        yield f"but its function section closes a cycle where no event has fired{where(int(closed[0]))}."
 
 
 def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
