@@ -300,8 +300,9 @@ def check(
 
 
 def _size_of(job_file: Path) -> str:
-    """How many rows a job has, or sets of constants; raises JobError where it is bad."""
+    """How many rows a job has, or sets of constants, with warnings of its rows; JobError where it is bad."""
     from gaitsweep.job import load_job
+    from gaitsweep.job.checks import remarks_on_rows
     from gaitsweep.job.yaml_document import read_document
 
     fields = read_document(job_file).data
@@ -315,8 +316,10 @@ def _size_of(job_file: Path) -> str:
         from gaitsweep.fitting.sensitivity_job import load_sensitivity
 
         return f"{load_sensitivity(job_file).design.n_rows} sets"
-    rows = load_job(job_file).plan.n_rows
-    return f"{rows} row{'s' * (rows != 1)}"
+    job = load_job(job_file)
+    for remark in remarks_on_rows(job.plan, job.model):
+        _tell(f"Warning: {job_file}: {remark}")
+    return f"{job.plan.n_rows} row{'s' * (job.plan.n_rows != 1)}"
 
 
 @app.command()

@@ -15,12 +15,15 @@ from gaitsweep.job.axes import Spread
 from gaitsweep.job.model_spec import ModelSpec
 from gaitsweep.job.plan import MOST_CHECKED, Plan, inside, must
 from gaitsweep.kinds import RUN_KINDS, RunKind
-from gaitsweep.kinds.diagnostics import Diagnostic, Path
+from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Path
 from gaitsweep.kinds.part import kind_of
 from gaitsweep.kinds.run_kind import Movement, table_columns
+from gaitsweep.models.conformity import NAMED, faults_of_rows
 from gaitsweep.plot.figure_kind import FigureKind, PlannedTable
 
 _CHUNK = 50_000
+# Rows at which a model's functions are evaluated before a job runs, and axes whose corners are among them.
+_TRIED, _CORNERED = 64, 5
 _MOST_TURNS = 20  # of a path, at each of which formulas are checked; of a longer one at its ends alone
 
 
@@ -107,6 +110,47 @@ def _between_its_ends(plan: Plan, name: str, quantity: Quantity) -> bool:
             ends = np.array([points.low, points.high], np.float64)
             return bool(inside(ends, quantity).all()) and not (points.logarithmic and ends.min() <= 0.0)
     return False
+
+
+def remarks_on_rows(plan: Plan, name: str) -> list[str]:
+    """What `check-model` would say of a user's model at some of a job's own rows, a sentence each.
+
+    The corners of the axes are among them, and all rows of a small job. A model of gaitsweep's own or with
+    `host_parameters` is not looked at, nor rows of which a formula has no value: their block says so.
+
+    Args:
+        plan: the job's rows.
+        name: that of the model in the job.
+    """
+    model = plan.model
+    if model.host_parameters or type(model).__module__.startswith("gaitsweep."):
+        return []
+    rows = _some_rows(plan)
+    try:
+        values, starts = plan.values_in(rows)
+        varied = plan.at(rows, plan.names[:NAMED])
+    except (ExpressionError, JobError):
+        return []
+
+    def where(place: int) -> str:
+        at = ", ".join(f"{name} = {each[place]:.6g}" for name, each in varied.items())
+        more = ", ..." if len(plan.names) > NAMED else ""
+        return f" at the start of row {rows[place]}" + (f" ({at}{more})" if at else "")
+
+    return [f"The model is {name}, {words}" for words in faults_of_rows(model, values, starts, where)]
+
+
+def _some_rows(plan: Plan) -> np.ndarray:
+    """`_TRIED` rows: the corners of the first axes, then others drawn from all; of fewer rows some twice."""
+    if plan.n_rows <= _TRIED:
+        return np.arange(_TRIED) % plan.n_rows  # as many, so that the same program evaluates them
+    axes = [place for place, group in enumerate(plan.groups) if group.length > 1][:_CORNERED]
+    corners = np.zeros(1, np.int64)
+    for place in axes:
+        last = (plan.groups[place].length - 1) * plan.stride(place)
+        corners = np.concatenate([corners, corners + last])
+    others = np.random.default_rng(0).integers(0, plan.n_rows, _TRIED - corners.size - 1)
+    return np.concatenate([corners, others, [plan.n_rows - 1]])
 
 
 def _check_path(plan: Plan, spec: ModelSpec, run: RunKind, movement: Movement) -> list[Diagnostic]:

@@ -1,7 +1,8 @@
 """Tests of a model against the contract.
 
 `fault` looks at a model's quantities and traces its functions, before any job of a user's model runs.
-`faults` also evaluates them, at the defaults and over the ranges of parameters and starts.
+`faults` also evaluates them, at the defaults and over the ranges of parameters and starts, `faults_of_rows`
+at the rows of a job.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declarations import Event, Mode, Variable
 from gaitsweep.dynamics.declared_model import ARMING, Declared
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
@@ -33,7 +35,10 @@ _NUMBER = jax.ShapeDtypeStruct((), float)
 _SAMPLE, _JUMPS = 64, 16
 _WIDE = 100.0  # times the reach about a default: bounds that are further apart only clip it
 _UNSET = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
-_NAMED = 8  # values that a sentence about a point names
+NAMED = 8  # values that a sentence about a point names
+
+
+Where = Callable[[int], str]  # words that say at which of some points something is
 
 
 class _Fault(Exception):
@@ -357,7 +362,7 @@ def faults(kind: type[Model]) -> list[str]:
     if (found := fault(model)) is not None:
         return list(dict.fromkeys([*wrong, _traced(model) or found])) if wrong else [found]
     try:
-        return [*_by_value(model), *_over_ranges(model)]
+        return list(_by_value(model))
     except ExpressionError as error:
         return [f"a default of which has no value: {error}"]
 
@@ -441,78 +446,173 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         yield f"whose {name} has the scale {quantity.scale:g}, which must be above 0."
 
 
-def _by_value(model: Model) -> Iterator[str]:
-    """Faults that show at the defaults: numbers that are not finite, types and modes that change."""
-    values = _defaults(model.parameters, {})
-    known = {name: jnp.asarray(value) for name, value in model.on_host(values).items()}
-    first = {name: each[0] if jnp.ndim(each) else each for name, each in known.items()}
-    params = model.params(first)
-    start = _defaults(model.initial_conditions, values)
-    state = model.init(params, {name: jnp.asarray(start[name][0]) for name in start})
-    yield from _not_finite("init", state)
-    yield from _not_finite("observe", model.observe(params, state))
-    yield from _not_finite("signal", model.signal(params, state))
-    if bool(model.failed(params, state)):
-        yield "but its function failed says that its default start has fallen."
-    if isinstance(model, HybridModel):
-        rates = model.flow(params, state)
-        yield from _not_finite("flow", rates)
-        guards = model.guards(params, state)
-        yield from _not_finite("guards", guards)
-        quiet = jnp.zeros(guards.shape, bool)
-    else:
-        assert isinstance(model, FixedStepDynamics)
-        after = jax.jit(model.step)(
-            params, state, jnp.asarray(1e-6)
-        )  # a simulator has thousands of operations
-        yield from _not_finite("step", after)
-        quiet = jnp.zeros(model.events(params, state, after).shape, bool)
-    still = model.jump(params, state, quiet)
-    for (path, old), new in zip(jax.tree.leaves_with_path(state), jax.tree.leaves(still), strict=True):
-        field = jax.tree_util.keystr(path).lstrip(".")
-        if not np.array_equal(old, new, equal_nan=True):
-            yield f"but its function jump changes {field} where nothing fired: use jnp.where(fired[i], ...)."
-    if bool(model.section(params, state, quiet)):
-        yield "but its function section closes a cycle where no event has fired."
+@dataclasses.dataclass(frozen=True)
+class _Begun:
+    """What a model's functions give at starts; leaves (n, ...).
+
+    `rates` and `guards` are those of a model with a flow, `stepped` is the state of one without after 1e-6 s.
+    `still` is the state after a jump, and `closes` whether a cycle ends, where no event has fired.
+    """
+
+    params: Any
+    state: Any
+    observed: Any
+    signals: Any
+    gait: Any
+    period: Any
+    fallen: Any
+    rates: Any
+    guards: Any
+    stepped: Any
+    still: Any
+    closes: Any
+    beyond: dict[str, Any]
+
+    @property
+    def own_state(self) -> dict[str, Any]:
+        """The state less what arms its events, which is NaN where a guard is."""
+        return {name: each for name, each in vars(self.state).items() if name != ARMING}
 
 
-def _over_ranges(model: Model) -> Iterator[str]:
-    """Faults that show at some start, of a sample over the ranges of parameters and starts."""
-    costly = model.host_parameters or not isinstance(model, HybridModel)  # bodies of a simulator
-    values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
-    known = {name: jnp.asarray(each) for name, each in model.on_host(values).items()}
+jax.tree_util.register_dataclass(_Begun)
 
-    def begun(values: Any, start: Any) -> Any:
+
+@cached_by_content(maxsize=16)
+def _begun(model: Model) -> Callable[[Any, Any], _Begun]:
+    """`(values, starts) -> _Begun` of points."""
+
+    def of_one(values: Any, start: Any) -> _Begun:
         params = model.params(values)
         state = model.init(params, start)
         observed = model.observe(params, state)
-        gait = jnp.asarray(model.label(params, observed)["gait"], int)
-        return params, state, observed, gait, jnp.asarray(model.period(params), float)
+        rates = guards = stepped = None
+        if isinstance(model, HybridModel):
+            rates, guards = model.flow(params, state), model.guards(params, state)
+            quiet = jnp.zeros(guards.shape, bool)
+        else:
+            assert isinstance(model, FixedStepDynamics)
+            stepped = model.step(params, state, jnp.asarray(1e-6))
+            quiet = jnp.zeros(model.events(params, state, stepped).shape, bool)
+        return _Begun(
+            params=params,
+            state=state,
+            observed=observed,
+            signals=model.signal(params, state),
+            gait=jnp.asarray(model.label(params, observed)["gait"], int),
+            period=jnp.asarray(model.period(params), float),
+            fallen=jnp.asarray(model.failed(params, state)),
+            rates=rates,
+            guards=guards,
+            stepped=stepped,
+            still=model.jump(params, state, quiet),
+            closes=jnp.asarray(model.section(params, state, quiet)),
+            beyond=model.beyond_at_start(params, state),
+        )
 
-    params, state, observed, gait, period = jax.jit(jax.vmap(begun))(known, starts)
+    # run once, on few points: what the compiler's optimisation takes is lost
+    return jax.jit(jax.vmap(of_one), compiler_options={"xla_backend_optimization_level": 0})
+
+
+def _by_value(model: Model) -> Iterator[str]:
+    """Faults that show at the defaults, then those that show over the ranges of parameters and starts."""
+    # a simulator has thousands of operations, and each set of its parameters is a body
+    costly = model.host_parameters or not isinstance(model, HybridModel)
+    values, starts = sample(model, _SAMPLE // 8 if costly else _SAMPLE)
+    found, known = _at_points(model, values, starts), {**values, **starts}
+    default = jax.tree.map(lambda leaf: leaf[:1], found)
+    if bool(default.fallen[0]):
+        yield "but its function failed says that its default start has fallen."
+    if default.guards is not None:
+        yield from _not_finite("guards", default.guards, lambda row: written(known, row))
+    yield from _sound(default, lambda row: written(known, row))
+    yield from _in_order(model, found, lambda row: written(known, row))
+
+
+def faults_of_rows(
+    model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray], where: Where
+) -> list[str]:
+    """What `faults` finds of a model, at parameters and starts (n,) of a job's own rows.
+
+    Args:
+        model, values, starts: the rows; a model without `host_parameters`.
+        where: words that say which row is meant, by its place among these: " at the start of row 3".
+
+    Returns:
+        As `fault`: words that continue a sentence after the model's name.
+    """
+    found = _at_points(model, values, starts)
+    said = [*_sound(found, where), *_in_order(model, found, where)]
+    if np.all(found.fallen):
+        said.append(
+            f"but its function failed says that the start has fallen{where(0)} and in all others tried."
+        )
+    known = True if found.guards is None else ~np.any(np.isnan(found.guards), axis=1)
+    for name, beyond in found.beyond.items():
+        if (there := np.flatnonzero(beyond & known)).size:
+            said.append(
+                f"which begins on or beyond the surface of its event {name!r}{where(int(there[0]))}: "
+                "the event happens only after its function has been below zero."
+            )
+    return said
+
+
+def _at_points(model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray]) -> _Begun:
+    with jax.default_device(host_device()):
+        # NumPy's arrays: JAX would compile each comparison of them
+        return jax.device_get(_begun(model)(dict(model.on_host(values)), dict(starts)))
+
+
+def _sound(found: _Begun, where: Where) -> Iterator[str]:
+    """Faults of starts: numbers that are not finite, and what changes where nothing has fired."""
+    numbers = {
+        "init": found.own_state,
+        "observe": found.observed,
+        "signal": found.signals,
+        "flow": found.rates,
+        "step": found.stepped,
+    }
+    for name, given in numbers.items():
+        yield from _not_finite(name, given, where)
+    for (path, old), new in zip(
+        jax.tree.leaves_with_path(found.state), jax.tree.leaves(found.still), strict=True
+    ):
+        field = jax.tree_util.keystr(path).lstrip(".")
+        rows = _rows((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
+        if rows.size:
+            at = where(int(rows[0]))
+            text = f"but its function jump changes {field} where nothing fired{at}"
+            yield f"{text}: use jnp.where(fired[i], ...)."
+    if (closed := np.flatnonzero(found.closes)).size:
+        yield f"but its function section closes a cycle where no event has fired{where(int(closed[0]))}."
+
+
+def _in_order(model: Model, found: _Begun, where: Where) -> Iterator[str]:
+    """Faults of periods, labels and events that show at some start."""
+    period, gait = found.period, found.gait
     if (wrong := np.flatnonzero(~((period > 0.0) & (period < math.inf)))).size:
-        at = written(values, int(wrong[0]))
+        at = where(int(wrong[0]))
         yield f"but its function period gives {period[wrong[0]]:g}{at}, where it gives seconds above 0."
-    seen = np.all([np.isfinite(each) for each in observed.values()], axis=0)
+    seen = np.all([np.isfinite(each) for each in found.observed.values()], axis=0)
     if (wrong := np.flatnonzero(seen & ~((gait >= 0) & (gait < len(model.gaits))))).size:
-        at = written({**values, **starts}, int(wrong[0]))
+        at = where(int(wrong[0]))
         yield (
             f"but its function label gives gait {gait[wrong[0]]}{at}, where it gives an index into its "
             f"gaits: 0 to {len(model.gaits) - 1}."
         )
     if not isinstance(model, HybridModel):
         return
-    guards = jax.vmap(model.guards)(params, state)
-    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(state)]
+    params, state, guards = found.params, found.state, found.guards
+    assert guards is not None
+    leaves = [np.reshape(leaf, (len(guards), -1)) for leaf in jax.tree.leaves(found.own_state)]
     sound = np.all(np.concatenate([np.isfinite(np.asarray(leaf, float)) for leaf in leaves], axis=1), axis=1)
     if (wrong := np.flatnonzero(sound & np.any(np.isnan(guards), axis=1))).size:
-        at = written({**values, **starts}, int(wrong[0]))
+        at = where(int(wrong[0]))
         guard = int(np.flatnonzero(np.isnan(guards[wrong[0]]))[0])
         yield f"but its function guards gives NaN for {_guard(model, guard)}{at}, where it never happens."
     if model.simultaneous == "independent":
         apart = _dependent(model, params, state)
         for i, j in np.argwhere(np.any(apart, axis=0)).tolist():
-            at = written({**values, **starts}, int(np.argmax(apart[:, i, j])))
+            at = where(int(np.argmax(apart[:, i, j])))
             yield (
                 f'whose simultaneous is "independent", but the events {_guard(model, i)} and '
                 f"{_guard(model, j)} lead to different states in turn and in one jump{at}: leave it out."
@@ -523,7 +623,7 @@ def _over_ranges(model: Model) -> Iterator[str]:
         return
     fires = _without_end(model, params, state)
     for guard in np.flatnonzero(np.any(fires, axis=0)).tolist():
-        at = written({**values, **starts}, int(np.argmax(fires[:, guard])))
+        at = where(int(np.argmax(fires[:, guard])))
         yield f"whose event {_guard(model, guard)} is not ended by its jump: it happens without end{at}."
 
 
@@ -610,14 +710,7 @@ def written(values: Mapping[str, np.ndarray], row: int) -> str:
     differ = [f"{name} = {each[row]:.6g}" for name, each in values.items() if each[row] != each[0]]
     if not differ:
         return " at the model's defaults"
-    return " at " + ", ".join(differ[:_NAMED]) + (", ..." if len(differ) > _NAMED else "")
-
-
-def _defaults(quantities: Iterable[Quantity], known: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """The defaults of quantities, (1,) each; the middle of its bounds where one has none."""
-    formulas = {q.name: q.default if isinstance(q.default, str) else _middle(q) for q in quantities}
-    found = resolve(formulas, {name: float(value[0]) for name, value in known.items()})
-    return {name: np.array([float(found[name])]) for name in formulas}
+    return " at " + ", ".join(differ[:NAMED]) + (", ..." if len(differ) > NAMED else "")
 
 
 def _middle(quantity: Quantity) -> float:
@@ -626,9 +719,15 @@ def _middle(quantity: Quantity) -> float:
     return float(np.clip(1.0, quantity.low, quantity.high) if quantity.default is None else quantity.default)
 
 
-def _not_finite(name: str, found: Any) -> Iterator[str]:
+def _not_finite(name: str, found: Any, where: Where) -> Iterator[str]:
     for path, leaf in jax.tree.leaves_with_path(found):
-        if not np.all(np.isfinite(np.asarray(leaf, float))):
+        numbers = np.asarray(leaf, float)
+        if (wrong := _rows(~np.isfinite(numbers))).size:
             field = jax.tree_util.keystr(path).strip(".[]'")
-            where = f" for {field}" if field else ""
-            yield f"but its function {name} gives {np.asarray(leaf)}{where} at the model's defaults."
+            of = f" for {field}" if field else ""
+            yield f"but its function {name} gives {numbers[wrong[0]]}{of}{where(int(wrong[0]))}."
+
+
+def _rows(flags: np.ndarray) -> np.ndarray:
+    """The rows of flags (n, ...) of which one is set."""
+    return np.flatnonzero(np.any(np.reshape(flags, (len(flags), -1)), axis=1))

@@ -18,6 +18,7 @@ from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
+from gaitsweep.job.checks import remarks_on_rows
 from gaitsweep.runs.figures import draw_of_complete
 from gaitsweep.runs.makers import continue_directory
 from gaitsweep.runs.prepare import Prepared, naming_the_file, prepare
@@ -89,6 +90,8 @@ def run_job(
         if missing:
             for caveat in work.model.caveats():
                 tell(f"Warning: {caveat}")
+            for remark in remarks_on_rows(ready.plan, job.model):
+                tell(f"Warning: {remark}")
             if _rows_leave_the_host_idle(ready):
                 check.begin()
             _run_missing(ready, directory, missing, progress, cluster)

@@ -152,3 +152,17 @@ def test_what_is_wrong_with_a_model_is_a_sentence(number: int, tmp_path: Path, c
 def test_what_is_no_model_is_refused_as_by_a_job(capsys: Capture) -> None:
     assert "did you mean multilegged?" in refused(capsys, "check-model", "multileged")
     assert "does not import" in refused(capsys, "check-model", "nowhere:Model")
+
+
+def test_check_warns_of_a_jobs_own_rows(tmp_path: Path, capsys: Capture) -> None:
+    """The job is good, but the second row begins below the floor."""
+    (tmp_path / "falls.py").write_text(MODEL)
+    Path("falls.yaml").write_text(
+        "{name: falls, model: falls:Good, vary: {z_0: [1, -1]}, run: {kind: settle}}"
+    )
+    assert main(["check", "falls.yaml"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == "falls.yaml: good, 2 rows\n"
+    (told,) = printed.err.splitlines()
+    assert told.startswith("Warning: falls.yaml: ")
+    assert "event 'lands' at the start of row 1 (z_0 = -1)" in told

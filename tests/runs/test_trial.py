@@ -9,8 +9,12 @@ import pytest
 from sweeping import scalars
 
 import gaitsweep as gs
+from gaitsweep import models
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.slip_runner import STANCE, SlipRunner
+from gaitsweep.job.checks import _some_rows, remarks_on_rows
+from gaitsweep.job.plan import Plan
+from gaitsweep.models.conformity import faults
 from gaitsweep.runs.trial import _with_rates, trial
 
 
@@ -102,6 +106,105 @@ def test_a_run_remarks_rows_without_a_period() -> None:
     told = " ".join(str(each.message) for each in said)
     assert "period gave a number below 0 in 1 row (row 5)" in told
     assert result.manifest["dt"] == [pytest.approx(3.0 / 32), pytest.approx(3.0 / 32)]
+
+
+class Roots(Unlabelled):
+    """Its wall is nowhere from x = 3 on, its flow from x = 5 on; from 4 on it jumps unasked."""
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": -(p.w**2) * s.x + 0.0 * jnp.sqrt(5.0 - s.x)}
+
+    @gs.event("wall")
+    def wall(self, p, s):
+        return jnp.log(3.0 - s.x) - 9.0
+
+    @wall.jump
+    def rebound(self, p, s):
+        return s.replace(v=-s.v)
+
+    def jump(self, p, s, fired):
+        after = super().jump(p, s, fired)
+        return after.replace(v=jnp.where(s.x > 4.0, 0.5, after.v))
+
+
+class Tips(Unlabelled):
+    """Its frequency decides whether its starts have fallen, or lie beyond an event that ends nothing."""
+
+    @gs.event("tips", rising=False, during=lambda s: s.v < 9.0)
+    def tips(self, p, s):
+        return p.w - 5.0
+
+    @tips.jump
+    def tipped(self, p, s):
+        return s.replace(v=1.1 * s.v)
+
+    def failed(self, p, s):
+        return p.w > 7.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "axes", "words"),
+    [
+        (Swings, {"x_0": [1.0, 2.0, -2.0]}, ["label gives gait 2 at the start of row 2 (x_0 = -2)"]),
+        (Swings, {"x_0": [1.0, 12.0]}, ["surface of its event 'wall' at the start of row 1 (x_0 = 12)"]),
+        (Timed, {"w": [2.0, 3.7], "x_0": [0.5, 1.0]}, ["period gives -0.2 at the start of row 2 (w = 3.7,"]),
+        (Roots, {"x_0": [1.0, 3.5]}, ["guards gives NaN for 'wall' at the start of row 1"]),
+        (
+            Roots,
+            {"x_0": [1.0, 4.5, 6.0]},
+            ["flow gives nan for v at the start of row 2", "jump changes v where nothing fired", "guards"],
+        ),
+        (Tips, {"w": [2.0, 6.0]}, ["event 'tips' is not ended by its jump", "row 1 (w = 6)"]),
+        (Tips, {"w": [8.0, 9.0]}, ["failed says that the start has fallen", "not ended"]),
+        (Swings, {"x_0": [0.5, 0.6], "w": [1.0, 2.0]}, []),
+    ],
+)
+def test_what_is_wrong_with_a_model_at_a_jobs_own_rows(
+    kind: type[gs.HybridModel], axes: dict, words: list[str]
+) -> None:
+    """`check-model` looks at the ranges that a model declares; a job may leave them."""
+    told = " ".join(remarks_on_rows(plan_of(kind, axes), "mine:Model"))
+    assert [each for each in words if each not in told] == []
+    assert bool(told) == bool(words)
+
+
+def plan_of(kind: type[gs.HybridModel], axes: dict) -> Plan:
+    return gs.Job(name="own", model=models.name_of(kind), vary=axes, run=gs.Settle()).plan
+
+
+def test_a_run_says_it_before_a_row_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise InterruptedError
+
+    monkeypatch.setattr("gaitsweep.runs.execute._run_missing", stop)
+    with (
+        pytest.warns(UserWarning, match="surface of its event 'wall' at the start of row 1") as said,
+        pytest.raises(InterruptedError),
+    ):
+        gs.sweep(Unlabelled, x_0=[1.0, 12.0], run=gs.Settle(max_cycles=20), verify=0)
+    assert len(said) == 1
+
+
+def test_check_model_names_a_guard_that_has_no_value_at_some_start() -> None:
+    assert ["guards gives NaN for 'wall' at " in each for each in faults(Narrow)] == [True]
+
+
+class Narrow(Roots):
+    """Its wall is nowhere from x = 3 on."""
+
+    x = gs.variable("m", "position", 1.0, scale=1.0, low=0.0, high=4.0)
+
+
+def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
+    lines = {"x_0": {"linspace": [0.5, 1.0, 300]}, "w": {"linspace": [1.0, 3.5, 300]}, "v_0": [0.0, 0.1]}
+    plan = plan_of(Timed, lines)
+    rows = _some_rows(plan)
+    assert rows.min() == 0
+    assert rows.max() == plan.n_rows - 1
+    ends = {(x, w, v) for x in (0.5, 1.0) for w in (1.0, 3.5) for v in (0.0, 0.1)}
+    assert ends <= set(zip(*plan.at(rows, ["x_0", "w", "v_0"]).values(), strict=True))
+    (told,) = remarks_on_rows(plan, "swing:Timed")
+    assert told.startswith("The model is swing:Timed, but its function period gives")
 
 
 def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
