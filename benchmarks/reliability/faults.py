@@ -73,8 +73,6 @@ FAULTS = {
               '*(start[f"psi_{i}"] for i in range(1, self.N + 1))',
               '*(start[f"psi_{i}"] for i in range(self.N, 0, -1))'),
         Fault("contact on the longest leg", _CHAIN + "model.py", "gap = s.x - length\n", "gap = s.x - p.L\n"),
-        Fault("lags of the theory, a sign", _CHAIN + "theory/solution_sets.py",
-              "* jnp.pi - reset(chain)", "* jnp.pi + reset(chain)"),
     ),
     "aoi2011": (
         Fault("waist twice as fast", _WAIST + "model.py", 'TWO_PI * v["f"]', '2.0 * TWO_PI * v["f"]'),
