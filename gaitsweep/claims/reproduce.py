@@ -193,9 +193,11 @@ def _judge(
         ours = MEASURES[claim.measure](*[table_of(name) for name in claim.of], **claim.with_)
     except ExpressionError as error:  # the question is wrong, not the answer
         return None, ClaimVerdict.not_run, f"a condition cannot be evaluated: {error.sentence}"
-    except UserError as error:  # the tables are there, and do not show it
+    except (UserError, ArithmeticError, LookupError, ValueError) as error:
+        # the tables are there, and do not show it: rows that fell have no cycles to take a mean of
         missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
-        return None, missed, error.sentence
+        told = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        return None, missed, told
     return ours, verdict(claim, ours), ""
 
 

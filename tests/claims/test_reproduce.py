@@ -106,9 +106,16 @@ def test_a_job_that_fails_harms_no_other(
 @pytest.mark.slow
 def test_a_job_whose_config_is_gone_harms_no_other(table_of_claims: Path, tmp_path: Path) -> None:
     table_of_claims.with_name("bad.yaml").write_text("name: bad\nconfig: gone.yaml\nrun: {kind: settle}\n")
+    of_tau = (
+        "measure: distance_over_lag, of: [basins],\n     with: {low: 0.1, high: 0.5}, paper: 1, tolerance: 1"
+    )
+    of_words = "measure: texts, of: [basins],\n     with: {column: nothing}, paper: a"
+    table_of_claims.write_text(CLAIMS.replace(of_words, of_tau))
     found = reproduce(read_paper(table_of_claims), tmp_path / "out").table.set_index("id")
     assert found["verdict"][["all_settle", "of_lost"]].tolist() == ["reproduced", "not run"]
     assert found["constants"][["all_settle", "of_lost"]].tolist() == ["defaults", ""]
+    # nor does a measure that does not fit the table
+    assert found.loc["not_there", ["verdict", "why"]].tolist() == ["not", "KeyError: 'tau'"]
 
 
 @pytest.mark.parametrize(

@@ -262,7 +262,7 @@ def _loads_of_trace(trace: pd.DataFrame, pairs: pd.DataFrame) -> pd.DataFrame:
             begins = onsets.get((row, fore), np.zeros(0)), onsets.get((row, hind), np.zeros(0))
             found = stances.of_pair((fore, hind), begins, float(shift.loc[row, number]))
             records.append({"row": row, "pair_number": number} | found)
-    return pd.DataFrame(records)
+    return pd.DataFrame(records, columns=["row", "pair_number", *MEASURES])
 
 
 class _Stances:
