@@ -28,6 +28,9 @@ class PaperJob(Part):
     """A sweep that claims are measured from."""
 
     job: Stem = Field(description="file of the job, in sweeps/ or beside the table of claims")
+    set_: dict[str, Any] = Field(
+        default={}, alias="set", description="fields of the job that are replaced, dotted, such as its config"
+    )
     quick: dict[str, Any] | Literal[False] = Field(
         default={}, description="fields of the job that --quick replaces, dotted; false leaves the job out"
     )

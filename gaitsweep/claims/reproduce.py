@@ -14,7 +14,7 @@ import yaml
 
 from gaitsweep.claims.measure import MEASURES, Value
 from gaitsweep.claims.page import page
-from gaitsweep.claims.paper import Claim, Paper
+from gaitsweep.claims.paper import Claim, Paper, PaperJob
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
@@ -126,7 +126,7 @@ def reproduce(
             tables[name] = load(path)
         return tables[name]
 
-    sources = {name: _source(paper.job_file(name)) for name in paper.jobs}
+    sources = {name: _source(paper.job_file(name), paper.jobs[name]) for name in paper.jobs}
     rows = []
     for written, judged in asked:
         began = time.perf_counter()
@@ -155,7 +155,8 @@ def _run(
     """Run one job, or continue it; a failure becomes a sentence."""
     job = paper.jobs[name]
     file = paper.job_file(name)
-    overrides = [f"{key}={_inline(value)}" for key, value in job.quick.items()] if quick and job.quick else []
+    fields = job.set_ | (job.quick if quick and job.quick else {})
+    overrides = [f"{key}={_inline(value)}" for key, value in fields.items()]
     command = " ".join([f"gaitsweep run {_short(file)}", *(f"--set '{each}'" for each in overrides)])
     began = time.perf_counter()
     try:
@@ -244,10 +245,10 @@ def _row(
     }
 
 
-def _source(file: Path) -> tuple[str, str]:
+def _source(file: Path, job: PaperJob) -> tuple[str, str]:
     """The model of a job's file, and the file of its constants by name; empty texts if it cannot be read."""
     try:
-        data = read_document(file).data
+        data = {**read_document(file).data, **job.set_}
         if "config" not in data:
             return str(data.get("model", "")), "defaults"
         config = file.parent / str(data["config"])

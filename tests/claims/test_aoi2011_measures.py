@@ -55,6 +55,14 @@ def test_widths_by_group_and_change_of_transitions(stairs: pd.DataFrame) -> None
     assert change == pytest.approx(0.3)
 
 
+def test_the_range_in_which_both_branches_stand(stairs: pd.DataFrame) -> None:
+    both = stairs.assign(mass=1.0)
+    (width,) = measures.ranges_of_both(both, observable="delta_13", parameter="f", apart=0.5, by="mass")
+    assert width == pytest.approx(2.0 * FOLD, abs=2.0 * STAIR)
+    (none,) = measures.ranges_of_both(both, observable="delta_13", parameter="f", apart=3.0, by="mass")
+    assert none == 0.0
+
+
 def test_directions_in_which_the_upper_branch_is_lost(stairs: pd.DataFrame) -> None:
     found = measures.directions_of_loss(stairs, stairs, observable="delta_13", parameters=["f", "f"])
     assert found == ["falling", "falling"]

@@ -296,6 +296,29 @@ def hysteresis_widths(
 
 
 @measure
+def ranges_of_both(
+    table: pd.DataFrame, *, observable: str, parameter: str, apart: float, by: str
+) -> list[float]:
+    """Length of the parameter's range in which settled holds are apart, for each value of `by`.
+
+    Args:
+        table: a staircase's table.
+        observable: an angle, whose two values at one parameter differ by more than `apart` (rad).
+        parameter: the parameter that moves; each of its values stands for one stair.
+        by: the column of the groups.
+    """
+    settled = table.loc[table["settled"].astype(bool)]
+    stairs = settled[parameter].round(9)
+    stair = float(np.diff(np.unique(stairs.to_numpy())).min())
+    lengths = dict.fromkeys(sorted(table[by].unique()), 0.0)
+    for place, holds in settled.groupby([settled[by], stairs]):
+        angles = holds[f"{observable}_n"].to_numpy(float)
+        if np.ptp(wrapped_difference(angles - angles[0])) > apart:
+            lengths[place[0]] += stair
+    return list(lengths.values())
+
+
+@measure
 def gait_lost_at(
     table: pd.DataFrame, *, parameter: str, gait: str, direction: str, start: str = "delta_13"
 ) -> float:
