@@ -236,7 +236,7 @@ class Model(Jumps):
 
     @property
     def label_fields(self) -> tuple[Quantity, ...]:
-        """The fields that `label` returns beside `gait`."""
+        """The fields that `label` returns beside `gait`; `gait_...` is an index into `gaits` too."""
         return ()
 
     @property

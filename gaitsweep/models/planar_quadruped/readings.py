@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.matsuoka import FLEXOR
-from gaitsweep.models.planar_quadruped.cycle import FORE_1, FORE_2, HIND_1, HIND_2, LF
+from gaitsweep.models.planar_quadruped.cycle import BREAK, FORE_1, FORE_2, HIND_1, HIND_2, LF
 from gaitsweep.models.planar_quadruped.mechanics import (
     HIP,
     KNEE,
@@ -52,8 +52,16 @@ OBSERVABLES = (
                  symbol=rf"\bar\delta_{i}", scale=1.0)
         for i in _PAIRS
     ),
+    *(
+        Quantity(f"delta_{i}_touchdown", "cycles", f"delta_{i}_mean by touchdowns in place of swing onsets: of a "
+                 f"foot on the ground after {1e3 * BREAK:g} ms or more in the air",
+                 symbol=rf"\bar\delta_{i}^\mathrm{{td}}", scale=_FOLLOWS)
+        for i in _PAIRS
+    ),
     Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
     Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
+    Quantity("length_touchdown", "1", "the same of touchdowns; 0 where feet do not leave the ground",
+             scale=_FOLLOWS),
     Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
     Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
     Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle", scale=1.0),
@@ -72,6 +80,15 @@ OBSERVABLES = (
              symbol=r"P_\mathrm{knee}", scale=_FOLLOWS),
     Quantity("cost_of_transport", "1", "both powers over weight times speed", symbol="c",
              scale=_FOLLOWS),
+)  # fmt: skip
+
+# `gait` is by delta_1_mean and delta_2_mean: swing onsets, where a flexor's potential crosses 0 upwards. The foot
+# lifts off near it.
+LABEL_FIELDS = (
+    Quantity("margin", "cycles", "smaller distance of delta_1_mean and delta_2_mean from the threshold, or from "
+             "half a cycle: to the next label", source="the project's"),
+    Quantity("gait_by_touchdowns", "gait", "as gait (which is by swing onsets), by delta_1_touchdown and "
+             "delta_2_touchdown at the same threshold", source="the project's"),
 )  # fmt: skip
 
 SIGNALS = (
@@ -93,7 +110,8 @@ SIGNALS = (
 def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
-    shifts, mean, lengths = c.shifts(), c.average.shifts(), c.average.lengths()
+    shifts, (mean, landed) = c.shifts()[0], c.average.shifts()
+    lengths = c.average.lengths().min(axis=1)
     once, twice = c.average.pitch_shares()
     of_legs = {
         "since": c.clock - c.onset,
@@ -114,8 +132,11 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "flight": c.flight,
         "delta_1_mean": mean[0],
         "delta_2_mean": mean[1],
+        "delta_1_touchdown": landed[0],
+        "delta_2_touchdown": landed[1],
         "antiphase": between - jnp.floor(between),
-        "length": lengths.min(),
+        "length": lengths[0],
+        "length_touchdown": lengths[1],
         "variation": c.average.variation(),
         "pitch_mean": c.pitch_mean,
         "pitch_range": c.pitch_range,
