@@ -59,13 +59,18 @@ def gaits(
 def gait_bouts(
     directory: Directory,
     by: Annotated[str, typer.Option("--by", metavar="NAME", help="family, gait or gait_at_0.05.")] = "family",
+    cycles: Annotated[int, typer.Option("--cycles", min=1, help="Strides that a gait is read from.")] = 3,
+    least: Annotated[int, typer.Option("--least", min=1, help="Readings in a bout; shorter ones go.")] = 3,
 ) -> None:
     """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
     from gaitsweep.analysis.transitions import gait_bouts as bouts
 
-    found = bouts.gait_bouts(bouts.gaits_along(_table(directory)), by, least=3)
+    found = bouts.gait_bouts(bouts.gaits_along(_table(directory), cycles=cycles), by, least)
     for row, mine in found.groupby("row"):
-        each = [f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")]
+        each = [
+            f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" + f" ({s['windows']})" * (s["windows"] < 3)
+            for s in mine.to_dict("records")
+        ]
         print(f"row {row}, m/s: {', '.join(each)}")
 
 

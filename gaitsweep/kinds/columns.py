@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import HybridModel, Model, Quantity, Status
+from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.engine.sweep.block import BlockResult
-from gaitsweep.engine.sweep.labels import names_gait
 
 UNKNOWN_GAIT = "unknown"  # of a row whose label is no index of a gait; the label follows
 STATUSES = [status.name for status in Status if status is not Status.running]

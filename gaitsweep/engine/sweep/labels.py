@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import host_device
@@ -44,11 +44,6 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
         else np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan)
         for k, v in labels.items()
     }
-
-
-def names_gait(label: str) -> bool:
-    """Whether a label holds indices of gaits: `gait`, or a field `gait_...`."""
-    return label == "gait" or label.startswith("gait_")
 
 
 def gait_codes(labels: np.ndarray) -> np.ndarray:
