@@ -102,10 +102,18 @@ def gait_thresholds(
         tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
     ] = (-math.inf, math.inf),
 ) -> None:
-    """Count the rows with each gait for several thresholds of a shift, with the gaits' order of speed."""
-    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
+    """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
+    from gaitsweep.analysis.gaits.gait_tables import gaits_in
+    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold, shift_sizes
 
-    _print(gaits_by_threshold(_table(directory), window=window))
+    table = _table(directory)
+    _print(gaits_by_threshold(table, window=window))
+    found = gaits_in(table, window=window)
+    print("\nSizes of the shifts of both pairs, cycles, and which the threshold reads as in phase:")
+    _print(shift_sizes(found), 2)
+    if "gait_by_touchdowns" in found:
+        same = int((found["gait"].astype(str) == found["gait_by_touchdowns"].astype(str)).sum())
+        print(f"\n{same} of {len(found)} rows have the same gait by touchdowns ({100 * same / len(found):.1f} %).")
 
 
 @app.command()

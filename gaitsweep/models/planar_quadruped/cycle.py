@@ -1,7 +1,8 @@
 """Online measurement of gait cycles: swing onsets, touchdowns, mean loads and pitch in stance and late stance.
 
 A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. It touches down where its foot bears
-load after `BREAK` or more in the air; shorter breaks of contact belong to one stance. Late stance is its last part, of
+load after `BREAK` or more in the air; shorter breaks of contact belong to one stance. A leg that touches down
+twice in a cycle, or not at all, has no phase by touchdowns. Late stance is its last part, of
 the share `LATE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
 """
 
@@ -18,7 +19,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle
 BREAK = 0.06  # s
-SEEN = 1.5  # cycles of LF: touchdowns before that are not of the last cycle
+RECENT = 1.5  # cycles of LF: what came before is not of the last cycle
 STILL = 1.0e-6  # rad, of the root mean square of a pitch that is no oscillation
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
@@ -115,7 +116,7 @@ class Cycle:
     """The measurements so far; legs are in the order of `LEGS`.
 
     `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; `loaded` s when its
-    foot bore load last, `landed` s of its last touchdown; the integrals
+    foot bore load last, `landed` and `again` s of the last touchdowns, the first in a cycle or not; the integrals
     `stance` and `late` of its current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`,
     `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`,
     `pitch_high` rad, `pitch_sums` (6,) as `_pitch_products` says, `aloft` s without a foot on the ground; for
@@ -129,6 +130,7 @@ class Cycle:
     period: jax.Array
     loaded: jax.Array
     landed: jax.Array
+    again: jax.Array
     stance: Sums
     late: Sums
     stance_load: jax.Array
@@ -169,7 +171,7 @@ def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
     shifts = jnp.zeros((2, 3), x.dtype)
     none = Sums(four, four, four)
     return Cycle(
-        clock=zero, onset=four, period=four, loaded=four - BREAK, landed=four, stance=none, late=none, stance_load=four, stance_pitch=four,
+        clock=zero, onset=four, period=four, loaded=four - BREAK, landed=four - BREAK, again=four - 1.0, stance=none, late=none, stance_load=four, stance_pitch=four,
         late_load=four, late_pitch=four, begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
         pitch_sums=six, aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
         average=Average(zero, shifts, shifts, zero, zero, six),
@@ -199,12 +201,14 @@ def followed(
     """
     c, before, after = cycle, u[0][FLEXOR], u[1][FLEXOR]
     stands = before <= 0.0
-    down = load > 0.0
+    down, now = load > 0.0, c.clock + dt
+    lands, first = down & (c.clock - c.loaded >= BREAK), c.landed < c.onset
     c = dataclasses.replace(
         c,
-        clock=c.clock + dt,
-        loaded=jnp.where(down, c.clock + dt, c.loaded),
-        landed=jnp.where(down & (c.clock - c.loaded >= BREAK), c.clock + dt, c.landed),
+        clock=now,
+        loaded=jnp.where(down, now, c.loaded),
+        landed=jnp.where(lands & first, now, c.landed),
+        again=jnp.where(lands & ~first, now, c.again),
         stance=c.stance.grown(stands, load, pitch, dt),
         late=c.late.grown(stands & (c.clock >= c.onset + (1.0 - LATE) * c.period), load, pitch, dt),
         pitch_sum=c.pitch_sum + dt * pitch,
@@ -255,8 +259,9 @@ def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle
     lasted = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
     apart, square, *waves = c.pitch_sums / lasted
     before = c.pitch_mean  # what `pitch_sums` are counted from
-    seen = jnp.all(c.clock - c.landed <= SEEN * lasted)
-    known = jnp.stack([jnp.ones_like(lasted), jnp.where(seen, 1.0, 0.0)])[:, None]
+    begin = c.clock - RECENT * lasted
+    once = jnp.all((c.landed >= begin) & (c.again < begin))
+    known = jnp.stack([jnp.ones_like(lasted), jnp.where(once, 1.0, 0.0)])[:, None]
     of_pitch = jnp.stack([before + apart, before * before + 2.0 * before * apart + square, *waves])
     ended = dataclasses.replace(
         c,

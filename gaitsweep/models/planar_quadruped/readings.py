@@ -60,7 +60,7 @@ OBSERVABLES = (
     ),
     Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
     Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
-    Quantity("length_touchdown", "1", "the same of touchdowns; 0 where feet do not leave the ground",
+    Quantity("length_touchdown", "1", "the same of touchdowns; legs that do not touch down once a cycle lower it",
              scale=_FOLLOWS),
     Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
     Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
