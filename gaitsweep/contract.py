@@ -241,7 +241,7 @@ class Model(Jumps):
 
     @property
     def label_fields(self) -> tuple[Quantity, ...]:
-        """The fields that `label` returns beside `gait`; that of a name `gait_...` is an index into `gaits` too."""
+        """The fields that `label` returns beside `gait`; those named `gait_...` are indices of gaits too."""
         return ()
 
     @property

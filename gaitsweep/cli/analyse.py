@@ -68,7 +68,8 @@ def gait_bouts(
     found = bouts.gait_bouts(bouts.gaits_along(_table(directory), cycles=cycles), by, least)
     for row, mine in found.groupby("row"):
         each = [
-            f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" + f" ({s['windows']})" * (s["windows"] < 3)
+            f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}"
+            + f" ({s['windows']})" * (s["windows"] < 3)
             for s in mine.to_dict("records")
         ]
         print(f"row {row}, m/s: {', '.join(each)}")
@@ -112,8 +113,9 @@ def gait_thresholds(
     print("\nSizes of the shifts of both pairs, cycles, and which the threshold reads as in phase:")
     _print(shift_sizes(found), 2)
     if "gait_by_touchdowns" in found:
-        same = int((found["gait"].astype(str) == found["gait_by_touchdowns"].astype(str)).sum())
-        print(f"\n{same} of {len(found)} rows have the same gait by touchdowns ({100 * same / len(found):.1f} %).")
+        same = found["gait"].astype(str) == found["gait_by_touchdowns"].astype(str)
+        share = f"{same.sum()} of {len(same)} rows ({100 * same.mean():.1f} %)"
+        print(f"\n{share} have the same gait by touchdowns.")
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""The effect of the threshold on the gaits of a table: how many rows have each, and where their shifts lie."""
+"""The effect of the threshold on the gaits of a table: the rows with each, and the sizes of their shifts."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ def shift_sizes(found: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFra
         threshold: largest shift of a pair in phase, cycles: a whole number of bins.
 
     Returns:
-        One record a bin of .01: low and high (cycles), read_as (in phase, or shifted: on which side of the
-        threshold it is), shifts (their number), and by_touchdowns, the number of those by touchdowns in the rows
-        with a gait by them, where `found` has these.
+        One record a bin of .01: low and high (cycles), read_as (in phase or shifted, by the threshold),
+        shifts (their number) and, where `found` has them, by_touchdowns (the number of those by touchdowns,
+        in rows with one of the nine gaits by them).
     """
     edges = _WIDTH * np.arange(round(0.5 / _WIDTH) + 1)
     counts = {}

@@ -1,9 +1,9 @@
-"""Online measurement of gait cycles: swing onsets, touchdowns, mean loads and pitch in stance and late stance.
+"""Online measurement of gait cycles: swing onsets, touchdowns, and mean loads and pitch in stance.
 
-A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. It touches down where its foot bears
-load after `BREAK` or more in the air; shorter breaks of contact belong to one stance. A leg that touches down
-twice in a cycle, or not at all, has no phase by touchdowns. Late stance is its last part, of
-the share `LATE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
+A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. It touches down where its foot
+bears load after `BREAK` or more in the air; shorter breaks of contact belong to one stance. Where it does
+so twice in a cycle, or not at all, it has no phase by touchdowns. Late stance is its last part, of the
+share `LATE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle
 BREAK = 0.06  # s
-RECENT = 1.5  # cycles of LF: what came before is not of the last cycle
+RECENT = 1.5  # cycles of LF
 STILL = 1.0e-6  # rad, of the root mean square of a pitch that is no oscillation
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
@@ -55,9 +55,9 @@ class Average:
     """Exponentially weighted averages over the last cycles; weights decay by 1/memory a cycle.
 
     `weight` is the sum of all weights, which tends to 1; `cosines` and `sines` (2, 3) are those of delta_1,
-    delta_2 and the fore legs' shift, by swing onsets and by touchdowns; `period` s; `square` s2, of the period; `pitch` (6,) the means of the
-    pitch (rad), of its square (rad2), and of its products (rad) with the cosine and the sine of the phase in
-    LF's cycle and of twice that phase.
+    delta_2 and the fore legs' shift, by swing onsets and by touchdowns; `period` s; `square` s2, of the
+    period; `pitch` (6,) the means of the pitch (rad), of its square (rad2), and of its products (rad) with
+    the cosine and the sine of the phase in LF's cycle and of twice that phase.
     """
 
     weight: jax.Array
@@ -115,14 +115,15 @@ class Average:
 class Cycle:
     """The measurements so far; legs are in the order of `LEGS`.
 
-    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; `loaded` s when its
-    foot bore load last, `landed` and `again` s of the last touchdowns, the first in a cycle or not; the integrals
-    `stance` and `late` of its current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`,
-    `late_pitch` (rad) of its last cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`,
-    `pitch_high` rad, `pitch_sums` (6,) as `_pitch_products` says, `aloft` s without a foot on the ground; for
-    its last cycle: `speed` m/s, `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its
-    last cycles; `closed`: LF's cycle ended in the last step. `work` (2,) J is the positive work of hips and
-    of knees in LF's current cycle, `power` (2,) W its mean rate in the last one.
+    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; `loaded` s when
+    its foot bore load last, `landed` s of the last touchdown that was the first in a cycle, `irregular` s
+    when a second one or the end of a cycle without any came last; the integrals `stance` and `late` of its
+    current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`, `late_pitch` (rad) of its last
+    cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`, `pitch_high` rad, `pitch_sums`
+    (6,) as `_pitch_products` says, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s,
+    `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's
+    cycle ended in the last step. `work` (2,) J is the positive work of hips and of knees in LF's current
+    cycle, `power` (2,) W its mean rate in the last one.
     """
 
     clock: jax.Array
@@ -130,7 +131,7 @@ class Cycle:
     period: jax.Array
     loaded: jax.Array
     landed: jax.Array
-    again: jax.Array
+    irregular: jax.Array
     stance: Sums
     late: Sums
     stance_load: jax.Array
@@ -171,8 +172,9 @@ def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
     shifts = jnp.zeros((2, 3), x.dtype)
     none = Sums(four, four, four)
     return Cycle(
-        clock=zero, onset=four, period=four, loaded=four - BREAK, landed=four - BREAK, again=four - 1.0, stance=none, late=none, stance_load=four, stance_pitch=four,
-        late_load=four, late_pitch=four, begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
+        clock=zero, onset=four, period=four, loaded=four - BREAK, landed=four - BREAK, irregular=four - 1.0,
+        stance=none, late=none, stance_load=four, stance_pitch=four, late_load=four, late_pitch=four,
+        begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
         pitch_sums=six, aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
         average=Average(zero, shifts, shifts, zero, zero, six),
         closed=jnp.zeros((), bool), work=two, power=two,
@@ -208,7 +210,7 @@ def followed(
         clock=now,
         loaded=jnp.where(down, now, c.loaded),
         landed=jnp.where(lands & first, now, c.landed),
-        again=jnp.where(lands & ~first, now, c.again),
+        irregular=jnp.where(lands & ~first, now, c.irregular),
         stance=c.stance.grown(stands, load, pitch, dt),
         late=c.late.grown(stands & (c.clock >= c.onset + (1.0 - LATE) * c.period), load, pitch, dt),
         pitch_sum=c.pitch_sum + dt * pitch,
@@ -226,6 +228,7 @@ def followed(
     late_load, late_pitch = c.late.means()
     c = dataclasses.replace(
         c,
+        irregular=jnp.where(begins & (c.landed < c.onset), c.clock, c.irregular),
         onset=jnp.where(begins, onset, c.onset),
         period=jnp.where(begins, onset - c.onset, c.period),
         stance=c.stance.cleared(begins),
@@ -259,8 +262,7 @@ def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle
     lasted = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
     apart, square, *waves = c.pitch_sums / lasted
     before = c.pitch_mean  # what `pitch_sums` are counted from
-    begin = c.clock - RECENT * lasted
-    once = jnp.all((c.landed >= begin) & (c.again < begin))
+    once = jnp.all(c.irregular < c.clock - RECENT * lasted)
     known = jnp.stack([jnp.ones_like(lasted), jnp.where(once, 1.0, 0.0)])[:, None]
     of_pitch = jnp.stack([before + apart, before * before + 2.0 * before * apart + square, *waves])
     ended = dataclasses.replace(

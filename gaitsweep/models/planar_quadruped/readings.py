@@ -53,15 +53,15 @@ OBSERVABLES = (
         for i in _PAIRS
     ),
     *(
-        Quantity(f"delta_{i}_touchdown", "cycles", f"delta_{i}_mean by touchdowns in place of swing onsets: of a "
-                 f"foot on the ground after {1e3 * BREAK:g} ms or more in the air",
+        Quantity(f"delta_{i}_touchdown", "cycles", f"delta_{i}_mean by touchdowns, not swing onsets: of feet "
+                 f"that were in the air for {1e3 * BREAK:g} ms or more",
                  symbol=rf"\bar\delta_{i}^\mathrm{{td}}", scale=_FOLLOWS)
         for i in _PAIRS
     ),
     Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
     Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
-    Quantity("length_touchdown", "1", "the same of touchdowns; legs that do not touch down once a cycle lower it",
-             scale=_FOLLOWS),
+    Quantity("length_touchdown", "1", "the same of touchdowns; a leg that does not touch down once a cycle "
+             "lowers it", scale=_FOLLOWS),
     Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
     Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
     Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle", scale=1.0),
@@ -82,13 +82,11 @@ OBSERVABLES = (
              scale=_FOLLOWS),
 )  # fmt: skip
 
-# `gait` is by delta_1_mean and delta_2_mean: swing onsets, where a flexor's potential crosses 0 upwards. The foot
-# lifts off near it.
 LABEL_FIELDS = (
-    Quantity("margin", "cycles", "smaller distance of delta_1_mean and delta_2_mean from the threshold, or from "
-             "half a cycle: to the next label", source="the project's"),
-    Quantity("gait_by_touchdowns", "gait", "as gait (which is by swing onsets), by delta_1_touchdown and "
-             "delta_2_touchdown at the same threshold", source="the project's"),
+    Quantity("margin", "cycles", "smaller distance of delta_1_mean and delta_2_mean, by which the gait is "
+             "named, from the threshold or half a cycle: to the next gait"),
+    Quantity("gait_by_touchdowns", "gait", "the gait by delta_1_touchdown and delta_2_touchdown; `gait` is "
+             "by swing onsets, where flexors become active"),
 )  # fmt: skip
 
 SIGNALS = (
