@@ -219,7 +219,9 @@ def _by_touchdowns(trace: pd.DataFrame, onsets: dict[str, np.ndarray]) -> tuple[
         cycles, first = np.unique(np.searchsorted(onsets[leg], down[after]), return_index=True)
         landed[leg] = down[after][first]
         irregular += [*np.delete(down[after], first)]
-        irregular += [end for k, end in enumerate(onsets[leg]) if k not in cycles]
+        lasted = np.diff(onsets[leg], prepend=0.0)
+        long = lasted > 0.5 * np.median(np.diff(onsets["LF"]))
+        irregular += [end for k, end in enumerate(onsets[leg]) if k not in cycles and long[k]]
     assert len(irregular) < 4
     waves, weight = np.zeros(3, complex), 0.0
     for begin, end in zip(onsets["LF"][:-1], onsets["LF"][1:], strict=True):

@@ -19,7 +19,7 @@ from gaitsweep.models.planar_quadruped.nine_gaits import LEGS, PAIRS
 
 LATE = 0.15  # of a cycle
 BREAK = 0.06  # s
-RECENT = 1.5  # cycles of LF
+RECENT, SHORT = 1.5, 0.5  # cycles of LF
 STILL = 1.0e-6  # rad, of the root mean square of a pitch that is no oscillation
 LF = LEGS.index("LF")
 (FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
@@ -224,11 +224,13 @@ def followed(
     rise = after - before
     whole = c.onset[LF] > 0.0  # the first cycle is incomplete
     onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
+    # the touch of a foot may make a flexor silent again for some steps: that is no cycle
+    whole_cycle = begins & (c.clock - c.onset > SHORT * c.period[LF])
     stance_load, stance_pitch = c.stance.means()
     late_load, late_pitch = c.late.means()
     c = dataclasses.replace(
         c,
-        irregular=jnp.where(begins & (c.landed < c.onset), c.clock, c.irregular),
+        irregular=jnp.where(whole_cycle & (c.landed < c.onset), c.clock, c.irregular),
         onset=jnp.where(begins, onset, c.onset),
         period=jnp.where(begins, onset - c.onset, c.period),
         stance=c.stance.cleared(begins),
