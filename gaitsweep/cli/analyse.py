@@ -84,12 +84,15 @@ def loading_rule(
     predict: Annotated[
         bool, typer.Option("--predict", help="Loads of trots without feedback, shifts of the walks with it.")
     ] = False,
+    pairs: Annotated[bool, typer.Option("--pairs", help="List each pair of legs instead.")] = False,
 ) -> None:
     """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
     from gaitsweep.analysis.gaits import loading_rule as rule
 
     table = _table(directory)
-    if predict:
+    if pairs:
+        found = rule.pairs_in(table)
+    elif predict:
         found = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
     else:
         found = rule.loading_rule(table, split=split)
