@@ -174,7 +174,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return signalled(params, state)
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """One of the nine gaits by the mean shifts; unsteady if they or the period vary."""
+        """One of the nine gaits, by swing onsets and by touchdowns; unsteady if shifts or period vary."""
         o = observations
         steady = (o["variation"] <= MOST_VARIATION) & (jnp.abs(o["antiphase"] - 0.5) <= APART)
 
