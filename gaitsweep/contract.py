@@ -117,6 +117,11 @@ class Quantity:
     whole: bool = False
 
 
+def names_gait(label: str) -> bool:
+    """Whether a label holds an index of a gait: `gait` itself, or a label field `gait_...`."""
+    return label == "gait" or label.startswith("gait_")
+
+
 # Members that were renamed, of a `Model` and of a `Chart`: old name, new name.
 RENAMED = {"starts": "initial_conditions", "traits": "label_fields"}
 RENAMED_OF_CHARTS = {"kept": "conserved_values"}
@@ -236,7 +241,7 @@ class Model(Jumps):
 
     @property
     def label_fields(self) -> tuple[Quantity, ...]:
-        """The fields that `label` returns beside `gait`."""
+        """The fields that `label` returns beside `gait`; those named `gait_...` are indices of gaits too."""
         return ()
 
     @property

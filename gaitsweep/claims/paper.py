@@ -73,6 +73,9 @@ class Claim(Part):
         default="",
         description="why no simulation can turn the verdict: a value or a rule that the model is given",
     )
+    step: str = Field(
+        default="", description="what finer steps give, where these turn the verdict: it is `not` then"
+    )
     open: str = Field(default="", description="constants that the paper does not give, where these decide")
     tried: str = Field(default="", description="what was tried where the paper's value is not reached")
     figure: Stem | Literal[""] = Field(default="", description="figure of the first job that shows it")

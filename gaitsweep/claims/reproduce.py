@@ -199,7 +199,7 @@ def _judge(
         missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
         told = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         return None, missed, told
-    return ours, verdict(claim, ours), ""
+    return ours, verdict(claim, ours), claim.step and f"finer steps turn it: {claim.step}"
 
 
 def _row(

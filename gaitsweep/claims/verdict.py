@@ -29,7 +29,7 @@ class ClaimVerdict(enum.StrEnum):
 
 _SENTENCES = {
     ClaimVerdict.reproduced: "our value agrees with the paper's within the tolerance",
-    ClaimVerdict.not_reproduced: "our value does not agree with the paper's",
+    ClaimVerdict.not_reproduced: "our value does not agree with the paper's, or no longer at a finer step",
     ClaimVerdict.open_constants: "it does not agree, and the paper leaves out constants that decide it",
     ClaimVerdict.definition: "the model or its labels are made so: no simulation could turn it",
     ClaimVerdict.answered: "the paper leaves the question open; what is found here holds in this run too",
@@ -45,6 +45,8 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
         ours: what its measure returned.
     """
     if agrees(claim, ours):
+        if claim.step:
+            return ClaimVerdict.not_reproduced
         if claim.definition:
             return ClaimVerdict.definition
         return ClaimVerdict.answered if claim.asked else ClaimVerdict.reproduced

@@ -59,13 +59,19 @@ def gaits(
 def gait_bouts(
     directory: Directory,
     by: Annotated[str, typer.Option("--by", metavar="NAME", help="family, gait or gait_at_0.05.")] = "family",
+    cycles: Annotated[int, typer.Option("--cycles", min=1, help="Strides that a gait is read from.")] = 3,
+    least: Annotated[int, typer.Option("--least", min=1, help="Readings in a bout; shorter ones go.")] = 3,
 ) -> None:
     """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
     from gaitsweep.analysis.transitions import gait_bouts as bouts
 
-    found = bouts.gait_bouts(bouts.gaits_along(_table(directory)), by, least=3)
+    found = bouts.gait_bouts(bouts.gaits_along(_table(directory), cycles=cycles), by, least)
     for row, mine in found.groupby("row"):
-        each = [f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}" for s in mine.to_dict("records")]
+        each = [
+            f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}"
+            + f" ({s['windows']})" * (s["windows"] < 3)
+            for s in mine.to_dict("records")
+        ]
         print(f"row {row}, m/s: {', '.join(each)}")
 
 
@@ -78,12 +84,15 @@ def loading_rule(
     predict: Annotated[
         bool, typer.Option("--predict", help="Loads of trots without feedback, shifts of the walks with it.")
     ] = False,
+    pairs: Annotated[bool, typer.Option("--pairs", help="List each pair of legs instead.")] = False,
 ) -> None:
     """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
     from gaitsweep.analysis.gaits import loading_rule as rule
 
     table = _table(directory)
-    if predict:
+    if pairs:
+        found = rule.pairs_in(table)
+    elif predict:
         found = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
     else:
         found = rule.loading_rule(table, split=split)
@@ -97,10 +106,19 @@ def gait_thresholds(
         tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
     ] = (-math.inf, math.inf),
 ) -> None:
-    """Count the rows with each gait for several thresholds of a shift, with the gaits' order of speed."""
-    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
+    """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
+    from gaitsweep.analysis.gaits.gait_tables import gaits_in
+    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold, shift_sizes
 
-    _print(gaits_by_threshold(_table(directory), window=window))
+    table = _table(directory)
+    _print(gaits_by_threshold(table, window=window))
+    found = gaits_in(table, window=window)
+    print("\nSizes of the shifts of both pairs, cycles, and which the threshold reads as in phase:")
+    _print(shift_sizes(found), 2)
+    if "gait_by_touchdowns" in found:
+        same = found["gait"].astype(str) == found["gait_by_touchdowns"].astype(str)
+        share = f"{same.sum()} of {len(same)} rows ({100 * same.mean():.1f} %)"
+        print(f"\n{share} have the same gait by touchdowns.")
 
 
 @app.command()

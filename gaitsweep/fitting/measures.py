@@ -13,7 +13,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 from gaitsweep import near_miss
 from gaitsweep.analysis.continuation import floquet
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.contract import Model, Status, Verdict
+from gaitsweep.contract import Model, Status, Verdict, names_gait
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_in
@@ -26,7 +26,7 @@ MOST_CONDITIONS = 10_000  # rows of one measure
 
 _MULTIPLIER, _UNSTABLE = "multiplier", "unstable"
 # Columns of names, and the row's number, which have no mean.
-_WORDS = ("row", "status", "stalled_by", "slowest", "gait")
+_WORDS = ("row", "status", "stalled_by", "slowest")
 
 SOUND = Status.of(Verdict.sound)
 FAILED = Status.of(Verdict.failed)
@@ -469,7 +469,7 @@ def _end(name: str, columns: Iterable[str]) -> str:
 
 def _numbers(columns: Sequence[str]) -> list[str]:
     """The names of columns of numbers, those at the end without their suffix too."""
-    numbers = [name for name in columns if name not in _WORDS]
+    numbers = [name for name in columns if name not in _WORDS and not names_gait(name)]
     return [*numbers, *(name.removesuffix("_end") for name in numbers if name.endswith("_end"))]
 
 

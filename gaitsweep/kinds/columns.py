@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import HybridModel, Model, Quantity, Status
+from gaitsweep.contract import HybridModel, Model, Quantity, Status, names_gait
 from gaitsweep.engine.recorders.recorder import unpacked
 from gaitsweep.engine.sweep.block import BlockResult
 
@@ -112,7 +112,11 @@ def observed(
 
 def traits(model: Model) -> list[Column]:
     """What the model reads together with the gait."""
-    return [Column(q.name, lambda records, q=q: records.label(q.name), q, False) for q in model.label_fields]
+
+    def read(records: Records, name: str) -> Any:
+        return gaits(model, records.label(name, -1)) if names_gait(name) else records.label(name)
+
+    return [Column(q.name, lambda records, q=q: read(records, q.name), q, False) for q in model.label_fields]
 
 
 def signals(model: Model) -> list[Column]:

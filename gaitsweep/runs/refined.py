@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gaitsweep.contract import Status, Verdict
+from gaitsweep.contract import Status, Verdict, names_gait
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.refine import ALONE, UNKNOWN, Grid, inferred, wanted
 from gaitsweep.engine.sweep.sweep import Timings, sweep
@@ -168,10 +168,12 @@ def _write_parts(
 def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
     plan, model, n = ready.plan, ready.plan.model, rows.size
-    traits = {q.name: np.zeros(n, like[q.name].to_numpy().dtype) for q in model.label_fields}
-    for trait in traits.values():
-        if trait.dtype.kind == "f":
-            trait[:] = np.nan
+
+    def unread(name: str) -> np.ndarray:
+        kind = like[name].to_numpy().dtype
+        return np.full(n, -1) if names_gait(name) else np.full(n, np.nan if kind.kind == "f" else 0, kind)
+
+    traits = {q.name: unread(q.name) for q in model.label_fields}
     nothing = BlockResult(
         first=0,
         status=np.full(n, Status.inferred, np.int32),

@@ -8,7 +8,8 @@ import pytest
 from gait_traces import crossings_of, ends, ideal_phases, trace_of
 
 from gaitsweep.analysis.gaits.gait_measures import gait_measures
-from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
+from gaitsweep.analysis.gaits.gait_tables import gaits_in
+from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold, shift_sizes
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
 from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
@@ -37,7 +38,10 @@ def test_a_gait_has_the_medians_of_its_rows() -> None:
         np.array([-0.2, -0.2, -0.2, 0.0]), np.zeros(4), np.zeros(4), axes={"sigma": [0.1, 0.1, 0.1, 0.5]}
     )
     table = table.assign(flight_end=[0.0, 0.1, 0.3, 0.2], cost_of_transport_end=[1.0, 2.0, 4.0, 3.0])
-    found = gait_measures(table, ["sigma"]).set_index("gait")
+    table = table.assign(margin=[0.13, 0.02, 0.01, 0.07])
+    found = gait_measures(table, ["sigma", "gait"]).set_index("gait")
+    assert found.loc["D-walk", "delta_1_mean"] == -0.2
+    assert list(found["margin"]) == [0.02, 0.07]
     assert list(found["rows"]) == [3, 1]
     assert found.loc["D-walk", "flight"] == 0.1
     assert found.loc["D-walk", "cost_of_transport"] == 2.0
@@ -67,6 +71,22 @@ def test_gaits_by_threshold_come_from_onsets() -> None:
     assert found.loc[0.05, "order"] == "walk gallop"
     with pytest.raises(AnalysisError, match="No threshold"):
         gaits_by_threshold(table, ())
+
+
+def test_shifts_are_counted_on_either_side_of_the_threshold() -> None:
+    """Two shifts a row; an unsteady row has none, and by touchdowns the second row has no gait."""
+    table = ends(np.array([-0.065, 0.075, 0.2, 0.1]), np.zeros(4), np.zeros(4))
+    table.loc[3, "gait"] = "unsteady"
+    landed = pd.Categorical(["D-walk", "unsteady", "L-walk", "trot"], table["gait"].cat.categories)
+    table = table.assign(gait_by_touchdowns=landed, delta_1_touchdown_end=0.155, delta_2_touchdown_end=0.0)
+    found = shift_sizes(gaits_in(table))
+    assert len(found) == 21
+    shown = found[found["shifts"] > 0]
+    np.testing.assert_allclose(shown["low"], [0.06, 0.07, 0.19], atol=0.011)
+    assert list(shown["shifts"]) == [2, 2, 2]
+    assert list(shown["read_as"]) == ["in phase", "shifted", "shifted"]
+    assert found["by_touchdowns"].sum() == 6
+    assert list(found.loc[[0, 15], "by_touchdowns"]) == [3, 3]
 
 
 def test_transitions_up_and_down_with_their_hysteresis() -> None:

@@ -204,6 +204,36 @@ def test_crossings_tell_what_a_trace_shows(
         shift = (before[hind][-1] - before[fore][-1]) / last["period_n"]
         assert last[name] == pytest.approx((shift + 0.5) % 1.0 - 0.5, abs=1e-9)
     _check_means(trace, before, last, (begin, end))
+    shifts, lengths = _by_touchdowns(trace, times)
+    np.testing.assert_allclose(last[["delta_1_touchdown_n", "delta_2_touchdown_n"]], shifts[:2], atol=1e-9)
+    assert last["length_touchdown_n"] == pytest.approx(lengths.min(), abs=1e-9)
+
+
+def _by_touchdowns(trace: pd.DataFrame, onsets: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The mean shifts (3,) by the touchdowns in all samples of a trace, and their resultant lengths."""
+    t = trace["t"].to_numpy()
+    landed, irregular = {}, [-1.0]
+    for number, leg in enumerate(LEGS):
+        down = t[trace[f"contact_{number + 1}"].to_numpy() > 0.5]
+        after = np.diff(down, prepend=-1.0) - DT >= 0.06 - 1e-9
+        cycles, first = np.unique(np.searchsorted(onsets[leg], down[after]), return_index=True)
+        landed[leg] = down[after][first]
+        irregular += [*np.delete(down[after], first)]
+        lasted = np.diff(onsets[leg], prepend=0.0)
+        long = lasted > 0.5 * np.median(np.diff(onsets["LF"]))
+        irregular += [end for k, end in enumerate(onsets[leg]) if k not in cycles and long[k]]
+    assert len(irregular) < 4
+    waves, weight = np.zeros(3, complex), 0.0
+    for begin, end in zip(onsets["LF"][:-1], onsets["LF"][1:], strict=True):
+        now = np.ceil(end / DT - 1e-9) * DT
+        last = {leg: at[at <= now + 1e-9][-1] for leg, at in landed.items()}
+        pairs = (("LH", "RF"), ("RH", "LF"), ("LF", "RF"))
+        late = np.array([last[one] - last[other] for one, other in pairs])
+        recent = np.array(irregular)[np.array(irregular) <= now]
+        known = recent.max() < now - 1.5 * (end - begin)
+        waves += 0.1 * (known * np.exp(2j * np.pi * late / (end - begin)) - waves)
+        weight += 0.1 * (1.0 - weight)
+    return np.angle(waves) / (2.0 * np.pi), np.abs(waves) / weight
 
 
 @pytest.mark.parametrize("row", [0, 1])
@@ -314,12 +344,24 @@ def test_labels() -> None:
     model = PlanarQuadruped()
     params = params_of(model)
     seen = {"delta_1_mean": 0.1, "delta_2_mean": -0.1, "length": 0.96, "variation": 0.04, "antiphase": 0.5}
+    seen |= {"delta_1_touchdown": 0.1, "delta_2_touchdown": 0.0, "length_touchdown": 0.96}
 
-    def label(**changed: float) -> str:
+    def label(of: str = "gait", **changed: float) -> str:
         values = {name: jnp.asarray(value) for name, value in {**seen, **changed}.items()}
-        return model.gaits[int(model.label(params, values)["gait"])]
+        return model.gaits[int(model.label(params, values)[of])]
+
+    def margin(**changed: float) -> float:
+        values = {name: jnp.asarray(value) for name, value in {**seen, **changed}.items()}
+        return float(model.label(params, values)["margin"])
 
     assert label() == "RT-gallop"
+    assert label("gait_by_touchdowns") == "R-canter"
+    assert label("gait_by_touchdowns", length=0.5) == "R-canter"
+    assert label("gait_by_touchdowns", length_touchdown=0.94) == "unsteady"
+    # to the threshold of .07 from either side, and to half a cycle, where late becomes early
+    assert margin(delta_2_mean=0.06) == pytest.approx(0.01)
+    assert margin(delta_1_mean=0.2, delta_2_mean=-0.09) == pytest.approx(0.02)
+    assert margin(delta_1_mean=0.2, delta_2_mean=-0.495) == pytest.approx(0.005)
     assert label(delta_1_mean=0.06, delta_2_mean=0.0) == "trot"
     assert label(delta_1_mean=0.2, delta_2_mean=0.08) == "L-walk"
     assert label(length=0.94) == label(variation=0.06) == label(antiphase=0.1) == "unsteady"

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pandas as pd
 import pytest
+from gait_traces import ideal_phases
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import onsets
 from sweeping import complete, run_rows
@@ -20,9 +22,9 @@ from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.models.planar_quadruped import PlanarQuadruped
+from gaitsweep.models.planar_quadruped import PlanarQuadruped, cycle
 from gaitsweep.models.planar_quadruped.mechanics import mjcf
-from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, signs
 
 DURATION, READ = 24.0, 15.0  # s; what is read comes after READ
 WALKS, CANTERS = {"D-walk", "L-walk"}, {"uR-canter", "uL-canter", "R-canter", "L-canter"}
@@ -118,3 +120,71 @@ def test_the_compliant_foot_gives_mujocos_gaits_and_speeds() -> None:
         assert by_tree["gait"][place] in group, place
         speed = (walker.data.qpos[0] - x) / (DURATION - READ)
         assert by_tree["speed"][place] == pytest.approx(speed, rel=0.02), place
+
+
+PERIOD, STANCE = 0.5, 0.5  # s, share of a cycle
+
+
+@jax.jit
+def _followed(loads: jax.Array, onsets: jax.Array) -> cycle.Cycle:
+    """What is read of loads (n, 4) at each millisecond, on legs that begin to swing at phases (4,)."""
+    zero, dt = jnp.zeros(()), jnp.asarray(1e-3)
+
+    def flexors(t: jax.Array) -> jax.Array:
+        return jnp.tile(jnp.sin(2.0 * jnp.pi * (t / PERIOD - onsets)), (2, 1))
+
+    def step(read: cycle.Cycle, load: jax.Array) -> tuple[cycle.Cycle, None]:
+        u = flexors(read.clock), flexors(read.clock + dt)
+        return cycle.followed(read, u, load, zero, zero, jnp.zeros(2), jnp.asarray(10.0), dt), None
+
+    return jax.lax.scan(step, cycle.begun(zero, zero), loads)[0]
+
+
+def footfalls(gait: str, leg: str = "LF", at: float = 0.06, air: float = 0.0, each: int = 1) -> np.ndarray:
+    """Loads (n, 4) of a gait by its footfalls; `leg` lifts off for `air` s, `at` s after it touches down.
+
+    It does so in each stride, or only in every so manieth.
+    """
+    t = 1e-3 * np.arange(12000)
+    loads = np.zeros((t.size, 4))
+    for number, name in enumerate(LEGS):
+        strides, place = np.divmod(t / PERIOD - ideal_phases(gait, 0.2)[name] - 0.45, 1.0)
+        lifted = (name == leg) & (np.abs(place * PERIOD - at - 0.5 * air) < 0.5 * air) & (strides % each == 0)
+        loads[:, number] = np.where((place < STANCE) & ~lifted, 10.0, 0.0)
+    return loads
+
+
+def _by_touchdowns(loads: np.ndarray, by_onsets: str = "trot") -> tuple[str, str, np.ndarray]:
+    """The gait by onsets, that by touchdowns, and the shifts (2,) of the latter."""
+    onsets = np.array([ideal_phases(by_onsets, 0.2)[leg] for leg in LEGS])
+    model, average = PlanarQuadruped(), _followed(jnp.asarray(loads), jnp.asarray(onsets)).average
+    shifts, lengths = average.shifts(), average.lengths().min(axis=1)
+    seen = {"antiphase": jnp.asarray(0.5), "variation": average.variation()}
+    for row, (by, length) in enumerate((("mean", "length"), ("touchdown", "length_touchdown"))):
+        seen |= {f"delta_1_{by}": shifts[row, 0], f"delta_2_{by}": shifts[row, 1], length: lengths[row]}
+    named = model.label(model.params({name: v[0] for name, v in complete(model, {}, 1).items()}), seen)
+    gaits = [model.gaits[int(named[name])] for name in ("gait", "gait_by_touchdowns")]
+    return gaits[0], gaits[1], np.array(shifts[1, :2])
+
+
+@pytest.mark.parametrize("gait", CHART)
+def test_footfalls_name_their_gait_whatever_the_network_does(gait: str) -> None:
+    by_onsets, by_touchdowns, shifts = _by_touchdowns(footfalls(gait))
+    assert (by_onsets, by_touchdowns) == ("trot", gait)
+    np.testing.assert_allclose(shifts, 0.2 * np.array(signs(gait)), atol=0.004)  # steps of .002 of a cycle
+    assert _by_touchdowns(footfalls("trot"), by_onsets=gait)[:2] == (gait, "trot")
+
+
+@pytest.mark.parametrize("leg", LEGS)
+@pytest.mark.parametrize("gait", ["trot", "RT-gallop", "L-walk"])
+def test_a_break_of_40_ms_is_one_stance_and_one_of_80_ms_two(gait: str, leg: str) -> None:
+    assert _by_touchdowns(footfalls(gait, leg, air=0.04))[1] == gait
+    assert _by_touchdowns(footfalls(gait, leg, air=0.08))[1] == "unsteady"
+
+
+def test_feet_that_do_not_touch_down_in_each_stride_have_no_gait() -> None:
+    dragged = footfalls("trot")
+    dragged[:, LEGS.index("RH")] = 5.0
+    assert _by_touchdowns(dragged)[:2] == ("trot", "unsteady")
+    skipped = footfalls("trot", "RF", at=-0.001, air=STANCE * PERIOD + 0.002, each=2)
+    assert _by_touchdowns(skipped)[:2] == ("trot", "unsteady")

@@ -1,4 +1,4 @@
-"""Speed, period, flight, pitch and mechanical cost of transport of each gait, from where rows end."""
+"""Speed, period, flight, pitch, cost of transport and shifts of each gait, from where rows end."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ from gaitsweep.analysis.gaits.loading_rule import REPEATS
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
 
 MEASURES = (
-    "speed",
-    "period",
-    "flight",
-    "pitch_range",
-    "pitch_mean",
-    "power_hip",
-    "power_knee",
-    "cost_of_transport",
-)
+    "speed", "period", "flight", "pitch_range", "pitch_mean", "power_hip", "power_knee", "cost_of_transport",
+    "delta_1_mean", "delta_2_mean", "delta_1_touchdown", "delta_2_touchdown", "margin",
+)  # fmt: skip
 
 
 def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.DataFrame:
@@ -32,15 +26,19 @@ def gait_measures(table: pd.DataFrame, by: Sequence[str] | None = None) -> pd.Da
     Returns:
         One record for each set and gait: by, gait, rows, and the medians of those of `MEASURES` that the
         table has: speed (m/s), period (s), flight (share of a cycle), pitch_range and pitch_mean (rad),
-        power_hip and power_knee (W), cost_of_transport (1). Rows that fell are left out.
+        power_hip and power_knee (W), cost_of_transport (1), the pairs' shifts delta_1_mean, delta_2_mean and
+        those by touchdowns, and the margin to the next label (cycles). Rows that fell are left out.
 
     Raises:
         AnalysisError: the table does not have a column, or none of the measures.
     """
     require(table, "gait", "status")
     axes = [name for name in axes_of(table) if name not in REPEATS] if by is None else list(by)
+    axes = [name for name in axes if name != "gait"]
     require(table, *axes)
-    names = {f"{name}_end": name for name in MEASURES if f"{name}_end" in table.columns}
+    # a label's field has no suffix
+    read = {name: name if name in table.columns else f"{name}_end" for name in MEASURES}
+    names = {column: name for name, column in read.items() if column in table.columns}
     if not names:
         raise AnalysisError(f"The table has none of {', '.join(MEASURES)} where its rows end.")
     stood = table.loc[table["status"].astype(str) != "fell"]

@@ -51,7 +51,8 @@ def gaits_in(
     Returns:
         One record a row: row, swept axes, and the columns of `swing_onsets.gait_of`; for a settle table
         cycles, period, variation, delta_1, delta_2, antiphase, length (the least of the shifts), steady,
-        gait, gait_at_0.05 and margin.
+        gait, gait_at_0.05, margin and, where the table has them, gait_by_touchdowns, delta_1_touchdown and
+        delta_2_touchdown.
 
     Raises:
         AnalysisError: the table is of another kind, or does not have a column.
@@ -137,5 +138,10 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
         there = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
         found[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(found["steady"], there, told), list(GAITS))
     found["margin"] = margin(*shifts, thresholds[0])
+    if "gait_by_touchdowns" in table.columns:
+        landed = table["gait_by_touchdowns"].astype(object).fillna("none")
+        found["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
+        for name in ("delta_1_touchdown", "delta_2_touchdown"):
+            found[name] = table[f"{name}_end"].to_numpy(float)
     found.attrs["quantities"] = dict(IN_CYCLES)
     return found

@@ -51,9 +51,10 @@ def pairs_in(table: pd.DataFrame) -> pd.DataFrame:
     """The shift, loads and pitch of each diagonal pair of each steady row.
 
     Args:
-        table: a trace of `planar_quadruped` (u_f_LF, F_LF, ..., pitch), or a settle table of it. Late stance
-            is the last 15 % of a cycle before a leg begins to swing. Only a trace gives the loads of both
-            legs of a pair before the first swing (`load_together`, `tilt_together`).
+        table: a trace of `planar_quadruped` (u_f_LF, F_LF, ..., pitch) with every step, since a touchdown's
+            load lasts for a few, or a settle table of it. Late stance is the last 15 % of a cycle before a
+            leg begins to swing. Only a trace gives the loads of both legs of a pair before the first swing
+            (`load_together`, `tilt_together`).
 
     Returns:
         One record for each pair of a row with one of the nine gaits: row, swept axes, gait, pair_number (1:

@@ -1,4 +1,4 @@
-"""The effect of the threshold on the gaits of a table: how many rows have each, and their order of speed."""
+"""The effect of the threshold on the gaits of a table: the rows with each, and the sizes of their shifts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from gaitsweep.analysis.gaits.gait_tables import gaits_in
 from gaitsweep.analysis.gaits.repertoire import KINDS
 from gaitsweep.analysis.gaits.swing_onsets import GAITS
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, THRESHOLD
 
 THRESHOLDS = (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1)  # cycles
+_WIDTH = 0.01  # cycles
 
 
 def gaits_by_threshold(
@@ -55,6 +57,33 @@ def gaits_by_threshold(
         records.append({"threshold": threshold, "gaits": shown, **counts, "order": order})
     counted = pd.DataFrame(records)
     return counted.drop(columns=[name for name in GAITS if not np.any(counted[name].to_numpy(int))])
+
+
+def shift_sizes(found: pd.DataFrame, threshold: float = THRESHOLD) -> pd.DataFrame:
+    """The histogram of the sizes of both pairs' shifts, in rows with one of the nine gaits.
+
+    Args:
+        found: the result of `gait_tables.gaits_in`.
+        threshold: largest shift of a pair in phase, cycles: a whole number of bins.
+
+    Returns:
+        One record a bin of .01: low and high (cycles), read_as (in phase or shifted, by the threshold),
+        shifts (their number) and, where `found` has them, by_touchdowns (the number of those by touchdowns,
+        in rows with one of the nine gaits by them).
+    """
+    edges = _WIDTH * np.arange(round(0.5 / _WIDTH) + 1)
+    counts = {}
+    for number, gait, shifts in (
+        ("shifts", "gait", ["delta_1", "delta_2"]),
+        ("by_touchdowns", "gait_by_touchdowns", ["delta_1_touchdown", "delta_2_touchdown"]),
+    ):
+        if gait in found.columns:
+            sizes = found.loc[found[gait].isin(CHART), shifts].abs().to_numpy(float)
+            counts[number] = np.histogram(sizes, edges)[0]
+    sides = np.where(edges[1:] <= threshold + 0.5 * _WIDTH, "in phase", "shifted")
+    sizes = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "read_as": sides, **counts})
+    last = int(np.flatnonzero(sizes[list(counts)].any(axis=1)).max(initial=-1))
+    return sizes.iloc[: last + 1]
 
 
 def _speeds(table: pd.DataFrame, window: tuple[float, float]) -> dict[object, float]:

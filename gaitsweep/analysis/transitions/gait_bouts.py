@@ -77,7 +77,7 @@ def gait_bouts(along: pd.DataFrame, by: str = "family", least: int = 2) -> pd.Da
             ends = {f"{n}_{e}": at[n].iloc[i] for n in numbers for e, i in (("begin", 0), ("end", -1))}
             times = {"begin": at["t"].iloc[0], "end": at["t"].iloc[-1], "windows": len(at)}
             found.append({"row": row, by: names[kept[part[0]]], **times, **ends})
-    return pd.DataFrame(found)
+    return pd.DataFrame(found or {"row": [], by: []})
 
 
 def _windows(onsets: pd.DataFrame, cycles: int) -> tuple[pd.DataFrame, pd.DataFrame]:

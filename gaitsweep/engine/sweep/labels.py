@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.sweep.block import Block
 from gaitsweep.engine.sweep.lane import host_device
@@ -38,9 +38,12 @@ def labels_of(spec: SweepSpec, block: Block) -> dict[str, np.ndarray]:
             given = label({k: v[padded] for k, v in values.items()}, times, seen)
         parts.append({k: np.asarray(v)[:n] for k, v in given.items()})
     labels = {k: np.concatenate([part[k] for part in parts]) for k in parts[0]}
-    gait = np.where(good, gait_codes(labels.pop("gait")), -1).astype(np.int32)
-    fields = {k: np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan) for k, v in labels.items()}
-    return {"gait": gait, **fields}
+    return {
+        k: np.where(good, gait_codes(v), -1).astype(np.int32)
+        if names_gait(k)
+        else np.where(good, v, 0 if v.dtype.kind in "iu" else np.nan)
+        for k, v in labels.items()
+    }
 
 
 def gait_codes(labels: np.ndarray) -> np.ndarray:

@@ -35,9 +35,9 @@ from gaitsweep.models.planar_quadruped.mechanics import (
     forces_on_joints,
     joint_powers,
 )
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, place
+from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, margin, place
 from gaitsweep.models.planar_quadruped.parameters import PARAMETERS, STARTS
-from gaitsweep.models.planar_quadruped.readings import OBSERVABLES, SIGNALS, observed, signalled
+from gaitsweep.models.planar_quadruped.readings import LABEL_FIELDS, OBSERVABLES, SIGNALS, observed, signalled
 from gaitsweep.models.planar_quadruped.rhythm import Motors, Network, swinging
 from gaitsweep.models.planar_quadruped.state import Params, State
 from gaitsweep.near_miss import suggestion
@@ -93,6 +93,10 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
     @property
     def signals(self) -> tuple[Quantity, ...]:
         return SIGNALS
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return LABEL_FIELDS
 
     @property
     def _moved_by(self) -> PlanarBody:
@@ -170,12 +174,19 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
         return signalled(params, state)
 
     def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
-        """One of the nine gaits by the mean shifts; unsteady if they or the period vary."""
+        """One of the nine gaits, by swing onsets and by touchdowns; unsteady if shifts or period vary."""
         o = observations
-        steady = (o["length"] >= LEAST_LENGTH) & (o["variation"] <= MOST_VARIATION)
-        steady = steady & (jnp.abs(o["antiphase"] - 0.5) <= APART)
-        gait = place(o["delta_1_mean"], o["delta_2_mean"], params.threshold)
-        return {"gait": jnp.where(steady, gait, UNSTEADY)}
+        steady = (o["variation"] <= MOST_VARIATION) & (jnp.abs(o["antiphase"] - 0.5) <= APART)
+
+        def gait(by: str, length: jax.Array) -> jax.Array:
+            named = place(o[f"delta_1_{by}"], o[f"delta_2_{by}"], params.threshold)
+            return jnp.where(steady & (length >= LEAST_LENGTH), named, UNSTEADY)
+
+        return {
+            "gait": gait("mean", o["length"]),
+            "margin": margin(o["delta_1_mean"], o["delta_2_mean"], params.threshold, jnp),
+            "gait_by_touchdowns": gait("touchdown", o["length_touchdown"]),
+        }
 
     def failed(self, params: Params, state: State) -> jax.Array:
         """Whether the torso is too low or tilted."""

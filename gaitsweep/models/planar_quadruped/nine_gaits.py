@@ -40,14 +40,14 @@ def place(delta_1: Any, delta_2: Any, threshold: Any = THRESHOLD) -> Any:
     return 3 * _sign(delta_1, threshold) + _sign(delta_2, threshold) + 4
 
 
-def margin(delta_1: Any, delta_2: Any, threshold: Any = THRESHOLD) -> np.ndarray:
+def margin(delta_1: Any, delta_2: Any, threshold: Any = THRESHOLD, xp: Any = np) -> Any:
     """The smaller distance of the two shifts, in cycles, from the boundary to another gait.
 
     Boundaries are at the threshold, and at half a cycle, where late and early are the same: between walks it
-    is the pace, between gallops the bound.
+    is the pace, between gallops the bound. `xp` is NumPy, or jax.numpy for its arrays.
     """
-    sizes = np.abs(np.stack(np.broadcast_arrays(delta_1, delta_2)))
-    return np.minimum(np.abs(sizes - threshold), 0.5 - sizes).min(axis=0)
+    sizes = xp.abs(xp.stack(xp.broadcast_arrays(delta_1, delta_2)))
+    return xp.minimum(xp.abs(sizes - threshold), 0.5 - sizes).min(axis=0)
 
 
 def signs(gait: str) -> tuple[int, int]:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.matsuoka import FLEXOR
-from gaitsweep.models.planar_quadruped.cycle import FORE_1, FORE_2, HIND_1, HIND_2, LF
+from gaitsweep.models.planar_quadruped.cycle import BREAK, FORE_1, FORE_2, HIND_1, HIND_2, LF
 from gaitsweep.models.planar_quadruped.mechanics import (
     HIP,
     KNEE,
@@ -52,8 +52,16 @@ OBSERVABLES = (
                  symbol=rf"\bar\delta_{i}", scale=1.0)
         for i in _PAIRS
     ),
+    *(
+        Quantity(f"delta_{i}_touchdown", "cycles", f"delta_{i}_mean by touchdowns, not swing onsets: of feet "
+                 f"that were in the air for {1e3 * BREAK:g} ms or more",
+                 symbol=rf"\bar\delta_{i}^\mathrm{{td}}", scale=_FOLLOWS)
+        for i in _PAIRS
+    ),
     Quantity("antiphase", "cycles", "phase between the pairs' middles, 0 to 1, averaged likewise", scale=1.0),
     Quantity("length", "1", "least resultant length of both shifts and that of the fore legs", scale=1.0),
+    Quantity("length_touchdown", "1", "the same of touchdowns; a leg that does not touch down once a cycle "
+             "lowers it", scale=_FOLLOWS),
     Quantity("variation", "1", "coefficient of variation of the period over the last cycles", scale=1.0),
     Quantity("pitch_mean", "rad", "pitch over the last cycle, nose down positive", scale=1.0),
     Quantity("pitch_range", "rad", "largest less smallest pitch in the last cycle", scale=1.0),
@@ -72,6 +80,13 @@ OBSERVABLES = (
              symbol=r"P_\mathrm{knee}", scale=_FOLLOWS),
     Quantity("cost_of_transport", "1", "both powers over weight times speed", symbol="c",
              scale=_FOLLOWS),
+)  # fmt: skip
+
+LABEL_FIELDS = (
+    Quantity("margin", "cycles", "smaller distance of delta_1_mean and delta_2_mean, by which the gait is "
+             "named, from the threshold or half a cycle: to the next gait"),
+    Quantity("gait_by_touchdowns", "gait", "the gait by delta_1_touchdown and delta_2_touchdown; `gait` is "
+             "by swing onsets, where flexors become active"),
 )  # fmt: skip
 
 SIGNALS = (
@@ -93,7 +108,8 @@ SIGNALS = (
 def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
-    shifts, mean, lengths = c.shifts(), c.average.shifts(), c.average.lengths()
+    shifts, (mean, landed) = c.shifts()[0], c.average.shifts()
+    lengths = c.average.lengths().min(axis=1)
     once, twice = c.average.pitch_shares()
     of_legs = {
         "since": c.clock - c.onset,
@@ -114,8 +130,11 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
         "flight": c.flight,
         "delta_1_mean": mean[0],
         "delta_2_mean": mean[1],
+        "delta_1_touchdown": landed[0],
+        "delta_2_touchdown": landed[1],
         "antiphase": between - jnp.floor(between),
-        "length": lengths.min(),
+        "length": lengths[0],
+        "length_touchdown": lengths[1],
         "variation": c.average.variation(),
         "pitch_mean": c.pitch_mean,
         "pitch_range": c.pitch_range,
