@@ -1,9 +1,11 @@
-"""Where the files that come with gaitsweep are: configs, jobs, notebooks, models with their jobs."""
+"""Files that come with gaitsweep and its extensions: configs, jobs, notebooks, models with their jobs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+
+from gaitsweep.extension import folders
 
 _PACKAGE = Path(__file__).parent
 EXAMPLES = _PACKAGE / "examples"  # models with their jobs
@@ -21,12 +23,17 @@ def shipped(name: str) -> Path:
 
 def job_file(path: str | Path) -> Path:
     """The path of a job, or of the shipped one that `builtin:quick_basins` names."""
-    return _named(path, shipped("sweeps"), EXAMPLES) or Path(path)
+    return _named(path, *job_folders()) or Path(path)
 
 
 def config_file(path: str | Path, folder: Path) -> Path:
     """The path of a config that a job in `folder` names, or of the shipped one: `builtin:ambe2021`."""
-    return _named(path, shipped("configs")) or folder / path
+    return _named(path, *folders("configs")) or folder / path
+
+
+def job_folders() -> list[Path]:
+    """The folders of jobs that come with extensions, and that of the examples."""
+    return [*folders("jobs"), EXAMPLES]
 
 
 def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> str | None:
@@ -37,8 +44,8 @@ def shipped_as(file: Path, similar: Callable[[str, list[str]], str | None]) -> s
             where it is only similar.
         similar: the most similar name of a list, or None.
     """
-    names = sorted(each.stem for folder in (shipped("sweeps"), EXAMPLES) for each in folder.glob("*.yaml"))
-    if file.parent in (shipped("sweeps"), EXAMPLES):
+    names = sorted(each.stem for folder in job_folders() for each in folder.glob("*.yaml"))
+    if file.parent in job_folders():
         name = similar(file.stem, names)
     else:
         name = file.stem if file.stem in names else None
@@ -51,4 +58,4 @@ def _named(path: str | Path, *folders: Path) -> Path | None:
     if not name.startswith(BUILTIN):
         return None
     files = [folder / f"{Path(name.removeprefix(BUILTIN)).stem}.yaml" for folder in folders]
-    return next((file for file in files if file.is_file()), files[0])
+    return next((file for file in files if file.is_file()), files[0] if files else Path(name))

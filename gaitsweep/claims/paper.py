@@ -14,11 +14,12 @@ from pydantic import Field, TypeAdapter, ValidationError
 from gaitsweep import near_miss
 from gaitsweep.claims.measure import MEASURES
 from gaitsweep.errors import ArgumentError
+from gaitsweep.extension import folders
 from gaitsweep.job.yaml_document import Document, read_document
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic
 from gaitsweep.kinds.numbers import InvalidValue, Stem, read_stem
 from gaitsweep.kinds.part import Part
-from gaitsweep.shipped import shipped
+from gaitsweep.shipped import job_folders
 
 _Numbers = list[float]
 _Words = list[str]
@@ -107,7 +108,8 @@ class Paper(Part):
         """The file of one of the jobs."""
         written = self.jobs[name].job
         beside = self.file.parent / written
-        return beside if beside.is_file() else shipped("sweeps") / written
+        places = (beside, *(folder / written for folder in job_folders()))
+        return next((file for file in places if file.is_file()), beside)
 
     def only(self, names: Iterable[str]) -> Paper:
         """The paper with some of its claims.
@@ -122,8 +124,13 @@ class Paper(Part):
 
 
 def known_papers() -> list[str]:
-    """The papers whose claims come with gaitsweep."""
-    return sorted(file.stem for file in shipped("configs/claims").glob("*.yaml"))
+    """The papers whose claims come with gaitsweep and its extensions."""
+    return sorted(_tables())
+
+
+def _tables() -> dict[str, Path]:
+    """The tables of claims of all extensions, by the name of their paper."""
+    return {file.stem: file for folder in folders("claims") for file in folder.glob("*.yaml")}
 
 
 def read_paper(name: str | Path) -> Paper:
@@ -138,12 +145,12 @@ def read_paper(name: str | Path) -> Paper:
     """
     file = Path(name)
     if file.suffix not in (".yaml", ".yml"):
-        known = known_papers()
+        known = _tables()
         if str(name) not in known:
             raise ArgumentError(
                 f"{name} is no paper with a table of claims{near_miss.suggestion(str(name), known)}"
             )
-        file = shipped("configs/claims") / f"{name}.yaml"
+        file = known[str(name)]
     document = read_document(file)
     import gaitsweep.claims.measures  # noqa: F401 - registers the measures, which import JAX
 

@@ -14,6 +14,7 @@ import typer
 from gaitsweep import near_miss
 from gaitsweep.cli.new_files import add_files
 from gaitsweep.errors import ArgumentError
+from gaitsweep.extension import folders
 from gaitsweep.shipped import BUILTIN, EXAMPLES, shipped
 
 KINDS = ("models", "notebooks", "jobs", "configs")
@@ -60,10 +61,13 @@ def examples(
 
 def known_examples() -> list[Example]:
     """All examples, kind by kind, in the order of their names."""
-    jobs, configs, notebooks = (
-        sorted(shipped(folder).glob(pattern))
-        for folder, pattern in (("sweeps", "*.yaml"), ("configs", "*.yaml"), ("notebooks", "*.ipynb"))
+    jobs, configs = (
+        sorted(
+            (file for folder in folders(kind) for file in folder.glob("*.yaml")), key=lambda file: file.name
+        )
+        for kind in ("jobs", "configs")
     )
+    notebooks = sorted(shipped("notebooks").glob("*.ipynb"))
     own = sorted(EXAMPLES.glob("*.yaml"))
     return [
         *(Example(each.stem, "models", _with_its_files(each), _first_line(each)) for each in own),

@@ -20,7 +20,7 @@ from gaitsweep import near_miss
 from gaitsweep.kinds import diagnostics
 from gaitsweep.kinds.diagnostics import Diagnostic, JobError
 from gaitsweep.kinds.numbers import not_text
-from gaitsweep.shipped import shipped, shipped_as
+from gaitsweep.shipped import job_folders, shipped_as
 
 # What PyYAML's own reader, in Python, takes a second for; libyaml, where PyYAML has it, reads what is longer.
 _SHORT = 64 * 1024  # bytes
@@ -195,7 +195,7 @@ def _meant(path: Path) -> str:
     # `sweeps/quick_basins.yaml` of the documentation, in a folder that is no checkout
     if known := shipped_as(path, near_miss.nearest):
         return f"; did you mean {known}, which comes with gaitsweep?"
-    if path.parent == shipped("sweeps"):
+    if path.parent in job_folders():
         return "; `gaitsweep examples` lists what comes with gaitsweep."
     if listed := near_miss.nearest(path.name, _yaml_files(path.parent)):
         return f"; did you mean {listed}?"

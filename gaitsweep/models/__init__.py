@@ -11,11 +11,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
 from gaitsweep.errors import UserError
+from gaitsweep.extension import model_paths
 from gaitsweep.models.own_modules import (
     Stamp,
     data_files,
@@ -25,29 +26,6 @@ from gaitsweep.models.own_modules import (
     stamp_of,
 )
 
-if TYPE_CHECKING:
-    from gaitsweep.models.multilegged.model import Multilegged
-    from gaitsweep.models.multilegged.reduced import MultileggedReduced
-    from gaitsweep.models.planar_quadruped import PlanarQuadruped
-    from gaitsweep.models.waist_quadruped import WaistQuadruped
-
-__all__ = [
-    "ModelError",
-    "Multilegged",
-    "MultileggedReduced",
-    "PlanarQuadruped",
-    "WaistQuadruped",
-    "find",
-    "names",
-]
-
-_REGISTRY = {
-    "multilegged": "gaitsweep.models.multilegged.model:Multilegged",
-    "multilegged_reduced": "gaitsweep.models.multilegged.reduced:MultileggedReduced",
-    "planar_quadruped": "gaitsweep.models.planar_quadruped:PlanarQuadruped",
-    "waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped",
-}
-_CLASSES = {path.rpartition(":")[2]: name for name, path in _REGISTRY.items()}
 _OWN = "a model of your own is written package.module:attribute"
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
@@ -69,22 +47,25 @@ class ModelError(UserError, LookupError):
         return f"The model {self}"
 
 
-if not TYPE_CHECKING:  # a type checker would take any name for one of ours
-
-    def __getattr__(name: str) -> type[Model]:
-        """A registered class by its own name, imported when it is first used."""
-        if name in _CLASSES:
-            return find(_CLASSES[name])
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __getattr__(name: str) -> Any:
+    """A model of an extension by its class's name, imported when it is first used."""
+    if not name.startswith("_") and name in (classes := _classes()):
+        return find(classes[name])
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return ["ModelError", "find", "names", *_classes()]
+
+
+def _classes() -> dict[str, str]:
+    """The names of models by the names of their classes."""
+    return {path.rpartition(":")[2]: name for name, path in model_paths().items()}
 
 
 def names() -> tuple[str, ...]:
-    """The registered names."""
-    return tuple(_REGISTRY)
+    """The names of the models of all extensions."""
+    return tuple(model_paths())
 
 
 def name_of(model_class: type[Model]) -> str:
@@ -93,7 +74,7 @@ def name_of(model_class: type[Model]) -> str:
     It is the registered name, or "package.module:attribute". A class that cannot be imported again, such as
     one of a notebook's cell, has a name that holds in this Python process only (see `importable`).
     """
-    name = _CLASSES.get(model_class.__qualname__)
+    name = _classes().get(model_class.__qualname__)
     if name is not None and find(name) is model_class:
         return name
     own = f"{model_class.__module__}:{model_class.__qualname__}"
@@ -127,8 +108,9 @@ def find(name: str, folders: Sequence[Path] = ()) -> type[Model]:
     """
     if name in _SESSION:
         return _as_model(name, _SESSION[name])
-    own = name not in _REGISTRY
-    path = _REGISTRY.get(name, name)
+    known = model_paths()
+    own = name not in known
+    path = known.get(name, name)
     if ":" not in path:
         raise ModelError(
             f"is {name}, which is not a known model{near_miss.suggestion(name, names())} Or {_OWN}."
@@ -174,7 +156,7 @@ def find_of_table(attrs: Mapping[Any, Any], trust: bool = False) -> type[Model]:
     named = attrs.get("manifest", {}).get(MODEL_FOLDER)
     theirs = [*([directory / named] if isinstance(named, str) else []), directory]
     top = name.partition(":")[0].partition(".")[0]
-    if trust or name in _REGISTRY or name in _SESSION or top in sys.modules or not top.isidentifier():
+    if trust or name in model_paths() or name in _SESSION or top in sys.modules or not top.isidentifier():
         return find(name, [folder for folder in theirs if folder.is_dir()] if trust else ())
     here = _place_of(top, [*sys.path, str(Path.cwd())])
     if here is not None and here.parent.resolve().is_relative_to(directory.resolve()):

@@ -1,9 +1,9 @@
-"""The measures: general ones, and those of each paper in modules of its name."""
+"""The measures that claims may name: general ones here, and those that extensions bring."""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
+from gaitsweep.claims.measures import general as general
+from gaitsweep.extension import extensions, import_all
 
-for _module in pkgutil.iter_modules(__path__):
-    importlib.import_module(f"{__name__}.{_module.name}")
+for _extension in extensions().values():
+    import_all(_extension.measures)

@@ -1,0 +1,127 @@
+"""Extensions: packages that add models, figures, analyses, measures, jobs and claims, such as a paper's.
+
+A package names its extension in its `pyproject.toml`:
+
+    [project.entry-points."gaitsweep.extensions"]
+    my_paper = "my_package:extension"
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib
+import importlib.metadata
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from gaitsweep.errors import UserError
+
+GROUP = "gaitsweep.extensions"
+_CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
+
+
+class ExtensionError(UserError):
+    """An extension cannot be used; the message says whose it is and why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Extension:
+    """What a package adds to gaitsweep. Modules are named, not imported, so that `--help` needs no JAX.
+
+    Args:
+        models: classes of models by the names that jobs use, each as "package.module:Class".
+        figures: modules whose functions are decorated by `gs.plot.figure_kind`.
+        run_kinds: modules whose classes are decorated by `gs.kinds.register`.
+        analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
+        measures: modules whose functions are decorated by `gs.claims.measure`.
+        jobs: a folder of jobs, which `builtin:NAME` finds.
+        configs: a folder of configs, likewise.
+        claims: a folder of tables of claims, NAME.yaml each, for `gaitsweep reproduce NAME`.
+    """
+
+    models: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    figures: tuple[str, ...] = ()
+    run_kinds: tuple[str, ...] = ()
+    analyses: tuple[str, ...] = ()
+    measures: tuple[str, ...] = ()
+    jobs: Path | None = None
+    configs: Path | None = None
+    claims: Path | None = None
+
+
+@functools.cache
+def extensions() -> Mapping[str, Extension]:
+    """The extensions that are installed, by name, gaitsweep's own first.
+
+    Raises:
+        ExtensionError: one does not import, is no `Extension`, or adds a model of a name that is taken.
+    """
+    found: dict[str, Extension] = {}
+    models: dict[str, str] = {}
+    for entry, owner in (*_own(), *_others()):
+        try:
+            extension = entry.load()
+        except Exception as error:  # another package's code may raise anything
+            raise ExtensionError(
+                f"The extension {entry.name} of {owner} does not import ({type(error).__name__}: {error}): "
+                f"mend it, or uninstall {owner}."
+            ) from error
+        if not isinstance(extension, Extension):
+            raise ExtensionError(
+                f"The extension {entry.name} of {owner} is {entry.value}, which is no gaitsweep.Extension."
+            )
+        if entry.name in found:
+            raise ExtensionError(f"There are two extensions {entry.name}: uninstall {owner}, or the other.")
+        for name in extension.models:
+            if name in models:
+                raise ExtensionError(
+                    f"The extensions {models[name]} and {entry.name} both have a model {name}: uninstall "
+                    f"{owner}, or the other."
+                )
+            models[name] = entry.name
+        found[entry.name] = extension
+    return MappingProxyType(found)
+
+
+def model_paths() -> dict[str, str]:
+    """The models of all extensions, "package.module:Class" by name."""
+    return {name: path for each in extensions().values() for name, path in each.models.items()}
+
+
+def import_all(modules: Iterable[str]) -> None:
+    """Import modules, which register what they define."""
+    for name in modules:
+        importlib.import_module(name)
+
+
+def folders(kind: str) -> list[Path]:
+    """The folders of all extensions of one kind: jobs, configs or claims."""
+    given = (getattr(each, kind) for each in extensions().values())
+    return list(dict.fromkeys(folder for folder in given if folder is not None))
+
+
+Entries = list[tuple[importlib.metadata.EntryPoint, str]]
+
+
+def _own() -> Entries:
+    """The extensions of gaitsweep itself, by name; those of a checkout where it runs from one."""
+    if _CHECKOUT.is_file():
+        project = tomllib.loads(_CHECKOUT.read_text(encoding="utf-8")).get("project", {})
+        if project.get("name") == "gaitsweep":
+            given = project["entry-points"][GROUP]
+            entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in given.items())
+            return [(entry, "gaitsweep") for entry in entries]
+    return [(entry, owner) for entry, owner in _installed() if owner == "gaitsweep"]
+
+
+def _others() -> Entries:
+    return [(entry, owner) for entry, owner in _installed() if owner != "gaitsweep"]
+
+
+@functools.cache
+def _installed() -> Entries:
+    entries = sorted(importlib.metadata.entry_points(group=GROUP), key=lambda entry: entry.name)
+    return [(entry, "?" if entry.dist is None else entry.dist.name) for entry in entries]

@@ -1,0 +1,1 @@
+"""The papers whose models, figures and claims come with gaitsweep, each an extension like any other."""

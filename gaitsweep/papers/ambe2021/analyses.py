@@ -1,0 +1,82 @@
+"""The commands `gaitsweep analyse` of the multi-legged chain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gaitsweep.cli.analyse import Directory, print_table, result_table
+
+app = typer.Typer()
+
+
+@app.command()
+def waves(directory: Directory) -> None:
+    """Print wavelength and speed of waves in traces of the multi-legged chain, beside eqs. (27), (28)."""
+    from gaitsweep.analysis.chain.travelling_wave import waves as measured
+
+    print_table(measured(result_table(directory)), 6)
+
+
+@app.command()
+def source_place(directory: Directory) -> None:
+    """Print at which leg the source of the multi-legged chain's waves settles: shares of the starts."""
+    from gaitsweep.analysis.chain.source_place import source_place as places
+
+    found = places(result_table(directory))
+    print_table(found[(found["source"] > 0) | (found["meeting"] > 0) | (found["leg"] == 1)])
+
+
+@app.command()
+def source_drift(directory: Directory) -> None:
+    """Print how fast E, and with it the source of the multi-legged chain's waves, drifts, beside the law."""
+    from gaitsweep.analysis.chain.source_place import source_drift as drifts
+
+    print_table(drifts(result_table(directory)), 8)
+
+
+@app.command()
+def multilegged_theory(
+    springs: Annotated[int, typer.Option("--N", help="Springs; the chain has N + 1 legs.")] = 3,
+    omega: Annotated[float, typer.Option("--omega", help="Basic frequency, rad/s.")] = 0.4,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the chain; may be repeated."),
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option("--figures", metavar="DIR", help="Draw Figs. 8 to 11 of Ambe 2021 there.")
+    ] = None,
+    k: Annotated[
+        int | None, typer.Option("--k", help="Boundary leg of the source wave in these figures.")
+    ] = None,
+) -> None:
+    """Print the solutions of a chain of legs by the theory; no result directory is needed."""
+    import jax
+
+    from gaitsweep import near_miss
+    from gaitsweep.analysis.chain.theory_summary import theory_summary
+    from gaitsweep.errors import ArgumentError
+    from gaitsweep.expression import evaluate
+    from gaitsweep.models.multilegged.theory.chain import Chain
+
+    values = {}
+    for setting in settings or ():
+        name, _, value = setting.partition("=")
+        if name not in Chain._fields:
+            raise ArgumentError(f"{name} is not a parameter of the chain"
+                                f"{near_miss.suggestion(name, Chain._fields)}")  # fmt: skip
+        values[name] = evaluate(value, {})
+    jax.config.update("jax_enable_x64", True)
+    print(theory_summary(springs, omega, Chain(**values)))
+    if figures is not None:
+        from gaitsweep.plot.chain.theory import SHOWN, theory_figure
+        from gaitsweep.table import writing
+
+        with writing(f"{figures} could not be written"):
+            figures.mkdir(parents=True, exist_ok=True)
+            for show in SHOWN:
+                file = figures / f"{show}.png"
+                theory_figure(springs, Chain(**values), show=show, k=k).savefig(file)
+                print(f"Figure: {file}")

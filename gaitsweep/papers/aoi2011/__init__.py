@@ -1,0 +1,12 @@
+"""Aoi et al. 2011: a quadruped with a passive waist joint, and the hysteresis of its gaits."""
+
+from gaitsweep.extension import Extension
+from gaitsweep.shipped import shipped
+
+extension = Extension(
+    models={"waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped"},
+    measures=("gaitsweep.claims.measures.aoi2011",),
+    jobs=shipped("sweeps"),
+    configs=shipped("configs"),
+    claims=shipped("configs/claims"),
+)

@@ -1,0 +1,149 @@
+"""The commands `gaitsweep analyse` of the planar quadruped."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from gaitsweep.cli.analyse import Directory, Kept, print_table, result_table
+
+app = typer.Typer()
+
+
+@app.command()
+def gaits(
+    directory: Directory,
+    window: Annotated[
+        tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
+    ] = (-math.inf, math.inf),
+    threshold: Annotated[
+        float | None,
+        typer.Option("--threshold", metavar="X", help="Largest shift of a pair in phase, cycles."),
+    ] = None,
+) -> None:
+    """Count the rows of a four-legged model with each gait."""
+    from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
+    from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
+
+    thresholds = (THRESHOLD if threshold is None else threshold,)
+    print_table(gaits_counted(gaits_in(result_table(directory), window=window, thresholds=thresholds)))
+
+
+@app.command()
+def gait_bouts(
+    directory: Directory,
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="family, gait or gait_at_0.05.")] = "family",
+    cycles: Annotated[int, typer.Option("--cycles", min=1, help="Strides that a gait is read from.")] = 3,
+    least: Annotated[int, typer.Option("--least", min=1, help="Readings in a bout; shorter ones go.")] = 3,
+) -> None:
+    """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
+    from gaitsweep.analysis.transitions import gait_bouts as bouts
+
+    found = bouts.gait_bouts(bouts.gaits_along(result_table(directory), cycles=cycles), by, least)
+    for row, mine in found.groupby("row"):
+        each = [
+            f"{s[by]} {s['speed_begin']:.2f} to {s['speed_end']:.2f}"
+            + f" ({s['windows']})" * (s["windows"] < 3)
+            for s in mine.to_dict("records")
+        ]
+        print(f"row {row}, m/s: {', '.join(each)}")
+
+
+@app.command()
+def loading_rule(
+    directory: Directory,
+    split: Annotated[
+        str | None, typer.Option("--split", metavar="COLUMN", help="Analyse each of its values separately.")
+    ] = None,
+    predict: Annotated[
+        bool, typer.Option("--predict", help="Loads of trots without feedback, shifts of the walks with it.")
+    ] = False,
+    pairs: Annotated[bool, typer.Option("--pairs", help="List each pair of legs instead.")] = False,
+) -> None:
+    """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
+    from gaitsweep.analysis.gaits import loading_rule as rule
+
+    table = result_table(directory)
+    if pairs:
+        found = rule.pairs_in(table)
+    elif predict:
+        found = rule.loading_rule(rule.load_prediction(table), split=split or "k2", repeats=())
+    else:
+        found = rule.loading_rule(table, split=split)
+    print_table(found, 3)
+
+
+@app.command()
+def gait_thresholds(
+    directory: Directory,
+    window: Annotated[
+        tuple[float, float], typer.Option("--window", metavar="S S", help="Begin and end, s; all by default.")
+    ] = (-math.inf, math.inf),
+) -> None:
+    """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
+    from gaitsweep.analysis.gaits.gait_tables import gaits_in
+    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold, shift_sizes
+
+    table = result_table(directory)
+    print_table(gaits_by_threshold(table, window=window))
+    found = gaits_in(table, window=window)
+    print("\nSizes of the shifts of both pairs, cycles, and which the threshold reads as in phase:")
+    print_table(shift_sizes(found), 2)
+    if "gait_by_touchdowns" in found:
+        same = found["gait"].astype(str) == found["gait_by_touchdowns"].astype(str)
+        share = f"{same.sum()} of {len(same)} rows ({100 * same.mean():.1f} %)"
+        print(f"\n{share} have the same gait by touchdowns.")
+
+
+@app.command()
+def gait_measures(
+    directory: Directory,
+    by: Annotated[
+        list[str] | None,
+        typer.Option("--by", metavar="COLUMN", help="Kept apart besides the gait; may be repeated."),
+    ] = None,
+) -> None:
+    """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
+    from gaitsweep.analysis.gaits import gait_measures as measures
+
+    print_table(measures.gait_measures(result_table(directory), by or None))
+
+
+@app.command()
+def speed_transitions(directory: Directory, by: Kept = None) -> None:
+    """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
+    from gaitsweep.analysis.transitions import speed_transitions as transitions
+
+    print_table(transitions.speed_transitions(result_table(directory), by or ()), 3)
+
+
+@app.command()
+def body_oscillation(
+    directory: Directory,
+    along: Annotated[
+        bool, typer.Option("--along", help="Of each gait bout along a row whose speed changes.")
+    ] = False,
+) -> None:
+    """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
+    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation
+    from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
+
+    if along:
+        print_table(oscillation_along(result_table(directory)))
+    else:
+        print_table(family_oscillation(result_table(directory)).reset_index())
+
+
+@app.command()
+def repertoire(
+    directory: Directory,
+    sets: Annotated[
+        list[str], typer.Option("--set", metavar="COLUMN", help="Names a parameter set; may be repeated.")
+    ],
+) -> None:
+    """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
+    from gaitsweep.analysis.gaits import repertoire as analysis
+
+    print_table(analysis.repertoire(result_table(directory), sets))
