@@ -11,6 +11,7 @@ import typer
 import yaml
 
 from benchmarks.docs_numbers import ROOT, Check, Outputs, Stated, checks, compared, main, pages, unstated
+from gaitsweep.cli import analyse
 from gaitsweep.cli.commands import app
 
 PAGE = """# Gaits
@@ -102,6 +103,7 @@ def test_a_command_that_fails_differs(
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
 def test_commands_of_the_pages_exist(page: Path) -> None:
+    analyse.add_extensions()
     text = page.read_text(encoding="utf-8")
     assert len(list(checks(text))) == text.count("<!-- numbers")
     for check in checks(text):
