@@ -101,6 +101,8 @@ FAULTS = {
               "self.Kp_hip_st * (self.theta_st", "2.0 * self.Kp_hip_st * (self.theta_st"),
         Fault("fore and hind hips exchanged", _PLANAR + "mechanics.py",
               'leg.endswith("F")', 'leg.endswith("H")'),
+        Fault("slow half of the path from its other end", _PLANAR + "parameters.py",
+              '"min(sigma, 0.5)"', '"min(1 - sigma, 0.5)"'),
         Fault("pitch, a sign", _PLANAR + "readings.py", '"pitch": s.q[PITCH]', '"pitch": -s.q[PITCH]'),
     ),
 }  # fmt: skip
