@@ -25,8 +25,8 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.expression import evaluate
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 
 CROSSINGS = 30  # below a buffer's length, so that no lane waits for the host
 

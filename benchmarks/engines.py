@@ -15,7 +15,7 @@ from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 from .rivals.by_hand import missing
 from .rivals.starts import Array, Row, errors, reference_crossings

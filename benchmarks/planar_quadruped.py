@@ -24,8 +24,8 @@ from benchmarks.bodies_alone import mjx_alone, mujoco_c
 from benchmarks.sweep_rate import Rate, sweep_rate
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.sweep.xla import local_devices
-from gaitsweep.models.planar_quadruped import PlanarQuadruped
-from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
+from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, Z, mjcf
 
 STEP = 1e-3  # s
 # Cycles of each row, .2 to .8 s each.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep import plot as plot
     from gaitsweep.analysis.basins.measures import basins as basins
     from gaitsweep.api import analyses as analyses
-    from gaitsweep.api import theory as theory
     from gaitsweep.api.analyses import hysteresis as hysteresis
     from gaitsweep.api.fitting import search as search
     from gaitsweep.api.maps import PoincareMap as PoincareMap
@@ -76,7 +75,7 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
     _NAMES = {
         "": ("contract", "models", "plot"),
         "analysis.basins.measures": ("basins",),
-        "api": ("analyses", "theory"),
+        "api": ("analyses",),
         "api.analyses": ("hysteresis",),
         "api.fitting": ("search",),
         "api.maps": ("PoincareMap", "return_map"),

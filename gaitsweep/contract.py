@@ -328,6 +328,23 @@ class Model(Jumps):
         """The drawing of the body, from parameters and signals (n,) of a trace; None: it cannot be drawn."""
         return None
 
+    def free_link(self, trace: Any, legs: int) -> int | None:
+        """The number, 1 on, of the neighbouring limbs whose phase difference is free; None: there are none.
+
+        Args:
+            trace: the last records of a row of a trace, a DataFrame.
+            legs: the number of its limbs.
+        """
+        return None
+
+    def analytic_distance(self, table: Any) -> tuple[float, int] | None:
+        """The largest distance (rad) of settled states from analytic solutions, and its row; None: not known.
+
+        Args:
+            table: a table of settled rows, a DataFrame.
+        """
+        return None
+
     def mjcf(self, values: Mapping[str, float]) -> str | None:
         """An MJCF of the body: its qpos are the signals q_0, q_1, ..., its feet the sites foot_1, ..."""
         return None

@@ -36,6 +36,7 @@ class Extension:
         figures: modules whose functions are decorated by `gs.plot.figure_kind`.
         run_kinds: modules whose classes are decorated by `gs.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
+        functions: analyses of tables that `gs.analyses` has, "package.module:function" by name.
         measures: modules whose functions are decorated by `gs.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
         configs: a folder of configs, likewise.
@@ -46,6 +47,7 @@ class Extension:
     figures: tuple[str, ...] = ()
     run_kinds: tuple[str, ...] = ()
     analyses: tuple[str, ...] = ()
+    functions: Mapping[str, str] = dataclasses.field(default_factory=dict)
     measures: tuple[str, ...] = ()
     jobs: Path | None = None
     configs: Path | None = None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, signs
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, signs
 
 SWING = 0.35  # of a cycle
 QUANTITIES = {"x": {"unit": "m"}, "sigma": {"unit": "1", "symbol": r"\sigma", "circular": False}}

@@ -13,7 +13,7 @@ from sweeping import run_rows
 from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 FILE = Path(__file__).parent / "reference" / "multilegged_crossings.csv"
 

@@ -7,9 +7,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.models.multilegged.theory.chain import Chain, touchdown_phase
-from gaitsweep.models.multilegged.theory.section import TWO_PI, Leg, phases_from_relative, relative
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, LagRule, branches, lag_rules, solution
+from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.section import TWO_PI, Leg, phases_from_relative, relative
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule, branches, lag_rules, solution
 
 
 @partial(jax.jit, static_argnames=("N", "samples", "section"))

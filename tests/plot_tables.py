@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from gaitsweep.models.multilegged.theory.gaits import GAITS
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS
 
 TURN = 2 * np.pi
 POINTS = {"a": [1.13, 0.98, 1.50], "b": [3.97, 5.29, 5.29], "c": [1.13, 1.10, 5.28]}

@@ -10,7 +10,7 @@ from sweeping import complete
 
 from gaitsweep import models
 from gaitsweep.job import Job
-from gaitsweep.models.waist_quadruped.mechanics import HIP, KNEE
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import HIP, KNEE
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.table import ResultDirectory
 

@@ -19,7 +19,7 @@ from reference.planar_quadruped_varied import crossings as crossings_of  # isort
 
 @cache
 def _xml() -> str:
-    from gaitsweep.models.planar_quadruped.mechanics import mjcf
+    from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 
     return mjcf()
 

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Sequence
+from typing import Any
 
 import pandas as pd
 
 from gaitsweep.analysis.attractors.attractors import agreement, attractors
 from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.analysis.basins.wada import Wada, wada
-from gaitsweep.analysis.chain.gait_shares import gait_shares
-from gaitsweep.analysis.gaits.gait_measures import gait_measures
-from gaitsweep.analysis.gaits.gait_tables import gaits_in
-from gaitsweep.analysis.gaits.loading_rule import loading_rule
-from gaitsweep.analysis.gaits.repertoire import repertoire
-from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.analysis.transitions.return_map import fixed_points
-from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
 from gaitsweep.analysis.transitions.transition_points import (
     LEAST,
     loop_area,
     transition_points,
     transition_points_by_gait,
 )
+from gaitsweep.extension import extensions
 from gaitsweep.fitting.conflicts import Conflicts, conflicts
 
 __all__ = [
@@ -37,19 +32,26 @@ __all__ = [
     "basins",
     "conflicts",
     "fixed_points",
-    "gait_bouts",
-    "gait_measures",
-    "gait_shares",
-    "gaits_along",
-    "gaits_by_threshold",
-    "gaits_in",
     "hysteresis",
-    "loading_rule",
-    "repertoire",
-    "speed_transitions",
     "transition_points_by_gait",
     "wada",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """An analysis that an extension brings, imported when it is first used."""
+    module, _, function = _of_extensions().get(name, "").partition(":")
+    if not module:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(module), function)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *_of_extensions()])
+
+
+def _of_extensions() -> dict[str, str]:
+    return {name: path for each in extensions().values() for name, path in each.functions.items()}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,7 +27,7 @@ from gaitsweep.plot.branches.stable_ranges import stable_ranges as stable_ranges
 from gaitsweep.plot.columns import PlotError as PlotError
 from gaitsweep.plot.figure_kind import FIGURES as FIGURES
 from gaitsweep.plot.figure_kind import FigureKind as FigureKind
-from gaitsweep.plot.gaits.footprints import footprints as footprints
+from gaitsweep.plot.footprints import footprints as footprints
 
 register = FIGURES.register
 unregister = FIGURES.unregister

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 
 from gaitsweep import models
+from gaitsweep.contract import Model
 from gaitsweep.skeleton import LimbLook
 
 _PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -39,15 +40,20 @@ def limb_colours(limbs: Iterable[Placed]) -> list[str]:
     return found
 
 
-def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
-    """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names none."""
+def model_of(table: pd.DataFrame) -> Model | None:
+    """The model of a table with its structure; None where it is not here, or the table has no job."""
     job = table.attrs.get("job", {})
     try:
-        limbs = models.find_of_table(table.attrs)(**job.get("structure", {})).limbs
-    except (TypeError, ValueError, models.ModelError):  # a model that is not here, or no job
-        limbs = ()
-    if len(limbs) == count:
-        return limbs
+        return models.find_of_table(table.attrs)(**job.get("structure", {}))
+    except (TypeError, ValueError, models.ModelError):
+        return None
+
+
+def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
+    """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names none."""
+    model = model_of(table)
+    if model is not None and len(model.limbs) == count:
+        return model.limbs
     return [LimbLook(f"leg {number + 1}") for number in range(count)]
 
 

@@ -55,8 +55,16 @@ class FiguresOfTable:
     def __init__(self, table: pd.DataFrame) -> None:
         self.table = table
 
+    def __getattr__(self, name: str) -> Callable[..., Figure]:
+        """A kind of figure that an extension brings."""
+        if name not in plot.FIGURES:
+            raise AttributeError(f"there is no kind of figure {name!r}")
+        return functools.partial(plot.FIGURES[name].draw, self.table)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *plot.FIGURES})
+
     basin = _method(plot.basin)
-    solution_set = _method(plot.solution_set)
     cycles = _method(plot.cycles)
     footprints = _method(plot.footprints)
     hysteresis = _method(plot.hysteresis)
@@ -67,18 +75,8 @@ class FiguresOfTable:
     folds = _method(plot.folds)
     gait_map = _method(plot.gait_map)
     gait_transitions = _method(plot.gait_transitions)
-    drift_law = _method(plot.drift_law)
-    source_place = _method(plot.source_place)
-    chain_theory = _method(plot.chain_theory)
-    wave_speed = _method(plot.wave_speed)
-    gait_shares = _method(plot.gait_shares)
     basin_measures = _method(plot.basin_measures)
     shock = _method(plot.shock)
-    speed_gaits = _method(plot.speed_gaits)
-    gait_series = _method(plot.gait_series)
-    gait_ramp = _method(plot.gait_ramp)
-    nine_gaits = _method(plot.nine_gaits)
-    loading_rule = _method(plot.loading_rule)
 
 
 class Result:

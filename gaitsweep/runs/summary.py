@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import models
-from gaitsweep.analysis.chain.largest_distance import largest_distance
 from gaitsweep.contract import Model, Status
 from gaitsweep.engine.sweep.lane import host_device
 from gaitsweep.kinds.columns import UNKNOWN_GAIT, Column
@@ -176,7 +175,7 @@ def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
         if unsettled:
             mine = part.loc[part["status"].astype(str) == Status.cycle_limit.name, "slowest"]
             slowest.update({str(name): int(n) for name, n in mine.value_counts().items() if n})
-        far = largest_distance(part)
+        far = ready.work.model.analytic_distance(part)
         if far is not None and (not farthest or far[0] > farthest[0][0]):
             farthest = [far]
     if mislabelled:
@@ -219,7 +218,7 @@ def _counts_slowest(ready: Prepared, directory: ResultDirectory) -> bool:
 
 
 def _has_distance(ready: Prepared) -> bool:
-    """Whether rows say how far they settle from analytic solutions, as the multi-legged chain's do."""
+    """Whether rows say how far they settle from analytic solutions, if they do."""
     known = table_columns(ready.plan, ready.job.run)
     return ready.job.run.one_a_row and {"distance", "gait"} <= set(known)
 

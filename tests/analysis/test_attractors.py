@@ -26,8 +26,8 @@ from gaitsweep.analysis.attractors.linkage import (
 from gaitsweep.analysis.attractors.state_space import Space
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.models.multilegged.theory.chain import Chain
-from gaitsweep.models.multilegged.theory.gaits import GAITS, classify, locked_state, segments
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, locked_state, segments
 
 TURN = 2 * np.pi
 

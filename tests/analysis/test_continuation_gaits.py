@@ -16,7 +16,7 @@ from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import load_job
-from gaitsweep.models.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.plot.branches.stable_ranges import stable_ranges as draw
 from gaitsweep.plot.columns import PlotError
 

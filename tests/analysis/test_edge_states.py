@@ -18,9 +18,9 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.models.multilegged.reduced import MultileggedReduced
-from gaitsweep.models.multilegged.theory.chain import Chain
-from gaitsweep.models.multilegged.theory.gaits import locked_state
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import locked_state
 
 
 def saddle(values, x):

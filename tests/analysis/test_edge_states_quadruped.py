@@ -11,7 +11,7 @@ from gaitsweep.analysis.edges.edge_states import EdgeLimits, edge_states
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.models.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 
 
 @pytest.mark.slow

@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 from gait_traces import crossings_of, ends, ideal_phases, trace_of
 
-from gaitsweep.analysis.gaits.gait_measures import gait_measures
-from gaitsweep.analysis.gaits.gait_tables import gaits_in
-from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold, shift_sizes
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
-from gaitsweep.analysis.transitions.speed_transitions import speed_transitions
-from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.papers.fukuoka2015.analysis.gait_measures import gait_measures
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
+from gaitsweep.papers.fukuoka2015.analysis.speed_transitions import speed_transitions
+from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 
 
 def ramp_of(up: list[tuple[str, int]], down: list[tuple[str, int]], *, row: int = 0) -> pd.DataFrame:

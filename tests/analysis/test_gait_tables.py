@@ -10,11 +10,11 @@ import pytest
 from gait_traces import crossings_of, ends, trace_of, traces
 
 import gaitsweep as gs
-from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
-from gaitsweep.analysis.gaits.swing_onsets import gait_of
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.gait_bouts import gait_bouts, gaits_along
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 
 ROOT = Path(__file__).parents[2]
 

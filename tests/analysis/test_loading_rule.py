@@ -8,9 +8,15 @@ import pytest
 from gait_traces import ends, trace_of
 from scipy.stats import binomtest
 
-from gaitsweep.analysis.gaits.body_oscillation import body_oscillation
-from gaitsweep.analysis.gaits.loading_rule import MEASURES, load_prediction, loading_rule, pairs_in, wilson
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import body_oscillation
+from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
+    MEASURES,
+    load_prediction,
+    loading_rule,
+    pairs_in,
+    wilson,
+)
 
 
 def _judged(table: pd.DataFrame, **options: object) -> pd.DataFrame:

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.analysis.chain.chain_of_table import chain_of, chains_of
-from gaitsweep.analysis.chain.gait_shares import gait_shares
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, chains_of
+from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 
 
 def table(**more: list[float]) -> pd.DataFrame:

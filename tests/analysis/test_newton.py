@@ -12,7 +12,7 @@ from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.maps import BATCH_SIZES
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 
 def fold(values, x):

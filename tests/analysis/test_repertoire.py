@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitsweep.analysis.gaits.repertoire import repertoire
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.papers.fukuoka2015.analysis.repertoire import repertoire
 
 ROWS = [
     # com_x, gait, speed, status

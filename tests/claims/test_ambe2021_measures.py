@@ -7,13 +7,14 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.analysis.chain.travelling_wave import waves
-from gaitsweep.claims.measures import ambe2021_simulation, ambe2021_theory
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.errors import UserError
-from gaitsweep.models.multilegged.theory.chain import Chain, touchdown_phase
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, places, rule_of
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
+from gaitsweep.papers.ambe2021.measures import simulation as ambe2021_simulation
+from gaitsweep.papers.ambe2021.measures import theory as ambe2021_theory
+from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
 
 N = 9
 OMEGA = 0.4

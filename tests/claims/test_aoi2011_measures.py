@@ -11,8 +11,8 @@ from hysteresis_tables import CENTRE, FOLD, map_table, settle_table, staircase_t
 
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.measures import aoi2011 as measures
 from gaitsweep.claims.measures.general import default_values, ratio_of_medians
+from gaitsweep.papers.aoi2011 import measures as measures
 
 STAIR = 0.1
 

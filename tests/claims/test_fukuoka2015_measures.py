@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 from gait_traces import ideal_phases
 
-from gaitsweep.claims.measures import fukuoka2015 as measures
 from gaitsweep.claims.measures.general import MeasureError, default_values
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS
+from gaitsweep.papers.fukuoka2015 import measures as measures
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 
 
 def trace(gait: str, *, period: float = 0.4, row: int = 0, nod: int = 2) -> pd.DataFrame:

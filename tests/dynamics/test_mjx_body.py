@@ -16,9 +16,9 @@ from random_trees import unit
 
 from gaitsweep.dynamics.mjx.body import MjxBody, refusals
 from gaitsweep.dynamics.mjx.variants import Variants, rescale
-from gaitsweep.models.waist_quadruped.in_mjx import mjx_body as body
-from gaitsweep.models.waist_quadruped.in_mjx import variants
-from gaitsweep.models.waist_quadruped.mechanics import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import mjx_body as body
+from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import variants
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
 
 DT = 2e-4
 FEET = [f"foot_{i + 1}" for i in range(4)]

@@ -13,15 +13,15 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from gaitsweep.dynamics import compliant_foot
-from gaitsweep.dynamics.spring_chain import neighbour_force
 from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.external_force import PointForce, YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import places
-from gaitsweep.models.multilegged import model as multilegged
-from gaitsweep.models.waist_quadruped import mechanics
-from gaitsweep.models.waist_quadruped.mechanics import WAIST
-from gaitsweep.models.waist_quadruped.model import WaistQuadruped
+from gaitsweep.papers.ambe2021.multilegged import model as multilegged
+from gaitsweep.papers.ambe2021.spring_chain import neighbour_force
+from gaitsweep.papers.aoi2011.waist_quadruped import mechanics
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WAIST
+from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
 from tests.sweeping import scalars
 from tests.tree_mechanics import WorldForce
 

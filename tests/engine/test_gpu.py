@@ -15,9 +15,9 @@ from gaitsweep.engine.kernel.card import Card, Numbers, missing
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.planar_quadruped import PlanarQuadruped
-from gaitsweep.models.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 
 pytestmark = pytest.mark.gpu
 

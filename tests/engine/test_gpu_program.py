@@ -29,7 +29,7 @@ from gaitsweep.engine.kernel.source import statements
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep import engines
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
 

@@ -31,7 +31,7 @@ from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 LAUNCH = np.linspace(0.1, 4.0, 23)
 NUMERICS = Numerics(dt=1e-2)

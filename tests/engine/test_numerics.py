@@ -26,7 +26,7 @@ from gaitsweep.engine.propose.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import row_steps
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 
 def test_tsitouras_coefficients_meet_the_order_conditions() -> None:

@@ -23,7 +23,7 @@ from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 REFERENCE = Path(__file__).parents[1] / "reference" / "multilegged_crossings.csv"
 LINEAR = [cls() for cls in (*map(models.find, models.names()), Toy) if getattr(cls, "linear", False)]

@@ -15,7 +15,7 @@ from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.registers import steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 STARTS = {f"psi_{i}": np.random.default_rng(i).uniform(0, 2 * np.pi, 11) for i in (1, 2, 3)}
 

@@ -20,9 +20,9 @@ from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.multilegged.reduced import MultileggedReduced
-from gaitsweep.models.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 
 # one start near each gait of the chain: direct, retrograde, source
 GAITS = {

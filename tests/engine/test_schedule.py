@@ -9,7 +9,7 @@ from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.schedule import most_alive, scheduled
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 
 def test_values_that_are_alive() -> None:

@@ -12,9 +12,9 @@ from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.waist_quadruped import WaistQuadruped
-from gaitsweep.models.waist_quadruped.mechanics import WaistMechanics
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 
 TABLE = np.linspace(0.1, 0.9, 9).reshape(3, 3)  # float64, as a tree's constants are
 

@@ -13,7 +13,7 @@ from toy_model import Toy
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 
 LAUNCH = np.linspace(0.1, 4.0, 23)
 NUMERICS = Numerics(dt=1e-2)

@@ -30,8 +30,8 @@ from gaitsweep.contract import (
 from gaitsweep.engine.recorders.recorder import LABELLED
 from gaitsweep.kinds.columns import STATUSES
 from gaitsweep.models.conformity import faults
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 

@@ -21,7 +21,7 @@ from gaitsweep.engine.numerics import Numerics, step_of
 from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.multilegged.model import GAITS, Multilegged
+from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
 
 
 # The page allows grazing starts to differ: 95 % of the random starts of each set within 1e-6. The starts of

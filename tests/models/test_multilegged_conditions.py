@@ -16,11 +16,11 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.multilegged.reduced import MultileggedReduced
-from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, touchdown_phase
-from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
-from gaitsweep.models.multilegged.theory.gaits import distances
-from gaitsweep.models.multilegged.theory.solution_sets import LagRule, branches, lag_rules, solution
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.theory.chain import Chain, end_resets, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
+from gaitsweep.papers.ambe2021.theory.gaits import distances
+from gaitsweep.papers.ambe2021.theory.solution_sets import LagRule, branches, lag_rules, solution
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi

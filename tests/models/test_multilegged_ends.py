@@ -16,15 +16,15 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.multilegged.reduced import MultileggedReduced
-from gaitsweep.models.multilegged.theory.chain import Chain, end_resets, springs
-from gaitsweep.models.multilegged.theory.conditions import wave_conditions
-from gaitsweep.models.multilegged.theory.conserved import drift
-from gaitsweep.models.multilegged.theory.gaits import GAITS
-from gaitsweep.models.multilegged.theory.obstacle import balance, obstacle_problem
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, lag_rules
-from gaitsweep.models.multilegged.theory.stability import linear_map
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.theory.chain import Chain, end_resets, springs
+from gaitsweep.papers.ambe2021.theory.conditions import wave_conditions
+from gaitsweep.papers.ambe2021.theory.conserved import drift
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS
+from gaitsweep.papers.ambe2021.theory.obstacle import balance, obstacle_problem
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules
+from gaitsweep.papers.ambe2021.theory.stability import linear_map
 from tests.multilegged_solutions import solution_set, solution_sets, total
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitsweep.models.multilegged.theory.chain import Chain
-from gaitsweep.models.multilegged.theory.gaits import (
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import (
     GAITS,
     LOCKED,
     NONE,
@@ -19,7 +19,7 @@ from gaitsweep.models.multilegged.theory.gaits import (
     distances,
     gait_of,
 )
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches
 from tests.multilegged_solutions import solution_set, solution_sets
 
 LEGS = (3, 4, 6, 9)

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from sweeping import run_rows, scalars
 
-from gaitsweep.analysis.chain.chain_of_table import chain_of, chains_of
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -20,16 +19,17 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.schema import Job
-from gaitsweep.models.multilegged.model import Multilegged
-from gaitsweep.models.multilegged.reduced import MultileggedReduced
-from gaitsweep.models.multilegged.theory.chain import Chain, lag, own_resets, reset
-from gaitsweep.models.multilegged.theory.conditions import source_conditions, wave_conditions
-from gaitsweep.models.multilegged.theory.conserved import drift, drift_on_ground
-from gaitsweep.models.multilegged.theory.gaits import classify
-from gaitsweep.models.multilegged.theory.order import order_sets
-from gaitsweep.models.multilegged.theory.reset_sets import touchdown_residuals
-from gaitsweep.models.multilegged.theory.solution_sets import branches, lag_rules
-from gaitsweep.models.multilegged.theory.stability import linear_map
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, chains_of
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, own_resets, reset
+from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
+from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
+from gaitsweep.papers.ambe2021.theory.gaits import classify
+from gaitsweep.papers.ambe2021.theory.order import order_sets
+from gaitsweep.papers.ambe2021.theory.reset_sets import touchdown_residuals
+from gaitsweep.papers.ambe2021.theory.solution_sets import branches, lag_rules
+from gaitsweep.papers.ambe2021.theory.stability import linear_map
 from tests.multilegged_solutions import solution_sets, total
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)

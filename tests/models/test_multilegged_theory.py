@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from reference import multilegged_reduced as reduced
 
-from gaitsweep.models.multilegged.theory.chain import (
+from gaitsweep.papers.ambe2021.theory.chain import (
     TABLE_1,
     Chain,
     end_resets,
@@ -16,13 +16,13 @@ from gaitsweep.models.multilegged.theory.chain import (
     wave_speed,
     wavelength,
 )
-from gaitsweep.models.multilegged.theory.conserved import drift, line_length, worst_case_cycles
-from gaitsweep.models.multilegged.theory.gaits import locked_state, segments
-from gaitsweep.models.multilegged.theory.order import jumps, order_sets, touchdown_order
-from gaitsweep.models.multilegged.theory.reset_sets import reset_sets, touchdown_residuals
-from gaitsweep.models.multilegged.theory.section import touches_early
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, branches, lag_rules, rule_of
-from gaitsweep.models.multilegged.theory.stability import (
+from gaitsweep.papers.ambe2021.theory.conserved import drift, line_length, worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.gaits import locked_state, segments
+from gaitsweep.papers.ambe2021.theory.order import jumps, order_sets, touchdown_order
+from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets, touchdown_residuals
+from gaitsweep.papers.ambe2021.theory.section import touches_early
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules, rule_of
+from gaitsweep.papers.ambe2021.theory.stability import (
     characteristic_polynomial,
     eigenvalues,
     linear_map,

@@ -18,17 +18,17 @@ from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, begun, f
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from sweeping import complete, run_rows
 
-from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_in, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.job import Job, JobError
-from gaitsweep.models.planar_quadruped import PlanarQuadruped
-from gaitsweep.models.planar_quadruped.bodies import edited, page_values
-from gaitsweep.models.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf
-from gaitsweep.models.planar_quadruped.model import perturbation
-from gaitsweep.models.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_in, onsets_of_crossings
+from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited, page_values
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf
+from gaitsweep.papers.fukuoka2015.planar_quadruped.model import perturbation
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 
 DT = 1e-3
 SPEED = ("s", "Tr", "theta_st", "Kp_hip_st", "Kp_knee_st", "l_sw", "Kp_knee_sw")

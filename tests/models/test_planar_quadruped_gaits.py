@@ -18,13 +18,13 @@ from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import onsets
 from sweeping import complete, run_rows
 
-from gaitsweep.analysis.gaits.swing_onsets import gait_of, onsets_of_crossings
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
-from gaitsweep.models.planar_quadruped import PlanarQuadruped, cycle
-from gaitsweep.models.planar_quadruped.mechanics import mjcf
-from gaitsweep.models.planar_quadruped.nine_gaits import CHART, LEGS, signs
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_of_crossings
+from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped, cycle
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, signs
 
 DURATION, READ = 24.0, 15.0  # s; what is read comes after READ
 WALKS, CANTERS = {"D-walk", "L-walk"}, {"uR-canter", "uL-canter", "R-canter", "L-canter"}

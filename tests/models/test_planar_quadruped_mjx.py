@@ -17,9 +17,9 @@ from reference.planar_quadruped_mujoco import followed
 from sweeping import complete
 
 from gaitsweep.dynamics.mjx.body import MjxBody
-from gaitsweep.models.planar_quadruped import PlanarQuadruped
-from gaitsweep.models.planar_quadruped.bodies import edited, page_values
-from gaitsweep.models.planar_quadruped.mechanics import mjcf
+from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited, page_values
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 
 DT, STEPS = 1e-3, 1000
 HEAVY = {"com_x": 0.02, "com_z": 0.04, "torso_mass": 4.6, "torso_inertia": 0.2, "upper_mass": 0.4,

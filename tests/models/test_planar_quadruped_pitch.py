@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import gaitsweep as gs
-from gaitsweep.models.planar_quadruped import cycle
+from gaitsweep.papers.fukuoka2015.planar_quadruped import cycle
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 DT, PERIOD = 1e-3, 0.3173  # s; strides are no whole number of steps

@@ -16,9 +16,15 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
-from gaitsweep.models.waist_quadruped import WaistQuadruped
-from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
-from gaitsweep.models.waist_quadruped.mechanics import WAIST, anchored_force, fallen, joint_angles, tilt
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, FootPath
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
+    WAIST,
+    anchored_force,
+    fallen,
+    joint_angles,
+    tilt,
+)
 
 MODEL = WaistQuadruped()
 STEPS = Numerics(dt=2e-4, method="semi_implicit")

@@ -21,9 +21,9 @@ from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.job import Job, JobError, load_job
-from gaitsweep.models.waist_quadruped import WaistQuadruped
-from gaitsweep.models.waist_quadruped.foot_path import STANCE
-from gaitsweep.models.waist_quadruped.mechanics import mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import STANCE
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
 
 DT = 2e-4
 # A quick start: D and h full after one cycle, the gait let go of before the third.

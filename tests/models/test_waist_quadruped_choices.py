@@ -20,11 +20,19 @@ from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
-from gaitsweep.models.waist_quadruped import WaistQuadruped
-from gaitsweep.models.waist_quadruped.drawing import scaled_mjcf
-from gaitsweep.models.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, SWINGS, FootPath
-from gaitsweep.models.waist_quadruped.mechanics import HIP, KNEE, LIMBS, body, joint_angles, joint_rates, mjcf
-from gaitsweep.models.waist_quadruped.rhythm import desired_velocities
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE, SWINGS, FootPath
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
+    HIP,
+    KNEE,
+    LIMBS,
+    body,
+    joint_angles,
+    joint_rates,
+    mjcf,
+)
+from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import desired_velocities
 
 MODEL, HIGH = WaistQuadruped(), WaistQuadruped(heights="given")
 BODIES = ("front", "rear")

@@ -19,9 +19,9 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
-from gaitsweep.models.waist_quadruped import WaistQuadruped
-from gaitsweep.models.waist_quadruped.mechanics import body, mjcf
-from gaitsweep.models.waist_quadruped.rhythm import phase_rates
+from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import body, mjcf
+from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
 
 MODEL = WaistQuadruped()
 QUICK = {"T_grow": 0.4, "T_hold": 0.7}  # D and h full after one cycle

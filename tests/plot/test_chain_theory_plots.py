@@ -8,9 +8,9 @@ import pytest
 from plot_tables import rendered, settle_table, trace_table
 
 from gaitsweep import plot
-from gaitsweep.models.multilegged.theory.chain import Chain, touchdown_phase
-from gaitsweep.models.multilegged.theory.solution_sets import Branch, places, rule_of
-from gaitsweep.plot.chain.theory import SHOWN, theory_figure
+from gaitsweep.papers.ambe2021.figures.theory import SHOWN, theory_figure
+from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
 from gaitsweep.plot.style import COLOURS
 
 OMEGA = 0.4

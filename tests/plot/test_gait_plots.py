@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from plot_tables import rendered
 
 from gaitsweep import plot
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, MARKERS, ORDER
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.gaits.gait_looks import COLOURS, MARKERS, ORDER
 
 DELTA = np.linspace(-0.25, 0.25, 21)
 

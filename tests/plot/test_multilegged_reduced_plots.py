@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from gaitsweep import plot
-from gaitsweep.models.multilegged.theory.chain import Chain
-from gaitsweep.models.multilegged.theory.conserved import worst_case_cycles
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.conserved import worst_case_cycles
 
 
 def table() -> pd.DataFrame:

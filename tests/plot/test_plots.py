@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import models, plot
-from gaitsweep.models.multilegged.theory.chain import Chain
+from gaitsweep.papers.ambe2021.figures.solution_set import chain_of
+from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
-from gaitsweep.plot.chain.solution_set import chain_of
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.style import COLOURS

@@ -5,18 +5,16 @@ from gaitsweep.shipped import shipped
 
 extension = Extension(
     models={
-        "multilegged": "gaitsweep.models.multilegged.model:Multilegged",
-        "multilegged_reduced": "gaitsweep.models.multilegged.reduced:MultileggedReduced",
+        "multilegged": "gaitsweep.papers.ambe2021.multilegged.model:Multilegged",
+        "multilegged_reduced": "gaitsweep.papers.ambe2021.multilegged.reduced:MultileggedReduced",
     },
-    figures=(
-        *(f"gaitsweep.plot.chain.{name}" for name in ("drift_law", "gait_shares", "solution_set")),
-        *(f"gaitsweep.plot.chain.{name}" for name in ("source_place", "theory", "wave_speed")),
-    ),
+    figures=("gaitsweep.papers.ambe2021.figures",),
     analyses=("gaitsweep.papers.ambe2021.analyses",),
+    functions={"gait_shares": "gaitsweep.papers.ambe2021.analysis.gait_shares:gait_shares"},
     measures=(
-        "gaitsweep.claims.measures.ambe2021_equations",
-        "gaitsweep.claims.measures.ambe2021_simulation",
-        "gaitsweep.claims.measures.ambe2021_theory",
+        "gaitsweep.papers.ambe2021.measures.equations",
+        "gaitsweep.papers.ambe2021.measures.simulation",
+        "gaitsweep.papers.ambe2021.measures.theory",
     ),
     jobs=shipped("sweeps"),
     configs=shipped("configs"),

@@ -15,7 +15,7 @@ app = typer.Typer()
 @app.command()
 def waves(directory: Directory) -> None:
     """Print wavelength and speed of waves in traces of the multi-legged chain, beside eqs. (27), (28)."""
-    from gaitsweep.analysis.chain.travelling_wave import waves as measured
+    from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves as measured
 
     print_table(measured(result_table(directory)), 6)
 
@@ -23,7 +23,7 @@ def waves(directory: Directory) -> None:
 @app.command()
 def source_place(directory: Directory) -> None:
     """Print at which leg the source of the multi-legged chain's waves settles: shares of the starts."""
-    from gaitsweep.analysis.chain.source_place import source_place as places
+    from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places
 
     found = places(result_table(directory))
     print_table(found[(found["source"] > 0) | (found["meeting"] > 0) | (found["leg"] == 1)])
@@ -32,7 +32,7 @@ def source_place(directory: Directory) -> None:
 @app.command()
 def source_drift(directory: Directory) -> None:
     """Print how fast E, and with it the source of the multi-legged chain's waves, drifts, beside the law."""
-    from gaitsweep.analysis.chain.source_place import source_drift as drifts
+    from gaitsweep.papers.ambe2021.analysis.source_place import source_drift as drifts
 
     print_table(drifts(result_table(directory)), 8)
 
@@ -56,10 +56,10 @@ def multilegged_theory(
     import jax
 
     from gaitsweep import near_miss
-    from gaitsweep.analysis.chain.theory_summary import theory_summary
     from gaitsweep.errors import ArgumentError
     from gaitsweep.expression import evaluate
-    from gaitsweep.models.multilegged.theory.chain import Chain
+    from gaitsweep.papers.ambe2021.analysis.theory_summary import theory_summary
+    from gaitsweep.papers.ambe2021.theory.chain import Chain
 
     values = {}
     for setting in settings or ():
@@ -71,7 +71,7 @@ def multilegged_theory(
     jax.config.update("jax_enable_x64", True)
     print(theory_summary(springs, omega, Chain(**values)))
     if figures is not None:
-        from gaitsweep.plot.chain.theory import SHOWN, theory_figure
+        from gaitsweep.papers.ambe2021.figures.theory import SHOWN, theory_figure
         from gaitsweep.table import writing
 
         with writing(f"{figures} could not be written"):

@@ -4,8 +4,8 @@ from gaitsweep.extension import Extension
 from gaitsweep.shipped import shipped
 
 extension = Extension(
-    models={"waist_quadruped": "gaitsweep.models.waist_quadruped:WaistQuadruped"},
-    measures=("gaitsweep.claims.measures.aoi2011",),
+    models={"waist_quadruped": "gaitsweep.papers.aoi2011.waist_quadruped:WaistQuadruped"},
+    measures=("gaitsweep.papers.aoi2011.measures",),
     jobs=shipped("sweeps"),
     configs=shipped("configs"),
     claims=shipped("configs/claims"),

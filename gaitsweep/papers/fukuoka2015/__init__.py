@@ -4,13 +4,20 @@ from gaitsweep.extension import Extension
 from gaitsweep.shipped import shipped
 
 extension = Extension(
-    models={"planar_quadruped": "gaitsweep.models.planar_quadruped:PlanarQuadruped"},
-    figures=(
-        *(f"gaitsweep.plot.gaits.{name}" for name in ("gait_ramp", "gait_series", "loading_rule")),
-        *(f"gaitsweep.plot.gaits.{name}" for name in ("nine_gaits", "speed_gaits")),
-    ),
+    models={"planar_quadruped": "gaitsweep.papers.fukuoka2015.planar_quadruped:PlanarQuadruped"},
+    figures=("gaitsweep.papers.fukuoka2015.figures",),
     analyses=("gaitsweep.papers.fukuoka2015.analyses",),
-    measures=("gaitsweep.claims.measures.fukuoka2015",),
+    functions={
+        "gait_bouts": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gait_bouts",
+        "gaits_along": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gaits_along",
+        "gait_measures": "gaitsweep.papers.fukuoka2015.analysis.gait_measures:gait_measures",
+        "gaits_by_threshold": "gaitsweep.papers.fukuoka2015.analysis.threshold_effect:gaits_by_threshold",
+        "gaits_in": "gaitsweep.papers.fukuoka2015.analysis.gait_tables:gaits_in",
+        "loading_rule": "gaitsweep.papers.fukuoka2015.analysis.loading_rule:loading_rule",
+        "repertoire": "gaitsweep.papers.fukuoka2015.analysis.repertoire:repertoire",
+        "speed_transitions": "gaitsweep.papers.fukuoka2015.analysis.speed_transitions:speed_transitions",
+    },
+    measures=("gaitsweep.papers.fukuoka2015.measures",),
     jobs=shipped("sweeps"),
     configs=shipped("configs"),
     claims=shipped("configs/claims"),

@@ -24,8 +24,8 @@ def gaits(
     ] = None,
 ) -> None:
     """Count the rows of a four-legged model with each gait."""
-    from gaitsweep.analysis.gaits.gait_tables import gaits_counted, gaits_in
-    from gaitsweep.models.planar_quadruped.nine_gaits import THRESHOLD
+    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
+    from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
     thresholds = (THRESHOLD if threshold is None else threshold,)
     print_table(gaits_counted(gaits_in(result_table(directory), window=window, thresholds=thresholds)))
@@ -39,7 +39,7 @@ def gait_bouts(
     least: Annotated[int, typer.Option("--least", min=1, help="Readings in a bout; shorter ones go.")] = 3,
 ) -> None:
     """List the gaits that follow each other along each row, with the speeds at which they begin and end."""
-    from gaitsweep.analysis.transitions import gait_bouts as bouts
+    from gaitsweep.papers.fukuoka2015.analysis import gait_bouts as bouts
 
     found = bouts.gait_bouts(bouts.gaits_along(result_table(directory), cycles=cycles), by, least)
     for row, mine in found.groupby("row"):
@@ -63,7 +63,7 @@ def loading_rule(
     pairs: Annotated[bool, typer.Option("--pairs", help="List each pair of legs instead.")] = False,
 ) -> None:
     """Measure how well leg loads and pitch of the planar quadruped agree with the rule of leg loading."""
-    from gaitsweep.analysis.gaits import loading_rule as rule
+    from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
 
     table = result_table(directory)
     if pairs:
@@ -83,8 +83,8 @@ def gait_thresholds(
     ] = (-math.inf, math.inf),
 ) -> None:
     """Count the rows with each gait for several thresholds, the shifts by size, and gaits by touchdowns."""
-    from gaitsweep.analysis.gaits.gait_tables import gaits_in
-    from gaitsweep.analysis.gaits.threshold_effect import gaits_by_threshold, shift_sizes
+    from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+    from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
 
     table = result_table(directory)
     print_table(gaits_by_threshold(table, window=window))
@@ -106,7 +106,7 @@ def gait_measures(
     ] = None,
 ) -> None:
     """Print speed, period, flight, pitch, power of the joints and cost of transport of each gait."""
-    from gaitsweep.analysis.gaits import gait_measures as measures
+    from gaitsweep.papers.fukuoka2015.analysis import gait_measures as measures
 
     print_table(measures.gait_measures(result_table(directory), by or None))
 
@@ -114,7 +114,7 @@ def gait_measures(
 @app.command()
 def speed_transitions(directory: Directory, by: Kept = None) -> None:
     """Print the speeds at which gaits change as the speed rises and falls, and the hysteresis between."""
-    from gaitsweep.analysis.transitions import speed_transitions as transitions
+    from gaitsweep.papers.fukuoka2015.analysis import speed_transitions as transitions
 
     print_table(transitions.speed_transitions(result_table(directory), by or ()), 3)
 
@@ -127,8 +127,8 @@ def body_oscillation(
     ] = False,
 ) -> None:
     """Print how far the body pitches at once and twice the gait frequency, for each family of gaits."""
-    from gaitsweep.analysis.gaits.body_oscillation import family_oscillation
-    from gaitsweep.analysis.transitions.oscillation_along import oscillation_along
+    from gaitsweep.papers.fukuoka2015.analysis.body_oscillation import family_oscillation
+    from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_along
 
     if along:
         print_table(oscillation_along(result_table(directory)))
@@ -144,6 +144,6 @@ def repertoire(
     ],
 ) -> None:
     """Print the gaits of each parameter set of the planar quadruped, with their median speeds."""
-    from gaitsweep.analysis.gaits import repertoire as analysis
+    from gaitsweep.papers.fukuoka2015.analysis import repertoire as analysis
 
     print_table(analysis.repertoire(result_table(directory), sets))

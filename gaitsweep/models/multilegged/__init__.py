@@ -1,5 +1,0 @@
-"""The multi-legged chain with phase resetting, and its reduced form (Ambe et al. 2021)."""
-
-from gaitsweep.models.multilegged.model import Multilegged
-
-__all__ = ["Multilegged"]

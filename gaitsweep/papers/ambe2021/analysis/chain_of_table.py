@@ -1,0 +1,116 @@
+"""The parameters of the theory for a table."""
+
+from __future__ import annotations
+
+import graphlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.expression import ExpressionError, evaluate, names_in
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+
+# defaults that follow from other parameters
+_FORMULAS = {"m_1": "m_B", "m_end": "m_B", "kappa_1": "kappa", "kappa_end": "kappa", "a_1": "a", "a_end": "a"}
+
+
+def chain_of(table: pd.DataFrame) -> Chain:
+    """The chain of a table: its first row's columns, else its job's parameters, else Table 1's.
+
+    Raises:
+        AnalysisError: the job's parameters cannot be read.
+    """
+    return one_chain(chains_of(table, table.head(1)), 0)
+
+
+def one_chain(chains: Chain, at: int) -> Chain:
+    """The chain number `at` of several, its fields floats, and arrays where it has a profile."""
+    return Chain(*(_plain(np.asarray(value, float)[at]) for value in chains))
+
+
+def _plain(value: np.ndarray) -> float | np.ndarray:
+    return value if value.ndim else float(value)
+
+
+def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
+    """The chains of n sets of parameters, fields (n,) each.
+
+    With a profile m and a are (n, N-1), and kappa is (n, N-2).
+
+    Args:
+        table: its job, in `attrs`, gives the parameters that do not vary.
+        sets: the columns that vary, one row for each set.
+
+    Raises:
+        AnalysisError: as for `chain_of`.
+    """
+    values = parameters_of(table, sets)
+    shape = (max(len(sets), 1),)
+    fields = {name: np.broadcast_to(values[name], shape) for name in Chain._fields}
+    if (legs := _profiled(table)) is not None:
+        for name, last in (("m", legs), ("kappa", legs - 1), ("a", legs)):
+            inner = [np.broadcast_to(values[f"{name}_{i}"], shape) for i in range(2, last)]
+            fields[name] = np.stack(inner, axis=1)
+    return Chain(**fields)
+
+
+def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
+    """The theory's parameters with L and m_B, numbers or (n,), those of a profile too, if there is one.
+
+    Arguments and errors are as for `chains_of`.
+    """
+    job = table.attrs.get("job")
+    given: dict[str, Any] = dict(job.get("params") or {}) if isinstance(job, Mapping) else {}
+    profile = _profile_defaults(table)
+    known = {*Chain._fields, "m_B", "L", *profile}
+    given |= {str(name): sets[name].to_numpy(float) for name in sets.columns if len(sets) and name in known}
+    if (legs := _profiled(table)) is not None:
+        given["N"] = legs - 1
+    plain = {name: value for name, value in Chain()._asdict().items() if name not in _FORMULAS}
+    values: dict[str, Any] = {"m_B": 0.9, "L": 1.0, **plain}
+    settings = _FORMULAS | profile | {name: value for name, value in given.items() if name in known}
+    formulas = {name: text for name, text in settings.items() if isinstance(text, str)}
+    values |= {name: value for name, value in settings.items() if name not in formulas}
+    # formulas may use each other in any order, and the other parameters of the job
+    values |= {name: value for name, value in given.items() if not isinstance(value, str)}
+    uses = {name: names_in(text) & set(formulas) for name, text in formulas.items()}
+    try:
+        order = list(graphlib.TopologicalSorter(uses).static_order())
+    except graphlib.CycleError as error:
+        raise AnalysisError("The job's formulas use each other in a circle.") from error
+    for name in order:
+        try:
+            values[name] = evaluate(formulas[name], values)
+        except ExpressionError as error:
+            raise AnalysisError(f"The job's {name} cannot be read: {error}") from error
+    return values
+
+
+def has_profile(table: pd.DataFrame) -> bool:
+    """Whether the inner legs of a table's chain have values of their own."""
+    return _profiled(table) is not None
+
+
+def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
+    """The names of the parameters of the table's profile; none without one."""
+    return tuple(_profile_defaults(table))
+
+
+def _profiled(table: pd.DataFrame) -> int | None:
+    """The number of legs of a chain with a profile; None without one."""
+    job = table.attrs.get("job")
+    structure = (job.get("structure") or {}) if isinstance(job, Mapping) else {}
+    return int(structure.get("N", Multilegged.N)) + 1 if structure.get("profile") else None
+
+
+def _profile_defaults(table: pd.DataFrame) -> dict[str, Any]:
+    legs = _profiled(table)
+    if legs is None:
+        return {}
+    plain = {quantity.name for quantity in Multilegged(legs - 1).parameters}
+    whole = Multilegged(legs - 1, profile=True).parameters
+    return {quantity.name: quantity.default for quantity in whole if quantity.name not in plain}

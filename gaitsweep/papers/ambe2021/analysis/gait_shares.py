@@ -1,0 +1,99 @@
+"""The fractions of the gaits over sets of parameters, and the conditions for the gaits to exist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, proportion_interval
+from gaitsweep.analysis.records import axes_of
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, parameters_of
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
+
+GAITS = ("direct", "source", "retrograde")
+
+
+def gait_shares(
+    table: pd.DataFrame, parameters: Sequence[str] | None = None, *, level: float = LEVEL
+) -> pd.DataFrame:
+    """The fractions of the three gaits for each set of parameters, with intervals, and whether they exist.
+
+    Args:
+        table: a settle table of the multi-legged chain, several starts for each set.
+        parameters: the columns of a set; by default the swept axes except the phases of the start.
+        level: confidence level of the intervals (Wilson's).
+
+    Returns:
+        A row for each set: the parameters; for each gait its share, NAME_low and NAME_high; `elsewhere`, the
+        share of starts in none of them; `conditions`: whether the paper's m/2 < m_B < m (of the end that
+        touches by more) and m g/kappa < a < L hold, with a profile for all inner legs; `direct_hold`,
+        `source_hold`, `retrograde_hold`: whether the wave is a motion of the chain (`existence`).
+
+    Raises:
+        AnalysisError: the table does not have a column, or the job's parameters cannot be read.
+    """
+    swept = [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
+    names = swept if parameters is None else list(parameters)
+    counted = fractions(table, by=names, level=level, interval="wilson")
+    wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
+    sets = pd.DataFrame(wide.index.to_frame(index=False))
+    # the high end of the interval of a gait that no start reached
+    most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), level)[1]
+    for gait in GAITS:
+        for part, column, otherwise in (
+            ("fraction", gait, 0.0),
+            ("low", f"{gait}_low", 0.0),
+            ("high", f"{gait}_high", most_without),
+        ):
+            there = (part, gait) in wide.columns
+            sets[column] = wide[part, gait].fillna(otherwise).to_numpy() if there else otherwise
+    sets["elsewhere"] = (1.0 - sets[list(GAITS)].sum(axis=1)).clip(lower=0.0).round(12)
+    return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
+
+
+def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
+    """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
+
+    Args:
+        N: springs, 3 at least.
+        chains: n sets of parameters, fields (n,).
+        L: longest leg length, m, (n,).
+
+    Returns:
+        (n,) bool for each of GAITS; for the source wave, of any boundary leg.
+    """
+    return {gait: np.asarray(each) for gait, each in zip(GAITS, _hold(N, chains, L), strict=True)}
+
+
+@partial(jax.jit, static_argnums=0)
+def _hold(N: int, chains: Chain, L: np.ndarray) -> tuple[jax.Array, ...]:
+    def one(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
+        direct, retrograde = wave_conditions(N, chain, longest)
+        sources = [source_conditions(N, chain, k, longest).hold for k in range(3, N + 1)]
+        return direct.hold, jnp.any(jnp.stack(sources)), retrograde.hold
+
+    return jax.vmap(one)(chains, jnp.asarray(L))
+
+
+def springs_of(table: pd.DataFrame) -> int:
+    """N of a settle table of the chain."""
+    return sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
+
+
+def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, np.ndarray]:
+    values, chains = parameters_of(table, sets), chains_of(table, sets)
+    L = np.broadcast_to(values["L"], (len(sets),))
+    m_B = np.maximum(chains.m_1, chains.m_end)
+    # with a profile the printed conditions are those of every inner leg, so of the extreme ones
+    m, kappa, a = (np.asarray(each).reshape(len(sets), -1) for each in (chains.m, chains.kappa, chains.a))
+    sag = m.max(axis=1) * chains.g / kappa.min(axis=1)
+    printed = (0.5 * m.max(axis=1) < m_B) & (m_B < m.min(axis=1))
+    printed &= (sag < a.min(axis=1)) & (a.max(axis=1) < L)
+    found = existence(springs_of(table), chains, L)
+    return {"conditions": np.asarray(printed), **{f"{gait}_hold": each for gait, each in found.items()}}

@@ -1,0 +1,113 @@
+"""Where along the multi-legged chain the source of a wave settles, and how fast it moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import SETTLED, AnalysisError, axes_of
+from gaitsweep.circular import wrapped_difference
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
+from gaitsweep.papers.ambe2021.theory.conserved import drift, drift_on_ground
+
+
+def source_place(table: pd.DataFrame) -> pd.DataFrame:
+    """The share of starts that settle with the source at each leg, for each set of parameters.
+
+    A source at leg k is the boundary leg of a source wave: legs in front of it swing in a direct wave, k and
+    those behind it in a retrograde one. Waves meet at leg p if they are retrograde in front of it and direct
+    behind it, without a free lag.
+
+    Args:
+        table: a settle table of the multi-legged chain, several starts for each set.
+
+    Returns:
+        A row for each set and each leg: the parameters that vary, `leg`, `source`, `meeting`, and `neither`,
+        the share of starts of the set without a source or a meeting place at any leg; `starts` of the set.
+
+    Raises:
+        AnalysisError: the table is not of the chain.
+    """
+    phases = _phases(table, "_end")
+    names = _parameters(table)
+    settled = np.isin(np.asarray(table["status"], str), list(SETTLED))
+    source = np.where(settled & (np.asarray(table["gait"], str) == "source"), table["k"], 0)
+    meeting = np.where(settled & (np.asarray(table["gait"], str) == "none"), _meetings(phases), 0)
+    rows = []
+    groups = table.groupby(names, sort=True).indices if names else {(): np.arange(len(table))}
+    for values, at in groups.items():
+        given = dict(zip(names, values if isinstance(values, tuple) else (values,), strict=True))
+        here = source[at], meeting[at]
+        neither = float(np.mean((here[0] == 0) & (here[1] == 0)))
+        rows += [
+            given
+            | {"leg": leg, "source": np.mean(here[0] == leg), "meeting": np.mean(here[1] == leg)}
+            | {"neither": neither, "starts": len(at)}
+            for leg in range(1, phases.shape[1] + 2)
+        ]
+    return pd.DataFrame(rows)
+
+
+def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
+    """How fast E, the sum of the relative phases, drifts in each row, beside the law for its ends.
+
+    The source moves with E: by one leg while E changes by about 4 rad.
+
+    Args:
+        table: a return_map table of the multi-legged chain.
+        cycles: the last cycles of each row over which the drift is averaged.
+
+    Returns:
+        A record for each row: the parameters that vary, `place`, the link whose lag is farthest from the
+        wave's at the end, `drift` (rad a cycle), `law` for rigid legs (eqs. 30 to 32), and
+        `law_on_ground` with the ground's stiffness, rad a cycle; above 0 the source moves to the head.
+
+    Raises:
+        AnalysisError: the table is not of the chain, or a row has fewer than two crossings.
+    """
+    _phases(table, "_n")
+    names, records = _parameters(table), []
+    for row, part in table.groupby("row", sort=True):
+        part = part.sort_values(by="crossing").tail(cycles + 1)
+        psi = _phases(part, "_n")
+        if len(psi) < 2:
+            raise AnalysisError(f"Row {row} has fewer than two crossings.")
+        N, first = psi.shape[1], pd.DataFrame(part.head(1))
+        chain = one_chain(chains_of(table, first), 0)
+        K = first["K"].iloc[0] if "K" in first else parameters_of(table, first).get("K", 1.0e5)
+        rate = float(np.mean(wrapped_difference(np.diff(psi.sum(axis=1)))))
+        records.append(
+            {"row": row}
+            | {name: first[name].iloc[0] for name in names}
+            | {
+                "place": int(np.abs(wrapped_difference(psi[-1])).argmax()) + 1,
+                "drift": rate,
+                "law": float(drift(chain)),
+                "law_on_ground": float(drift_on_ground(N, chain, float(K))),
+            }
+        )
+    return pd.DataFrame(records)
+
+
+def _phases(table: pd.DataFrame, suffix: str) -> np.ndarray:
+    """The relative phases of each record, (n, N), rad."""
+    names = [f"psi_{i}{suffix}" for i in range(1, table.shape[1])]
+    names = [name for name in names if name in table.columns]
+    if not names:
+        raise AnalysisError(f"The source is found in a table of the multi-legged chain: psi_1{suffix}, ...")
+    return table[names].to_numpy(float)
+
+
+def _parameters(table: pd.DataFrame) -> list[str]:
+    """The columns that vary and are no starts."""
+    return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
+
+
+def _meetings(psi: np.ndarray) -> np.ndarray:
+    """The leg, 2 .. N, at which the waves of each state (n, N) meet; 0 if they do not."""
+    lags = wrapped_difference(psi)
+    near, behind = np.abs(lags) < 0.5 * np.pi, lags > 0.0
+    retrograde = np.count_nonzero(~behind, axis=1)  # links in front of the meeting leg
+    ordered = np.all(behind == (np.arange(psi.shape[1]) >= retrograde[:, None]), axis=1)
+    inside = (retrograde > 0) & (retrograde < psi.shape[1])
+    return np.where(near.all(axis=1) & ordered & inside, retrograde + 1, 0)

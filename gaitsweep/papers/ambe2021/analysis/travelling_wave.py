@@ -1,0 +1,177 @@
+"""The waves of swing legs in traces of the multi-legged chain: lags of neighbours, wavelength and speed.
+
+The phase of a leg advances at omega except for some time constants after its touchdown. So the time at which
+it passes pi, in the middle of stance, is exact by linear interpolation between samples, and the lag of two
+legs is the difference of two such times.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, one_chain, parameters_of
+from gaitsweep.papers.ambe2021.theory.chain import Chain, Speeds, wave_speed, wavelength
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, distances, gait_of
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches
+
+PASSED = np.pi  # rad, the phase whose passage is timed: in stance, and far from the phase reset
+
+
+class Passages(NamedTuple):
+    """When the legs of one row pass the middle of stance: `period` (s) and `leads` (N,), s.
+
+    `leads[i]` is the time from the passage of leg i + 2 to the next one of leg i + 1, in [0, period): short
+    in a direct wave, nearly a period in a retrograde one.
+    """
+
+    period: float
+    leads: np.ndarray
+
+
+def waves(table: pd.DataFrame) -> pd.DataFrame:
+    """The wave of each row of a trace, with the wavelength and speed that the theory gives.
+
+    Args:
+        table: a trace table of the multi-legged chain, full or reduced, settled (`after_cycles`).
+
+    Returns:
+        A record for each row: its parameters that vary; `gait`, the boundary leg `k` and the `distance` (rad)
+        of the nearest analytic solution on section 1, however far; `free_link`, the link i between legs i and
+        i + 1 whose lag is free; `period` (s); `lag` (s), the mean over the links of the wave, and `spread`,
+        the largest minus the smallest of these; `wavelength` (legs) and `speed` (legs/s); the theory's
+        `wavelength_27`, `speed_28` (as printed) and `speed_exact`, NaN for a chain with a profile.
+
+    Raises:
+        AnalysisError: the table has no phases, or a row has fewer than two cycles.
+
+    Source: eqs. (27), (28).
+    """
+    N = springs_of(table)
+    if "t" not in table.columns or N < 2:
+        raise AnalysisError("Waves are measured in a trace of the multi-legged chain: t, phase_1, ...")
+    records = []
+    for row, part in table.groupby("row", sort=True):
+        part = part.sort_values("t")
+        first = pd.DataFrame(part.head(1))
+        chain = one_chain(chains_of(table, first), 0)
+        records.append(_wave(int(str(row)), part, N, chain, _omega(table, first)))
+    varied = [
+        name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
+    ]
+    given = table.groupby("row", sort=True)[varied].first().reset_index(drop=True)
+    return pd.concat(
+        [pd.DataFrame(records)[["row"]], given, pd.DataFrame(records).drop(columns="row")], axis=1
+    )
+
+
+def springs_of(table: pd.DataFrame) -> int:
+    """The number of springs N of the chain of a trace, from its signals phase_1 .. phase_{N+1}."""
+    return sum(f"phase_{i}" in table.columns for i in range(1, len(table.columns))) - 1
+
+
+def _wave(row: int, part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, object]:
+    found, psi = passages(part, N), relative_phases(part, N)
+    branch, distance = nearest_set(N, chain, psi)
+    inside = links_of_wave(N, branch)
+    lags = np.minimum(found.leads, found.period - found.leads)[inside - 1]
+    # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
+    nothing = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
+    speeds = nothing if chain.has_profile else wave_speed(omega, chain)
+    printed = np.nan if chain.has_profile else float(wavelength(chain))
+    return {
+        "row": row,
+        "gait": GAITS[gait_of(branch)],
+        "k": branch.k if branch.kind != "direct" else 0,
+        "distance": distance,
+        "free_link": free_link(N, branch),
+        "period": found.period,
+        "lag": lags.mean(),
+        "spread": np.ptp(lags),
+        "wavelength": found.period / lags.mean(),
+        "speed": 1.0 / lags.mean(),
+        "wavelength_27": printed,
+        "speed_28": float(speeds.printed),
+        "speed_exact": float(speeds.exact),
+    }
+
+
+def _omega(table: pd.DataFrame, first: pd.DataFrame) -> float:
+    if "omega" in first.columns:
+        return float(first["omega"].iloc[0])
+    job = table.attrs.get("job") or {}
+    return float((job.get("params") or {}).get("omega", parameters_of(table, first).get("omega", 0.4)))
+
+
+def nearest_set(N: int, chain: Chain, psi: np.ndarray) -> tuple[Branch, float]:
+    """The set of analytic solutions nearest to psi (N,) on section 1, and its distance, rad."""
+    away = np.asarray(_distances(N, chain, psi))
+    return branches(N)[int(away.argmin())], float(away.min())
+
+
+_distances = jax.jit(distances, static_argnums=0)
+
+
+def free_link(N: int, branch: Branch) -> int:
+    """The link i, between legs i and i + 1, whose lag is free along a set of solutions."""
+    return N if branch.kind == "direct" else branch.k - 1
+
+
+def links_of_wave(N: int, branch: Branch) -> np.ndarray:
+    """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
+    out = {free_link(N, branch)} | ({branch.k} if branch.kind == "A" else set())
+    return np.array([link for link in range(1, N + 1) if link not in out])
+
+
+def passages(part: pd.DataFrame, N: int) -> Passages:
+    """The period, and by how much each leg leads the one in front of it, in the last cycles of one row.
+
+    Args:
+        part: the records of one row of a trace, in order of time.
+        N: springs; there are N + 1 legs.
+
+    Raises:
+        AnalysisError: a leg passes the middle of stance fewer than three times.
+    """
+    t = part["t"].to_numpy(float)
+    times = [_times(t, part[f"phase_{leg}"].to_numpy(float)) for leg in range(1, N + 2)]
+    if min(map(len, times)) < 3:
+        raise AnalysisError("A wave is measured over two cycles at least: give the trace a longer duration.")
+    period = float(np.mean([each[-1] - each[-3] for each in times])) / 2.0
+    last = np.array([each[-1] for each in times])
+    return Passages(period, np.mod(last[:-1] - last[1:], period))
+
+
+def _times(t: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """The times at which a phase (rad, any turns) passes `PASSED`."""
+    # samples between which the phase wraps are far from PASSED
+    before = np.flatnonzero((phase[:-1] < PASSED) & (phase[1:] >= PASSED) & (np.diff(phase) < 1.0))
+    share = (PASSED - phase[before]) / (phase[before + 1] - phase[before])
+    return t[before] + share * (t[before + 1] - t[before])
+
+
+def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
+    """psi (N,), rad, at the last sample before leg 1 touches down: on section 1.
+
+    Args:
+        part, N: as in `passages`.
+
+    Raises:
+        AnalysisError: leg 1 does not touch down in the recorded time.
+    """
+    phase = part[[f"phase_{leg}" for leg in range(1, N + 2)]].to_numpy(float)
+    contact = part["contact_1"].to_numpy(float) > 0.5
+    down = np.flatnonzero(~contact[:-1] & contact[1:])
+    lifted = np.flatnonzero(contact[:-1] & ~contact[1:])
+    down = down[down > lifted[0]] if len(lifted) else down[:0]
+    if not len(down):
+        raise AnalysisError("Leg 1 does not touch down in the recorded time.")
+    # a foot bounces after its touchdown and before it takes off: touchdowns end the long times in the air
+    aloft = down - lifted[np.searchsorted(lifted, down) - 1]
+    down = down[aloft > 0.5 * aloft.max()]
+    return np.mod(np.diff(phase[down[-1]]), 2.0 * np.pi)

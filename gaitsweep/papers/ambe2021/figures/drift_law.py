@@ -1,0 +1,134 @@
+"""The settling time of a multi-legged chain with unequal ends, compared with the law of the drift."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.kinds.numbers import word
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.theory.conserved import drift, worst_case_cycles
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, column, outcome, rows_where
+from gaitsweep.plot.figure_kind import GaitColumn, PlannedTable, Refusal, Title, figure_kind
+
+EQUAL = 1e-9  # largest difference between equal ends, in the unit of the parameter
+ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
+APART = {
+    "m": "difference of head's and tail's mass |m$_{N+1}$ − m$_1$|, kg",
+    "kappa": "drift of E, unequal end springs, rad a cycle",
+    "a": "drift of E, unequal end amplitudes, rad a cycle",
+    "ends": "drift of E, unequal ends, rad a cycle",
+}
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    pairs = list(ENDS.values()) if figure.of == "ends" else [ENDS[figure.of]]
+    if not any(table.missing(pair) is None for pair in pairs):
+        told = ", or ".join(" and ".join(pair) for pair in pairs)
+        yield ("of",), f"is {figure.of}, for which {told} have to vary in this job."
+    elif table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+
+
+@figure_kind("settle", check=_check)
+def drift_law(
+    table: pd.DataFrame,
+    *,
+    of: Annotated[
+        Literal["m", "kappa", "a", "ends"],
+        word("m", "kappa", "a", "ends"),
+        "what differs between head and tail: masses, end springs, amplitudes; ends: any of these",
+    ] = "m",
+    hue: GaitColumn = "gait",
+    title: Title = None,
+) -> Figure:
+    """Cycles until settled over the asymmetry of the ends, and the worst case of eqs. (30)-(32).
+
+    Shown are the largest and the median number of cycles for each pair of ends and each gait. Pairs that do
+    not drift, which keep all their gaits, are left out, and so are starts without a gait. Unequal masses are
+    drawn over their difference, to which the drift is proportional; others over the drift itself.
+
+    Args:
+        table: a settle table of the multi-legged chain with the columns of the head's and the tail's value.
+
+    Raises:
+        PlotError: the table does not have a column, `of` is not one of those, or a profile varies.
+    """
+    if of not in APART:
+        raise PlotError(f"of is {of}, but what can differ between the ends is one of {', '.join(APART)}.")
+    for name in ("cycles", hue):
+        column(table, name)
+    ends = [column(table, name) for pair in _columns(table, of) for name in pair]
+    kept = rows_where(table, ~outcome(table, hue).isin([NOT_SETTLED, FAILED, "none"]))
+    with style.canvas(style.COLUMN + 0.9, 3.1, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(APART[of])
+        axes.set_ylabel("cycles until settled")
+        pairs = _pairs(table, kept, ends, hue, by_mass=of == "m")
+        if not len(pairs):
+            style.message(axes, "no row with unequal ends has settled")
+            return figure
+        names = sorted(pairs[hue].unique())
+        colour, marker = style.colours(names), style.markers(names)
+        for name in names:
+            mine = pairs[pairs[hue] == name]
+            look = {"color": colour[name], "marker": marker[name], "s": 16, "linewidths": 0.8}
+            axes.scatter(mine["apart"], mine["max"], label=f"{name}: most cycles", **look)
+            axes.scatter(
+                mine["apart"], mine["median"], facecolors="none", label=f"{name}: median",
+                **{**look, "color": None, "edgecolors": colour[name]},
+            )  # fmt: skip
+        law = pairs.groupby("apart")["law"].first().sort_index()
+        axes.plot(law.index, law, color="black", lw=0.9, label="drift along all of the line")
+        for axis, scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
+            scale("log")
+            _ticks(axis)
+        figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _columns(table: pd.DataFrame, of: str) -> list[tuple[str, str]]:
+    """The columns of head and tail that may differ."""
+    if of != "ends":
+        return [ENDS[of]]
+    there = [pair for pair in ENDS.values() if set(pair) <= set(table.columns)]
+    if not there:
+        pairs = ", ".join(" and ".join(pair) for pair in ENDS.values())
+        raise PlotError(f"This table has no column of an end; of: ends reads pairs of these: {pairs}.")
+    return there
+
+
+def _ticks(axis: Axis) -> None:
+    """Ticks at round numbers, more of them where the axis covers less than a decade."""
+    low, high = axis.get_view_interval()
+    subs = (1.0, 2.0, 5.0) if high > 8.0 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+def _pairs(table: pd.DataFrame, kept: pd.DataFrame, ends: list[str], hue: str, by_mass: bool) -> pd.DataFrame:
+    """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
+    profile = [name for name in profile_parameters_of(table) if name in table]
+    moving = [name for name in profile if len(table[name].unique()) > 1]
+    if moving:
+        raise PlotError(f"{moving[0]} varies: the law is drawn for one profile of the inner legs.")
+    springs = sum(f"psi_{i}_end" in table for i in range(1, table.shape[1]))
+    chain = chain_of(table)
+    groups = kept.groupby([*ends, kept[hue].astype(str)])["cycles"].agg(["median", "max"])
+    pairs = groups.reset_index()
+    chains = [
+        chain._replace(**dict(zip(ends, values, strict=True))) for values in pairs[ends].to_numpy(float)
+    ]
+    pairs["law"] = [float(worst_case_cycles(springs, each)) for each in chains]
+    drifts = np.round([abs(float(drift(each))) for each in chains], 9)
+    pairs["apart"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts
+    return rows_where(pairs, pairs["apart"] > EQUAL)

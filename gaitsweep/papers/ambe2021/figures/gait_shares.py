@@ -1,0 +1,218 @@
+"""Fractions of the multi-legged chain's gaits over parameters, with the limits of the paper's conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+import scipy
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+
+from gaitsweep import near_miss
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chains_of, has_profile, parameters_of
+from gaitsweep.papers.ambe2021.analysis.gait_shares import GAITS, existence, springs_of
+from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
+from gaitsweep.plot import style
+from gaitsweep.plot.basins.cells import cell_edges, filled, on_grid
+from gaitsweep.plot.columns import axis_label, column, described, is_logarithmic, log_axes
+from gaitsweep.plot.figure_kind import (
+    TEXT_COLUMNS,
+    AlongAxis,
+    Horizontal,
+    PlannedTable,
+    Refusal,
+    Title,
+    figure_kind,
+)
+
+_SHARES = (*GAITS, "elsewhere")
+# white around black shows on dark cells and on light ones
+_CASED = [withStroke(linewidth=2.0, foreground="white")]
+_EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--", "path_effects": _CASED}
+_EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1}
+_LINES = {
+    "m/2 < m$_B$ < m, m g/κ < a < L": Line2D([], [], color="black", lw=0.9, ls="--"),
+    "edge of where the wave is a motion of the chain": Line2D([], [], **_EXACT),
+}
+_PLACES = 240  # points along each axis of a map of sets that form no grid
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+        return
+    sets = [name for name in table.varied if not name.startswith(("psi_", "phi_"))]
+    for field in ("x", "y"):
+        column = getattr(figure, field)
+        if column is not None and column not in sets and column not in TEXT_COLUMNS:
+            allowed = near_miss.allowing(sets)
+            yield (field,), f"is {column}, which is no parameter that varies in this job. {allowed}"
+
+
+@figure_kind("settle", check=_check)
+def gait_shares(
+    table: pd.DataFrame,
+    *,
+    x: Horizontal,
+    y: Annotated[AlongAxis | None, "column along the vertical axis; curves over x without"] = None,
+    title: Title = None,
+) -> Figure:
+    """The fraction of starts with each gait: curves over x, or a map over x and y for each gait.
+
+    Curves have their 95 % intervals. Dashed lines are the limits of m/2 < m_B < m and of m g/kappa < a < L,
+    solid ones those of the exact conditions (`existence`); parameters that are not on the axes are those of
+    the job, or of Table 1 if they vary. With a profile there are no dashed lines. If the sets form no grid,
+    each point of a map shows the nearest set, and the sets are white dots.
+
+    Args:
+        table: a settle table of the multi-legged chain, several starts for each set of parameters.
+
+    Raises:
+        PlotError: the table does not have a column.
+    """
+    for name in (x, y):
+        if name is not None:
+            column(table, name)
+    if y is None:
+        return _curves(table, x, title)
+    with style.canvas(style.PAGE, 2.7, title) as figure:
+        panels = figure.subplots(1, len(_SHARES), sharex=True, sharey=True)
+        if not len(table):
+            style.message(panels[0], "no rows yet")
+            return figure
+        shares = shares_of(table)
+        drawn = None
+        for axes, gait in zip(panels, _SHARES, strict=True):
+            log_axes(axes, table, x=x, y=y)
+            drawn = _map(axes, shares, x, y, gait, (is_logarithmic(table, x), is_logarithmic(table, y)))
+            axes.set_title(gait if gait in GAITS else "none of these")
+            axes.set_xlabel(axis_label(table, x))
+            _edges(axes, table, x, y)
+            if gait in GAITS:
+                _exact(axes, table, x, y, gait)
+        panels[0].set_ylabel(described(table, y, 24))
+        assert drawn is not None
+        figure.colorbar(drawn, ax=panels, label="share of starts", shrink=0.9)
+        figure.legend(list(_LINES.values()), list(_LINES), loc="outside lower center", ncols=2)
+    return figure
+
+
+def _map(axes: Axes, shares: pd.DataFrame, x: str, y: str, gait: str, logs: tuple[bool, bool]) -> Any:
+    """Cells if the sets form a grid, averaged over a cell's sets; else the fraction of the nearest set."""
+    look = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "rasterized": True}
+    across, up = np.unique(shares[x]), np.unique(shares[y])
+    if (
+        len(shares) >= 0.5 * len(across) * len(up)
+        and on_grid(across, log=logs[0])
+        and on_grid(up, log=logs[1])
+    ):
+        cells = shares.pivot_table(index=y, columns=x, values=gait, aggfunc="mean")
+        across, up = filled(across, log=logs[0]), filled(up, log=logs[1])
+        cells = cells.reindex(index=up, columns=across).to_numpy(float)
+        edges = cell_edges(across, log=logs[0]), cell_edges(up, log=logs[1])
+        return axes.pcolormesh(*edges, cells, **look)
+    points = shares[[x, y]].to_numpy(float)
+    axes.plot(*points.T, ".", ms=1.0, mew=0, color="white", zorder=2, rasterized=True)  # the sets themselves
+    points[:, logs] = np.log(points[:, logs])
+    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
+    middles = (np.arange(_PLACES) + 0.5) / _PLACES
+    places = np.stack(np.meshgrid(middles, middles), axis=-1)
+    away, nearest = scipy.spatial.KDTree((points - low) / size).query(places)
+    # points far from every set stay empty
+    known = np.where(away < 3.0 / np.sqrt(len(points)), shares[gait].to_numpy(float)[nearest], np.nan)
+    edges = np.linspace(0.0, 1.0, _PLACES + 1)[:, None] * size + low
+    edges[:, logs] = np.exp(edges[:, logs])
+    return axes.pcolormesh(edges[:, 0], edges[:, 1], known, **look)
+
+
+def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
+    with style.canvas(style.COLUMN + 0.9, 3.1, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel("share of starts")
+        log_axes(axes, table, x=x)
+        if not len(table):
+            style.message(axes, "no rows yet")
+            return figure
+        shares = shares_of(table).sort_values(x)
+        colour = {**style.colours(GAITS), "elsewhere": style.COLOURS["none"]}
+        marker = {**style.markers(GAITS), "elsewhere": "x"}
+        for gait in _SHARES:
+            label = gait if gait in GAITS else "none of these"
+            look = {"color": colour[gait], "marker": marker[gait], "ms": 3.5}
+            axes.plot(shares[x], shares[gait], label=label, **look)
+            if gait in GAITS:
+                band = (shares[x], shares[f"{gait}_low"], shares[f"{gait}_high"])
+                axes.fill_between(*band, color=colour[gait], alpha=0.18, lw=0)
+        axes.set_ylim(-0.02, 1.02)
+        _edges(axes, table, x, None)
+        for gait in GAITS:
+            _exact(axes, table, x, None, gait)
+        figure.legend(loc="outside lower center", ncols=4)
+    return figure
+
+
+def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
+    """The limits of the conditions that depend on the axes, with all other parameters as in the job.
+
+    There are none for a profile: the inner legs do not have one m, kappa and a.
+    """
+    if has_profile(table):
+        return
+    low, high = axes.get_xlim(), axes.get_ylim()
+    along = _along(low, 401, axes.get_xscale())
+    sets = pd.DataFrame({x: along})
+    values = parameters_of(table, sets)
+    for name, draw in ((x, axes.axvline), *(((y, axes.axhline),) if y else ())):
+        if name == "m_B":
+            draw(0.5 * float(np.ravel(values["m"])[0]), **_EDGE)
+            draw(float(np.ravel(values["m"])[0]), **_EDGE)
+    sag = values["m"] * values["g"] / values["kappa"]
+    if y == "a":
+        axes.plot(along, np.broadcast_to(sag, along.shape), **_EDGE)
+        axes.axhline(float(np.ravel(values["L"])[0]), **_EDGE)
+    elif y == "kappa":
+        stiff = values["m"] * values["g"] / values["a"]
+        axes.plot(along, np.broadcast_to(stiff, along.shape), **_EDGE)
+    elif x == "kappa":
+        axes.axvline(float(np.ravel(values["m"] * values["g"] / values["a"])[0]), **_EDGE)
+    elif x == "a":
+        axes.axvline(float(np.ravel(sag)[0]), **_EDGE)
+        axes.axvline(float(np.ravel(values["L"])[0]), **_EDGE)
+    axes.set_xlim(low)
+    axes.set_ylim(high)
+
+
+def _along(limits: tuple[float, float], number: int, scale: str) -> np.ndarray:
+    """Places of an axis, evenly spread on the page."""
+    return (np.geomspace if scale == "log" else np.linspace)(*limits, number)
+
+
+def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) -> None:
+    """The limits of existence of each gait; other parameters as in the job, or as in Table 1."""
+    low, high = axes.get_xlim(), axes.get_ylim()
+    # parameters are above zero, where a figure's margin may not be
+    above = [(max(limits[0], 1e-3 * limits[1]), limits[1]) for limits in (low, high)]
+    along = _along(above[0], 241 if y is None else 161, axes.get_xscale())
+    up = _along(above[1], 161, axes.get_yscale()) if y else np.zeros(1)
+    grid = np.stack([each.ravel() for each in np.meshgrid(along, up)], axis=1)
+    sets = pd.DataFrame(grid[:, : 2 if y else 1], columns=[x, y] if y else [x])
+    L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
+    there = existence(springs_of(table), chains_of(table, sets), L)[gait].reshape(len(up), len(along))
+    if y:
+        if there.any() and not there.all():
+            look = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
+            axes.contour(along, up, there.astype(float), [0.5], **look)
+    else:
+        drawn = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
+        for turn in np.flatnonzero(np.diff(there[0].astype(int))):
+            at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
+            if min(abs(at - each) for each in drawn) > step:  # not drawn twice for two gaits or conditions
+                axes.axvline(at, zorder=0, **_EXACT)
+    axes.set_xlim(low)
+    axes.set_ylim(high)

@@ -1,0 +1,182 @@
+"""Settled states in space and in two projections, with the analytic solutions (Ambe 2021, Fig. 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from pydantic import Field
+
+from gaitsweep.analysis.records import FAILED, NOT_SETTLED, in_order
+from gaitsweep.kinds.numbers import Flag, Real, Text
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.analysis.largest_distance import largest_distance
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST, segments
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, axis_label, column, is_angle, outcome, rows_where
+from gaitsweep.plot.figure_kind import Hue, Observable, Title, figure_kind
+
+_Three = Field(min_length=3, max_length=3)
+_PSI = ("psi_1", "psi_2", "psi_3")
+
+
+@figure_kind("settle")
+def solution_set(
+    table: pd.DataFrame,
+    *,
+    axes: Annotated[Sequence[Observable], _Three, "three observables of the model"],
+    hue: Hue = "gait",
+    theory: Annotated[
+        Flag, "whether the analytic solutions are drawn over it, known for psi_1, psi_2, psi_3"
+    ] = True,
+    points: Annotated[
+        Mapping[Text, Annotated[Sequence[Real], _Three]], "points to mark, by name, three numbers each"
+    ] = MappingProxyType({}),
+    title: Title = None,
+) -> Figure:
+    """The settled states in the space of three observables, and projected on two pairs of them.
+
+    Args:
+        table: a settle table; rows that failed or did not settle are left out and counted in the legend.
+
+    Raises:
+        PlotError: the table does not have a column, or axes or points do not have three entries.
+    """
+    if len(axes) != 3:
+        raise PlotError(f"axes has {len(axes)} entries: this figure is drawn over three observables.")
+    names = [column(table, name, ("_end", "")) for name in axes]
+    column(table, hue)
+    for name, place in points.items():
+        if len(place) != 3:
+            raise PlotError(f"Point {name} has {len(place)} numbers: give one for each of the three axes.")
+    shown = outcome(table, hue)
+    lines, remark = _theory(table, list(axes)) if theory else (np.zeros((0, 2, 3)), None)
+    with style.canvas(style.PAGE, 4.3, title) as figure:
+        space, low, high = _panels(figure)
+        kept = _scatter(table, names, hue, shown, space, low, high)
+        for start, stop in lines:
+            space.plot(*np.stack([start, stop]).T, color="black", lw=0.9, zorder=5)
+            for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
+                panel.plot([start[i], stop[i]], [start[j], stop[j]], color="black", lw=0.9, zorder=5)
+        for number, (name, place) in enumerate(points.items()):
+            _mark(name, np.asarray(place, float), space, low, high, number)
+        _label(table, names, space, low, high)
+        if not kept:
+            style.message(low, "no row has settled")
+        _legend(figure, table, hue, shown, _named(table) if len(lines) else None, remark)
+    return figure
+
+
+def _panels(figure: Figure) -> tuple[Any, Any, Any]:
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.45, 1.0))
+    space: Any = figure.add_subplot(grid[:, 0], projection="3d")
+    space.view_init(elev=22.0, azim=-58.0)
+    space.set_box_aspect((1, 1, 0.95), zoom=0.95)  # pyright: ignore
+    space.computed_zorder = False  # else matplotlib hides the lines behind the points
+    return space, figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+
+
+def _scatter(
+    table: pd.DataFrame, names: list[str], hue: str, shown: pd.Series, space: Any, low: Any, high: Any
+) -> int:
+    """The settled rows in all three panels; how many there are."""
+    order = in_order(table, hue, shown)
+    colour, marker = style.colours(order), style.markers(order)
+    kept = 0
+    for name in order:
+        mine = rows_where(table, shown == name)
+        if name in (NOT_SETTLED, FAILED) or not len(mine):
+            continue
+        place = mine[names].to_numpy(float)
+        place = np.where([is_angle(table, each) for each in names], np.mod(place, 2 * np.pi), place)
+        look = {
+            "color": colour[name],
+            "marker": marker[name],
+            "linewidths": 0.8 if marker[name] == "x" else 0,
+            "clip_on": False,
+        }
+        size = float(np.clip(3e3 / len(mine), 9.0, 16.0))  # larger than the width of the lines over them
+        space.scatter(*place.T, s=size, depthshade=False, **look)
+        low.scatter(place[:, 0], place[:, 1], s=size, rasterized=True, **look)
+        high.scatter(place[:, 1], place[:, 2], s=size, rasterized=True, **look)
+        kept += len(mine)
+    return kept
+
+
+def _mark(name: str, place: np.ndarray, space: Any, low: Any, high: Any, number: int) -> None:
+    """A named point: an open ring, its name beside it, on changing sides so that neighbours stay readable."""
+    ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
+    text = {"fontsize": 9, "fontweight": "bold", "zorder": 9}
+    space.scatter(*place[:, None], depthshade=False, **ring)
+    space.text(place[0] - 0.45, place[1], place[2] + 0.2, name, ha="center", **text)
+    for panel, (i, j) in ((low, (0, 1)), (high, (1, 2))):
+        panel.scatter(place[i], place[j], **ring)
+        side = [(5, 4), (5, -11), (-11, 4)][number % 3]
+        panel.annotate(name, (place[i], place[j]), side, textcoords="offset points", **text)
+
+
+def _label(table: pd.DataFrame, names: list[str], space: Any, low: Any, high: Any) -> None:
+    labels = [axis_label(table, name) for name in names]
+    for which, name, label in zip("xyz", names, labels, strict=True):
+        getattr(space, f"set_{which}label")(label, labelpad=-2)
+        if is_angle(table, name):
+            style.angle_axis(space, which, steps=2)
+    space.tick_params(pad=-1)
+    for panel, pair in ((low, (0, 1)), (high, (1, 2))):
+        for which, i in zip("xy", pair, strict=True):
+            getattr(panel, f"set_{which}label")(labels[i])
+            if is_angle(table, names[i]):
+                style.angle_axis(panel, which)
+        if all(is_angle(table, names[i]) for i in pair):
+            panel.set_aspect("equal")
+
+
+def _legend(
+    figure: Figure, table: pd.DataFrame, hue: str, shown: pd.Series, theory: str | None, remark: str | None
+) -> None:
+    order = in_order(table, hue, shown)
+    colour, marker = style.colours(order), style.markers(order)
+    handles = []
+    for name in order:
+        face = "none" if name in (NOT_SETTLED, FAILED) else colour[name]
+        count = int((shown == name).sum())
+        label = f"{name} ({count})" if face != "none" else f"{name}: {count}, not shown"
+        handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
+    if theory:
+        handles.append(Line2D([], [], color="black", lw=0.9, label=theory))
+    title = f"No analytic solutions are drawn: {remark}" if remark else None
+    if handles or title:
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=min(4, max(len(handles), 1)), title=title
+        )
+
+
+def _named(table: pd.DataFrame) -> str:
+    """The analytic solutions in the legend, with the largest distance of settled states from them."""
+    far = largest_distance(table)
+    return "analytic solutions" if far is None else f"analytic solutions, {far[0]:.3f} rad away at most"
+
+
+def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[np.ndarray, str | None]:
+    """The ends of the analytic pieces on section 1, (n, 2, 3), or the reason why there are none."""
+    none = np.zeros((0, 2, 3))
+    if any(name.removesuffix("_end") not in _PSI for name in axes):
+        return none, "they are known for psi_1, psi_2 and psi_3 only."
+    if "psi_4_end" in table.columns:
+        return none, "they are drawn for N = 3 only."
+    names = (*Chain._fields, "m_B", *profile_parameters_of(table))
+    varied = [name for name in names if name in table.columns and len(table[name].unique()) > 1]
+    if varied:
+        return none, f"{', '.join(varied)} varies."
+    lines = segments(3, chain_of(table))
+    half, middle = np.asarray(lines.half)[..., None], np.asarray(lines.middle)
+    reach = np.asarray(lines.direction) * half
+    ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST]
+    order = [_PSI.index(name.removesuffix("_end")) for name in axes]
+    return ends[:, :, order], None

@@ -1,0 +1,97 @@
+"""The leg at which the source of a wave settles, over the strength of profiles along the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep import near_miss
+from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places_of
+from gaitsweep.plot import style
+from gaitsweep.plot.basins.cells import cell_edges
+from gaitsweep.plot.columns import PlotError, axis_label, column
+from gaitsweep.plot.figure_kind import Column, PlannedTable, Refusal, Title, figure_kind
+
+_SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "waves meet at this leg")}
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.missing(["psi_1_end"]):
+        yield figure.needs(table, "the multi-legged chain's psi_1")
+    for place, name in enumerate(figure.x):
+        if name not in table.varied:
+            yield (
+                ("x", place),
+                f"is {name}, which does not vary in this job. {near_miss.allowing(table.varied)}",
+            )
+
+
+@figure_kind("settle", check=_check)
+def source_place(
+    table: pd.DataFrame,
+    *,
+    x: Annotated[Sequence[Column], "strengths of profiles, a panel each; 0 stands for equal legs"],
+    title: Title = None,
+) -> Figure:
+    """The share of starts whose source settles at each leg, over the strength of each profile.
+
+    A panel has the rows in which the other profiles of `x` are 0. The lowest row of cells has the starts with
+    neither a source nor a place where waves meet: one wave along the whole chain, or not settled.
+
+    Args:
+        table: a settle table of the multi-legged chain, several starts for each profile.
+
+    Raises:
+        PlotError: the table does not have a column.
+    """
+    if not x:
+        raise PlotError("x is empty: name a profile that varies, such as m_slope.")
+    for name in x:
+        column(table, name)
+    with style.canvas(style.PAGE, 3.3, title) as figure:
+        panels = figure.subplots(1, len(x), sharey=True, squeeze=False)[0]
+        panels[0].set_ylabel("leg, 1 at the head")
+        if not len(table):
+            style.message(panels[0], "no rows yet")
+            return figure
+        shares, drawn = places_of(table), {}
+        legs = int(shares["leg"].to_numpy().max())
+        most = max(float(shares["source"].to_numpy().max()), 0.01)
+        for axes, name in zip(panels, x, strict=True):
+            others = [other for other in x if other != name]
+            alone = np.all(shares[others].to_numpy(float) == 0.0, axis=1)
+            drawn = _panel(axes, pd.DataFrame(shares[alone]), name, legs, most)
+            axes.set_xlabel(axis_label(table, name))
+        panels[0].set_yticks([*range(1, legs + 1), legs + 2], [*map(str, range(1, legs + 1)), "neither"])
+        panels[0].set_ylim(legs + 2.5, 0.5)
+        for mesh, label in drawn.values():
+            figure.colorbar(mesh, ax=panels, label=f"share: {label}", shrink=0.9, pad=0.01)
+    return figure
+
+
+def _panel(axes: Any, shares: pd.DataFrame, name: str, legs: int, most: float) -> dict[str, tuple[Any, str]]:
+    """The cells of one profile, and the mesh and the label of each colour bar.
+
+    Starts spread over many legs, so the colours of sources end at the largest share of all panels, `most`.
+    """
+    across, drawn = np.unique(shares[name]), {}
+    edges = cell_edges(across), np.arange(legs + 1) + 0.5
+    for column_name, (cmap, label) in _SHOWN.items():
+        cells = shares.pivot(index="leg", columns=name, values=column_name).to_numpy(float)
+        look = {
+            "cmap": cmap,
+            "vmin": 0.0,
+            "rasterized": True,
+            "vmax": most if column_name == "source" else 1.0,
+        }
+        mesh = axes.pcolormesh(*edges, np.ma.masked_equal(cells, 0.0), **look)
+        drawn[column_name] = mesh, label
+    neither = shares.groupby(name)["neither"].first().to_numpy(float)[None]
+    rest = np.array([legs + 1.5, legs + 2.5])
+    axes.pcolormesh(edges[0], rest, np.ma.masked_equal(neither, 0.0), cmap="Greys", vmin=0.0, vmax=1.0)
+    axes.axhline(legs + 1.0, color="#AAAAAA", lw=0.6)
+    return drawn

@@ -1,0 +1,313 @@
+"""The theory of the multi-legged chain in figures: touchdowns, their order, the free phase, all sets."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from gaitsweep.kinds.numbers import CountOrZero, Positive, word
+from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of
+from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, gait_of
+from gaitsweep.papers.ambe2021.theory.order import jumps, touchdown_order
+from gaitsweep.papers.ambe2021.theory.reset_sets import reset_sets
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, places, rule_of, solution
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
+
+SHOWN = ("touchdowns", "order", "free_phase", "sets")
+_TOUCHING, _FRONT, _REAR = "#000000", "#E69F00", "#0072B2"
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    N = getattr(table.model, "N", None)
+    if N is None or (
+        table.missing(["psi_1_end"]) and table.missing(["psi_1_n"]) and table.missing(["phase_1"])
+    ):
+        yield figure.needs(table, "the multi-legged chain's psi_1 or phase_1")
+    elif figure.k is not None and not 2 <= figure.k <= N:
+        yield ("k",), f"is {figure.k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}."
+    if figure.at >= 1.0:
+        yield ("at",), f"is {figure.at:g}, but is a share of the range of the free phase, below 1."
+
+
+@figure_kind("settle", "fixed_time", "return_map", "trace", check=_check)
+def chain_theory(
+    table: pd.DataFrame,
+    *,
+    show: Annotated[
+        Literal["touchdowns", "order", "free_phase", "sets"],
+        word(*SHOWN),
+        "touchdowns (Fig. 8 of Ambe 2021), order (Fig. 9), free_phase (Fig. 10) or sets (Fig. 11)",
+    ],
+    k: Annotated[CountOrZero | None, "boundary leg of the source wave; 2: the retrograde wave"] = None,
+    at: Annotated[Positive, "where in the range of the free phase, as a share of it; for order"] = 0.3,
+    title: Title = None,
+) -> Figure:
+    """The analytic solutions of the multi-legged chain: touchdowns, their order, the free phase, all sets.
+
+    Args:
+        table: a table of the chain; of parameters that vary those of the first row count.
+
+    Raises:
+        PlotError: the table is not of the chain, or show, k or at are out of range; or touchdowns are asked
+            of a chain with a profile.
+    """
+    names = [str(name) for name in table.columns]
+    legs = [name for name in names if re.fullmatch(r"phase_\d+|psi_\d+_end|psi_\d+_n", name)]
+    N = len(legs) - any(name.startswith("phase_") for name in legs)
+    if N < 2:
+        raise PlotError(
+            "The theory is drawn for tables of the multi-legged chain: psi_1_end, ... or phase_1, ..."
+        )
+    return theory_figure(N, chain_of(table), show=show, k=k, at=at, title=title)
+
+
+def theory_figure(
+    N: int,
+    chain: Chain,
+    *,
+    show: str,
+    k: int | None = None,
+    at: float = 0.3,
+    title: str | None = None,
+) -> Figure:
+    """The figure `chain_theory` of N + 1 legs, without a table; arguments and errors as there."""
+    k = max(3, (N + 3) // 2) if k is None else k
+    if show not in SHOWN:
+        raise PlotError(f"show is {show}: allowed are {', '.join(SHOWN)}.")
+    if not 2 <= k <= N:
+        raise PlotError(f"k is {k}: a chain of {N + 1} legs has source waves of k = 2 to {N}.")
+    if not 0.0 < at < 1.0:
+        raise PlotError(f"at is {at}: it is a share of the range of the free phase, between 0 and 1.")
+    if show == "touchdowns" and chain.has_profile:
+        raise PlotError("show: touchdowns draws one curve of leg length, but the legs of a profile differ.")
+    draw = {"touchdowns": _touchdowns, "order": _order, "free_phase": _free_phase, "sets": _sets}[show]
+    return draw(N, chain, k, at, title)
+
+
+def _touchdowns(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
+    """The phases of a leg and its neighbours at its touchdown, on the curve of leg length (Fig. 8)."""
+    legs = [(leg, text) for leg, text in (
+        (k - 1, "in the direct region"), (k, "the boundary leg k"),
+        (k + 1, "in the retrograde region")) if 2 <= leg <= N]  # fmt: skip
+    rule, circle = rule_of(N, Branch("B", k), chain), float(touchdown_phase(chain))
+    free = np.linspace(float(rule.low), float(rule.high), 41)
+    theta = np.asarray(jax.vmap(lambda s: places(rule, s))(jnp.asarray(free)))
+    with style.canvas(style.PAGE, 2.7, title) as figure:
+        row = figure.subplots(1, len(legs), sharey=True, squeeze=False)[0]
+        for axes, (leg, text) in zip(row, legs, strict=True):
+            _segments(axes, chain)
+            phi = circle - np.mod(theta[:, leg - 1 : leg] - theta + 1e-12, circle)
+            for beside, colour, marker in ((leg - 2, _FRONT, "<"), (leg, _REAR, ">")):
+                ends = np.array([phi[:, beside].min(), phi[:, beside].max()])
+                if np.ptp(ends) > 1e-6:
+                    along = np.linspace(ends[0], ends[1], 200)
+                    axes.plot(
+                        along, _length(along, chain), color=colour, lw=5, alpha=0.55, solid_capstyle="butt"
+                    )
+                else:
+                    axes.plot(ends[:1], _length(ends[:1], chain), marker, color=colour, ms=8, zorder=4)
+            axes.plot([circle], _length(np.array([circle]), chain), "o", color=_TOUCHING, ms=7, zorder=5)
+            axes.set_title(f"touchdown of leg {leg}:\n{text}", loc="left")
+            axes.set_xlabel("phase (rad)")
+            style.angle_axis(axes, "x")
+        row[0].set_ylabel("leg length less L (m)")
+        handles = [
+            Line2D([], [], ls="", marker="o", color=_TOUCHING, label="leg that touches down"),
+            Line2D([], [], ls="", marker="<", color=_FRONT, label="leg in front of it, towards the head"),
+            Line2D([], [], ls="", marker=">", color=_REAR, label="leg behind it"),
+            Line2D([], [], color=_FRONT, lw=5, alpha=0.55, label="any phase of this range: the lag is free"),
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _segments(axes: Any, chain: Chain) -> None:
+    """The curve of leg length, eq. (3), its three segments named."""
+    beta = float(chain.beta)
+    ends = np.array([0.0, 2 * beta * np.pi, (1 + beta) * np.pi, 2 * np.pi])
+    axes.plot(ends, _length(ends, chain), color="#888888", lw=1.0)
+    low = 1.22 * _length(np.array([(1 + beta) * np.pi]), chain)[0]
+    for name, left, right, turn in (("stance", 0, 1, 0), ("takeoff", 1, 2, 90), ("landing", 2, 3, 90)):
+        middle = 0.5 * (ends[left] + ends[right])
+        height = 0.5 * low if name == "stance" else 0.995 * low
+        axes.text(middle, height, name, ha="center", va="center" if name == "stance" else "bottom",
+                  rotation=turn, fontsize=6.5, color="#555555")  # fmt: skip
+    for end in ends[1:3]:
+        axes.axvline(end, color="#CCCCCC", lw=0.6, zorder=0)
+    axes.set_ylim(1.25 * low, -0.18 * low)
+
+
+def _length(phi: np.ndarray, chain: Chain) -> np.ndarray:
+    """A leg's length less L (m), eq. (3)."""
+    beta, slope = float(chain.beta), float(chain.a) / ((1 - float(chain.beta)) * np.pi)
+    past = np.minimum(phi - 2 * beta * np.pi, 2 * np.pi - phi)
+    return -slope * np.maximum(past, 0.0)
+
+
+def _order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
+    """The order of touchdowns, and which relative phases are changed by them before a leg's own (Fig. 9)."""
+    branch = Branch("B", k)
+    rule, circle = rule_of(N, branch, chain), float(touchdown_phase(chain))
+    s = float(rule.low + at * (rule.high - rule.low))
+    order = touchdown_order(N, branch, s, chain)
+    sets = reset_sets(N, branch, s, chain)
+    theta = np.asarray(places(rule, s))
+    when = np.mod(theta[k - 1] - theta, circle) / circle  # cycles after the touchdown of leg k
+    stance = 2 * float(chain.beta) * np.pi / circle
+    with style.canvas(style.PAGE, 1.5 + 0.2 * (N + 1), title) as figure:
+        left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+        for leg in range(1, N + 2):
+            for turn in (-1, 0, 1):
+                left.barh(leg, stance, left=when[leg - 1] + turn, height=0.6, color="#444444")
+            left.plot(
+                when[leg - 1], leg, "o", ms=8.5, mfc="white", mec="black", mew=0.8, zorder=4, clip_on=False
+            )
+            left.text(
+                when[leg - 1], leg, str(order.index(leg) + 1), ha="center", va="center", fontsize=6, zorder=5
+            )
+            left.text(1.03, leg, f"$S_{{{sets[leg - 1].number}}}$", va="center", fontsize=8)
+        left.set_xlim(0, 1)
+        left.set_yticks(
+            range(1, N + 2), [f"Leg {leg}" + (" = k" if leg == k else "") for leg in range(1, N + 2)]
+        )
+        left.set_ylim(N + 1.6, 0.4)
+        left.set_xlabel("time after the touchdown of leg k (cycles)")
+        left.set_title("order of touchdowns, and the set S of each leg", loc="left")
+        _resets(right, N, order)
+        right.set_title("relative phases at each touchdown", loc="left")
+        handles = [
+            Patch(color="#444444", label="phase in stance"),
+            Patch(color=_FRONT, label=r"$\psi_i$ is less by $m_Bb$: leg i was reset"),
+            Patch(color=_REAR, label=r"$\psi_i$ is more by $m_Bb$: leg i + 1 was reset"),
+            Patch(color="#BBBBBB", label="both were"),
+            Patch(facecolor="none", edgecolor="black", label="beside the leg that touches"),
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _resets(axes: Any, N: int, order: tuple[int, ...]) -> None:
+    """A cell for each relative phase and touchdown: coloured where one of its legs was reset before."""
+    gone: set[int] = set()
+    for column, leg in enumerate(order):
+        for link in range(1, N + 1):
+            front, rear = link in gone, link + 1 in gone
+            colour = "#BBBBBB" if front and rear else _FRONT if front else _REAR if rear else "white"
+            own = leg in (link, link + 1)
+            axes.add_patch(
+                Rectangle((column - 0.5, link - 0.5), 1, 1, fc=colour, ec="#DDDDDD", lw=0.5, zorder=1)
+            )
+            if own:
+                axes.add_patch(
+                    Rectangle((column - 0.45, link - 0.45), 0.9, 0.9, fc="none", ec="black", lw=1.3, zorder=3)
+                )
+        gone.add(leg)
+    axes.set_xlim(-0.5, len(order) - 0.5)
+    axes.set_ylim(N + 0.5, 0.5)
+    axes.set_xticks(range(len(order)), [str(leg) for leg in order])
+    axes.set_yticks(range(1, N + 1), [rf"$\psi_{{{link}}}$" for link in range(1, N + 1)])
+    axes.tick_params(length=0)
+    axes.set_xlabel("leg that touches down, in order")
+
+
+def _free_phase(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
+    """psi_k over psi_{k-1} along the solution sets A and B (Fig. 10)."""
+    circle = touchdown_phase(chain)
+    names = {"A": "#D55E00", "B": "#0072B2"}
+    with style.canvas(style.COLUMN + 0.9, 3.0, title) as figure:
+        axes = figure.subplots()
+        for kind, colour in names.items():
+            rule = rule_of(N, Branch(kind, k), chain)  # pyright: ignore[reportArgumentType]
+            ends = np.array([float(rule.low) + 1e-9, float(rule.high) - 1e-9])
+            psi = np.stack([np.asarray(solution(rule, jnp.asarray(s), circle, k)) for s in ends])
+            axes.plot(
+                psi[:, k - 2],
+                psi[:, k - 1],
+                color=colour,
+                lw=2.4,
+                label=f"solution set {kind}",
+                marker="o",
+                ms=4,
+            )
+            if kind == "A":
+                for value, text, height in zip(ends, (r"$\psi_A$", r"$\psi_B$"), (0.03, 0.12), strict=True):
+                    told = f"{text} = {style.in_pi(value, fractions=False)}"
+                    _mark(axes, value, told, height)
+        axes.set_xlim(0.0, 2 * np.pi)
+        style.angle_axis(axes, "x")
+        style.angle_ticks(axes, "y")
+        axes.set_xlabel(rf"$\psi_{{{k - 1}}}$ on section {k} (rad)")
+        axes.set_ylabel(rf"$\psi_{{{k}}}$ on section {k} (rad)")
+        _mark(axes, 2 * float(chain.beta) * np.pi, r"$2\beta\pi$", 0.03)
+        figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _mark(axes: Any, value: float, text: str, height: float) -> None:
+    """A vertical line with its name beside it."""
+    axes.axvline(value, color="#AAAAAA", lw=0.7, ls="--", zorder=0)
+    look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "fontsize": 7.5}
+    axes.annotate(text, (value, height), (5, 0), **look)
+
+
+def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
+    """The relative phases along the chain of all solution sets, on section 1 (Fig. 11)."""
+    circle = touchdown_phase(chain)
+    shades = colormaps["viridis"](np.linspace(0.0, 0.92, N))
+    with style.canvas(style.PAGE, 3.6, title) as figure:
+        axes, place, jumped = figure.subplots(), 0.0, False
+        for branch in branches(N):
+            rule = rule_of(N, branch, chain)
+            low, high = float(rule.low), float(rule.high)
+            rate = float(np.abs(np.sum(np.asarray(rule.slope))))
+            breaks = [jump.s for jump in jumps(N, branch, chain, 1)]
+            cuts = [low, *breaks, high]
+            psi_of = jax.jit(jax.vmap(lambda s, rule=rule: solution(rule, s, circle, 1)))
+            for start, stop in itertools.pairwise(cuts):
+                s = np.linspace(start + 1e-7, stop - 1e-7, 60)
+                x = place + rate * ((high - s) if branch.kind == "direct" else (s - low))
+                psi = np.asarray(psi_of(jnp.asarray(s)))
+                for link in range(N):
+                    axes.plot(x, psi[:, link], color=shades[link], lw=1.3)
+            for s in breaks:
+                x = place + rate * ((high - s) if branch.kind == "direct" else (s - low))
+                axes.axvline(x, color="#D55E00", lw=0.7, ls=":", zorder=0)
+                jumped = True
+            width = rate * (high - low)
+            gait = GAITS[gait_of(branch)]
+            dark = 0.45 if branch.kind == "A" else 0.13
+            axes.axvspan(place, place + width, color=style.COLOURS[gait], alpha=dark, lw=0, zorder=-1)
+            if branch.kind != "A":
+                name = "direct" if branch.kind == "direct" else f"k = {branch.k}"
+                axes.text(place + width / 2, 1.015, name, ha="center", va="bottom", fontsize=7,
+                          transform=axes.get_xaxis_transform())  # fmt: skip
+            place += width
+        axes.set_xlim(0, place)
+        style.angle_axis(axes, "y")
+        axes.set_xlabel("way along the chain of sets: change of E (rad)")
+        axes.set_ylabel("relative phases on section 1 (rad)")
+        which = sorted({0, N // 2, N - 1}) if N > 5 else range(N)
+        handles: list[Any] = [Line2D([], [], color=shades[i], label=rf"$\psi_{{{i + 1}}}$") for i in which]
+        handles += [Patch(color=style.COLOURS[gait], alpha=0.3, label=f"{gait} wave")
+                    for gait in ("direct", "source", "retrograde")]  # fmt: skip
+        handles.append(Patch(color="#777777", alpha=0.6, label="darker: sets A"))
+        if jumped:
+            handles.append(
+                Line2D([], [], color="#D55E00", ls=":", label="a leg passes leg 1: jump by $m_Bb$")
+            )
+        figure.legend(handles=handles, loc="outside lower center", ncols=5)
+    return figure

@@ -1,0 +1,81 @@
+"""Wavelength and speed of simulated waves beside those of the theory (Ambe 2021, eqs. 27, 28)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from gaitsweep import near_miss
+from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.kinds.numbers import Text
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, axis_label, column
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
+
+_PANELS: dict[str, Any] = {
+    "wavelength": ("wavelength (legs)", {"wavelength_27": ("eq. (27)", "-")}),
+    "speed": (
+        "speed of the wave (legs/s)",
+        {"speed_exact": ("with the reset's shorter cycle", "-"), "speed_28": ("eq. (28) as printed", "--")},
+    ),
+}
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.missing(["phase_1", "contact_1"]):
+        yield figure.needs(table, "the multi-legged chain's signals phase_1 and contact_1")
+    elif figure.x not in table.varied:
+        yield ("x",), f"is {figure.x}, which does not vary in this job. {near_miss.allowing(table.varied)}"
+
+
+@figure_kind("trace", check=_check)
+def wave_speed(
+    table: pd.DataFrame,
+    *,
+    x: Annotated[Text, "the parameter along the horizontal axis"],
+    title: Title = None,
+) -> Figure:
+    """Wavelength and speed of the waves in a trace over a parameter, and the theory's curves.
+
+    Args:
+        table: a trace table of the multi-legged chain in which `x` varies.
+
+    Raises:
+        PlotError: the table does not have the column, or no waves can be measured in it.
+    """
+    column(table, x)
+    try:
+        found = waves(table)
+    except AnalysisError as error:
+        raise PlotError(str(error)) from error
+    given = {row: np.asarray(part[x])[0] for row, part in table.groupby("row")}
+    found[x] = [given[row] for row in found["row"]]
+    theory = found.sort_values(by=x).drop_duplicates(x)
+    names = [gait for gait in style.COLOURS if gait in set(found["gait"])]
+    colour, marker = style.colours(names), style.markers(names)
+    with style.canvas(style.PAGE, 2.9, title) as figure:
+        for axes, (name, (label, curves)) in zip(figure.subplots(1, 2), _PANELS.items(), strict=True):
+            for curve, (text, line) in curves.items():
+                axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
+            for gait in names:
+                mine = found[np.asarray(found["gait"] == gait)]
+                open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
+                axes.scatter(
+                    mine[x],
+                    mine[name],
+                    s=30,
+                    linewidths=1.2,
+                    label=f"simulated: {gait}",
+                    zorder=4,
+                    **open_ring,
+                )
+            axes.set_xlabel(axis_label(table, x))
+            axes.set_ylabel(label)
+            axes.set_ylim(bottom=0)
+            axes.legend(loc="upper left")
+    return figure

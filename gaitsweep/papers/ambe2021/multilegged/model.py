@@ -1,0 +1,398 @@
+"""Multi-legged chain with phase resetting at touchdown (Ambe, Aoi, Tsuchiya and Matsuno 2021).
+
+N + 1 point masses move vertically, with springs and dampers between neighbours. Each mass stands on a
+massless leg whose length is a function of the phase of its own oscillator. The oscillators are not coupled: a
+phase is reset when its leg touches the ground in the landing segment, and the legs interact only by this.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended, Simultaneous
+from gaitsweep.dynamics.phase_oscillator import TWO_PI, lagged_reset, wrapped
+from gaitsweep.papers.ambe2021.multilegged.chart import MultileggedChart
+from gaitsweep.papers.ambe2021.multilegged.drawing import skeleton
+from gaitsweep.papers.ambe2021.multilegged.profile import profile_parameters
+from gaitsweep.papers.ambe2021.spring_chain import fastest_motions, neighbour_force
+from gaitsweep.papers.ambe2021.theory.chain import Chain
+from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify
+from gaitsweep.papers.ambe2021.theory.obstacle import obstacle_problem
+from gaitsweep.skeleton import Skeleton
+
+STANCE, TAKEOFF, LANDING = 0, 1, 2
+# Leg 1 is initially compressed by a picometre (1e-7 N), so that it touches in spite of rounding. Another leg
+# that is compressed by less is in the air, so that it touches down at once if it is landing.
+TOUCH = 1e-12
+# Multiple of the machine epsilon, relative to the terms of x - l, that bounds the rounding error of a gap.
+ROUNDING = 4.0
+# A leg of the reduced model leaves the ground if its load is negative; with this offset 0 is still contact.
+STRICTLY = 1e-300
+
+_TABLE_1 = "Ambe 2021, Table 1"
+_EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # the equations in which head and tail differ
+
+
+def _positive(name: str, unit: str, meaning: str, default: float | str, symbol: str, source: str) -> Quantity:
+    return Quantity(name, unit, meaning, default, low=0.0, open_ends=True, symbol=symbol, source=source)
+
+
+PARAMETERS = (
+    Quantity(
+        "beta", "1", "duty factor", 0.8, low=0.0, high=1.0, open_ends=True, symbol=r"\beta", source=_TABLE_1
+    ),
+    _positive("kappa", "N/m", "spring between neighbours", 100.0, r"\kappa", _TABLE_1),
+    _positive("kappa_1", "N/m", "spring between the first two legs", "kappa", r"\kappa_1", _EQ_31),
+    _positive("kappa_end", "N/m", "spring between the last two legs", "kappa", r"\kappa_N", _EQ_32),
+    _positive("sigma", "N s/m", "damper between neighbours", "2*sqrt(kappa)", r"\sigma", _TABLE_1),
+    _positive("m", "kg", "mass of each inner leg's segment", 1.0, "m", _TABLE_1),
+    _positive("m_B", "kg", "mass of both end segments", 0.9, "m_B", _TABLE_1),
+    _positive("m_1", "kg", "mass of the head's segment", "m_B", "m_1", _EQ_31),
+    _positive("m_end", "kg", "mass of the tail's segment", "m_B", "m_{N+1}", _EQ_32),
+    _positive("a", "m", "amplitude of the leg's shortening", 0.4, "a", _TABLE_1),
+    _positive("a_1", "m", "amplitude of the first leg's shortening", "a", "a_1", _EQ_31),
+    _positive("a_end", "m", "amplitude of the last leg's shortening", "a", "a_{N+1}", _EQ_32),
+    _positive("L", "m", "longest leg length", 1.0, "L", _TABLE_1),
+    _positive("K", "N/m", "spring of the ground", 1.0e5, "K", _TABLE_1),
+    _positive("D", "N s/m", "damper of the ground", "2*sqrt(K)", "D", _TABLE_1),
+    _positive("omega", "rad/s", "basic frequency of locomotion", 0.4, r"\omega", _TABLE_1),
+    _positive("tau", "s", "time constant of the phase reset", 0.5, r"\tau", _TABLE_1),
+    _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _TABLE_1),
+    Quantity(
+        "clamp",
+        "1",
+        "1: the ground cannot pull; 0: eq. (1) exactly",
+        0.0,
+        low=0.0,
+        high=1.0,
+        symbol="c",
+    ),
+)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Params:
+    """Parameters as in the equations; units as in `PARAMETERS`, arrays from head to tail.
+
+    `kappa` (N,) is that of each spring; `masses` and `a` (N+1,) are those of each leg; `m` is the mass of an
+    inner leg, with a profile the mass to which those of the inner legs refer.
+    """
+
+    beta: jax.Array
+    kappa: jax.Array
+    sigma: jax.Array
+    masses: jax.Array
+    m: jax.Array
+    a: jax.Array
+    L: jax.Array
+    K: jax.Array
+    D: jax.Array
+    omega: jax.Array
+    tau: jax.Array
+    g: jax.Array
+    clamp: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Heights x (m), velocities v (m/s), phases phi (rad), lags y (rad/s), each (N+1,), and the modes.
+
+    `contact` (N+1,) bool; `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing;
+    `landed`: leg 1 has had its landing contact in this cycle.
+    """
+
+    x: jax.Array
+    v: jax.Array
+    phi: jax.Array
+    y: jax.Array
+    contact: jax.Array
+    segment: jax.Array
+    landed: jax.Array
+
+
+def ground_force(
+    gap: jax.Array,
+    gap_rate: jax.Array,
+    contact: jax.Array,
+    K: jax.Array,
+    D: jax.Array,
+    clamp: jax.Array,
+) -> jax.Array:
+    """The force of the ground on each leg, N, shape (n,); zero without contact.
+
+    Args:
+        gap, gap_rate: height of the body over the leg's length, x - l (m), and its rate (m/s), shape (n,).
+        contact: the leg's contact flag, shape (n,).
+        K, D: spring (N/m) and damper (N s/m) of the ground.
+        clamp: if above zero, the ground cannot pull; else eq. (1) exactly, by which the ground pulls for
+            less than a millisecond at the takeoff corner.
+
+    Source: Ambe et al. 2021, eq. (1), (2).
+    """
+    # stiffness and damping are selected independently of the motion, so once for all stages of a step
+    force = -(jnp.where(contact, K, 0.0) * gap + jnp.where(contact, D, 0.0) * gap_rate)
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    return jnp.where(force < least, least, force)
+
+
+def corner_of(p: Params, segment: jax.Array) -> jax.Array:
+    """Phase at the end of each leg's segment, rad."""
+    takeoff = jnp.where(segment == TAKEOFF, (1.0 + p.beta) * jnp.pi, TWO_PI)
+    return jnp.where(segment == STANCE, 2.0 * p.beta * jnp.pi, takeoff)
+
+
+def first_touchdown(p: Params) -> jax.Array:
+    """Touchdown phase of leg 1 with its neighbour in stance, rad, eq. (31); NaN if it has none in landing."""
+    b = (1.0 - p.beta) * p.g * jnp.pi / (p.kappa[0] * p.a[0])  # below eq. (17)
+    touchdown = TWO_PI - p.masses[0] * b
+    # outside the model's conditions (m g/kappa < a) leg 1 has no touchdown in its landing segment
+    return jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
+
+
+@dataclasses.dataclass(frozen=True)
+class Multilegged(HybridModel):
+    """The chain of N + 1 legs, with equal inner legs or with a profile of them."""
+
+    N: int = dataclasses.field(
+        default=3, metadata={"meaning": "springs; the chain has N + 1 legs", "low": 3, "high": 64}
+    )
+    profile: bool = dataclasses.field(
+        default=False,
+        metadata={
+            "meaning": "whether inner legs have a mass, spring and amplitude each: m_2, kappa_2, a_2, ...",
+            "later": True,
+        },
+    )
+
+    name: ClassVar[str] = "multilegged"
+    source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
+    gaits: ClassVar[tuple[str, ...]] = GAITS
+    linear: ClassVar[bool] = True  # except the kink of `clamp`, an error of 1e-5 rad if it is above zero
+    simultaneous: ClassVar[Simultaneous] = "independent"  # a guard's jump changes its own leg alone
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return (*PARAMETERS, *profile_parameters(self.N)) if self.profile else PARAMETERS
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        phase = Quantity(
+            "phi_1",
+            "rad",
+            "phase of leg 1 at the start; nan: leg 1 is just touching down, on section 1",
+            default=float("nan"),
+            circular=True,
+            symbol=r"\phi_1",
+        )
+        return (*self._psi("at the start"), phase)
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        landed = Quantity("landed", "1", "1: leg 1 touched down; 0: its phase passed 2 pi without a landing")
+        return (*self._psi("on section 1"), landed)
+
+    def _psi(self, where: str) -> tuple[Quantity, ...]:
+        return tuple(
+            Quantity(
+                f"psi_{i}",
+                "rad",
+                f"relative phase phi_{i + 1} - phi_{i} {where}",
+                circular=True,
+                symbol=rf"\psi_{{{i}}}",
+                source="eq. (7)",
+            )
+            for i in range(1, self.N + 1)
+        )
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        legs = range(1, self.N + 2)
+        return (
+            *(Quantity(f"phase_{i}", "rad", f"phase phi_{i} of leg {i}", circular=True) for i in legs),
+            *(Quantity(f"x_{i}", "m", f"height of mass {i}") for i in legs),
+            *(Quantity(f"l_{i}", "m", f"length of leg {i}") for i in legs),
+            *(Quantity(f"contact_{i}", "1", f"1 while leg {i} is on the ground") for i in legs),
+        )
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return (
+            Quantity("k", "1", "leg at the boundary of a source wave, 2..N; 0 for other gaits"),
+            Quantity("distance", "rad", "distance to the nearest analytic solution on section 1"),
+        )
+
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        def along(name: str, first: str, last: str, n: int) -> jax.Array:
+            own = [values[f"{name}_{i}"] for i in range(2, n)] if self.profile else None
+            inner = [values[name]] * (n - 2) if own is None else own
+            return jnp.stack([jnp.asarray(each) for each in (values[first], *inner, values[last])])
+
+        arrays = {
+            "masses": along("m", "m_1", "m_end", self.N + 1),
+            "kappa": along("kappa", "kappa_1", "kappa_end", self.N),
+            "a": along("a", "a_1", "a_end", self.N + 1),
+        }
+        names = [field.name for field in dataclasses.fields(Params) if field.name not in arrays]
+        return Params(**arrays, **{name: jnp.asarray(values[name]) for name in names})
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        p = params
+        touching = jnp.isnan(start["phi_1"])
+        phi_1 = jnp.where(touching, first_touchdown(p), start["phi_1"])
+        steps = jnp.stack([phi_1, *(start[f"psi_{i}"] for i in range(1, self.N + 1))])
+        phi = wrapped(jnp.cumsum(steps))
+        segment = jnp.where(
+            phi <= 2.0 * p.beta * jnp.pi,
+            STANCE,
+            jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
+        )
+        length, _ = self._leg(p, phi, segment)
+        x, load = obstacle_problem(length, p.masses, p.kappa, p.g)
+        leg_1 = touching & (jnp.arange(self.N + 1) == 0)
+        contact = (load > p.K * TOUCH) | leg_1
+        x = jnp.where(contact, length - load / p.K - jnp.where(leg_1, TOUCH, 0.0), x)
+        return State(
+            x=x,
+            v=jnp.zeros_like(x),
+            phi=phi,
+            y=jnp.where(leg_1, lagged_reset(phi, p.tau), 0.0),
+            contact=contact,
+            segment=segment,
+            landed=touching,
+        )
+
+    def _leg(self, p: Params, phi: jax.Array, segment: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Length of each leg (m) and its derivative by the phase (m/rad), eq. (3).
+
+        Each segment is a straight line, `origin + rate * phi`. `origin` and `rate` are selected independently
+        of the phase, so once for all stages of a step.
+        """
+        slope = p.a / ((1.0 - p.beta) * jnp.pi)
+        takeoff = p.L + slope * (2.0 * p.beta * jnp.pi)
+        landing = p.L - slope * TWO_PI
+        origin = jnp.where(segment == STANCE, p.L, jnp.where(segment == TAKEOFF, takeoff, landing))
+        rate = jnp.where(segment == STANCE, 0.0, jnp.where(segment == TAKEOFF, -slope, slope))
+        return origin + rate * phi, rate
+
+    def flow(self, params: Params, state: State) -> Rates:
+        p, s = params, state
+        phi_rate = p.omega + s.y  # eq. (4)
+        length, slope = self._leg(p, s.phi, s.segment)
+        force = neighbour_force(s.x, s.v, p.kappa, p.sigma)  # eq. (1)
+        force += ground_force(s.x - length, s.v - slope * phi_rate, s.contact, p.K, p.D, p.clamp)
+        return {"x": s.v, "v": force / p.masses - p.g, "phi": phi_rate, "y": -s.y / p.tau}  # eq. (5)
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("propagator6")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+        """The modes of the masses on springs and ground, and the lag's, 1 / tau; phases have none."""
+        p = params
+        rates, damping = fastest_motions(p.masses, p.kappa, p.sigma, p.K, p.D)
+        return jnp.append(rates, 1.0 / p.tau), jnp.append(damping, 1.0)
+
+    def guards(self, params: Params, state: State) -> jax.Array:
+        """Each leg's phase relative to the end of its segment, then each leg's contact, shape (2N + 2,)."""
+        p, s = params, state
+        end = corner_of(p, s.segment)
+        length, _ = self._leg(p, s.phi, s.segment)
+        gap = s.x - length
+        # without this, two legs that lift off at one instant touch again by rounding, and so without end
+        error = ROUNDING * jnp.finfo(gap.dtype).eps * (p.L + 2.0 * p.a / (1.0 - p.beta))
+        return jnp.concatenate([s.phi - end, jnp.where(s.contact, gap, -gap) - error])  # eq. (2)
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        legs = range(1, self.N + 2)
+        ends = (f"phase of leg {i} reaches the end of its segment" for i in legs)
+        return (*ends, *(f"leg {i} touches or lifts" for i in legs))
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        p, s = params, state
+        corner, segment, wraps, kicked = self._transitions(s, fired)
+        return State(
+            x=s.x,
+            v=s.v,
+            phi=jnp.where(wraps, s.phi - TWO_PI, s.phi),
+            y=jnp.where(kicked, s.y + lagged_reset(s.phi, p.tau), s.y),  # eq. (5), (6)
+            contact=s.contact ^ fired[self.N + 1 :],
+            segment=jnp.where(corner, segment, s.segment),
+            landed=(s.landed | kicked[0]) & ~wraps[0],
+        )
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """Leg 1's first landing contact of a cycle, or the wrap of its phase if there was none."""
+        _, _, wraps, kicked = self._transitions(before, fired)
+        return ~before.landed & (kicked[0] | wraps[0])
+
+    def _transitions(self, s: State, fired: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+        """For each leg: end of its segment, the segment after, wrap of its phase, phase reset."""
+        corner, touched = fired[: self.N + 1], fired[self.N + 1 :]
+        following = jnp.where(s.segment == LANDING, STANCE, s.segment + 1)
+        segment = jnp.where(corner, following, s.segment)
+        wraps = corner & (s.segment == LANDING)
+        kicked = touched & ~s.contact & (segment == LANDING)  # eq. (6), from the segment's beginning on
+        return corner, segment, wraps, kicked
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        psi = wrapped(state.phi[1:] - state.phi[:-1])  # eq. (7)
+        observed = {f"psi_{i + 1}": psi[i] for i in range(self.N)}
+        return {**observed, "landed": state.landed.astype(psi.dtype)}
+
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+        length, _ = self._leg(params, state.phi, state.segment)
+        rows = {"phase": state.phi, "x": state.x, "l": length, "contact": state.contact.astype(length.dtype)}
+        return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
+
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        p = params
+        psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
+        inner = slice(1, -1) if self.profile else 1
+        m = p.masses[inner] if self.profile else p.m
+        chain = Chain(p.beta, p.kappa[inner], m, p.masses[0], p.masses[-1], p.a[inner], p.g)
+        chain = chain._replace(kappa_1=p.kappa[0], kappa_end=p.kappa[-1], a_1=p.a[0], a_end=p.a[-1])
+        gait, k, distance = classify(self.N, psi, chain)
+        return {"gait": gait, "k": k, "distance": distance}
+
+    def failed(self, params: Params, state: State) -> jax.Array:
+        """Whether a mass has reached the ground."""
+        return jnp.any(state.x <= 0.0)
+
+    def period(self, params: Params) -> jax.Array:
+        return TWO_PI / params.omega
+
+    def chart(self) -> Chart | None:
+        return MultileggedChart(self.N)
+
+    def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
+        """The link whose lag is free by the theory, 1 .. N; None for traces that are too short."""
+        from gaitsweep.analysis.records import AnalysisError
+        from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of
+        from gaitsweep.papers.ambe2021.analysis.travelling_wave import free_link, nearest_set, relative_phases
+
+        if not {"phase_1", "x_1", "l_1", f"phase_{legs}"} <= set(trace.columns) or legs < 3:
+            return None
+        try:
+            branch, _ = nearest_set(legs - 1, chain_of(trace), relative_phases(trace, legs - 1))
+        except AnalysisError:
+            return None
+        return free_link(legs - 1, branch)
+
+    def analytic_distance(self, table: pd.DataFrame) -> tuple[float, int] | None:
+        """The largest distance (rad) of settled states from the theory's solutions, and its row."""
+        from gaitsweep.papers.ambe2021.analysis.largest_distance import largest_distance
+
+        return largest_distance(table)
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        return skeleton(self.N + 1, values, signals)

@@ -1,0 +1,239 @@
+"""The multi-legged chain reduced to its phases: rigid legs, no inertia, no lag (Ambe 2021, 3.1 and 3.2).
+
+The heights are those of the chain in static equilibrium on its legs (eq. 8), and a phase is reset immediately
+at touchdown (eq. 9), so only the phases move, at constant speed. The touchdown of a leg depends on the
+heights of the others: with z the chain's shape less that of the freely hanging chain, leg i bears the load
+kappa times (least slope to a leg before it - greatest slope to a leg behind it), slopes of z between leg
+tips, and is in the air if that number is negative. This is the obstacle problem, solved for each leg with a
+sign.
+
+Two ways to run it. With events located (`method: propagator`) times are exact and derivatives can be had.
+In steps of its own (`method: semi_implicit`) every step goes to the next event at most, found without search.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.contract import Chart, FixedStepDynamics, Quantity, Rates, Recommended, Simultaneous
+from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
+from gaitsweep.papers.ambe2021.multilegged.chart import ReducedChart
+from gaitsweep.papers.ambe2021.multilegged.model import (
+    LANDING,
+    STANCE,
+    STRICTLY,
+    TAKEOFF,
+    Multilegged,
+    Params,
+    corner_of,
+    first_touchdown,
+)
+from gaitsweep.papers.ambe2021.theory.obstacle import balance, balance_and_rate, obstacle_problem
+
+_UNREAD = ("sigma", "K", "D", "tau", "clamp")
+# A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
+# spite of rounding.
+TOUCHING = 1e-13
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Phases phi (N+1,), rad, and the modes.
+
+    `segment` (N+1,) is the segment of each leg's length: stance, takeoff or landing; `held` (N+1,): the leg
+    has been on the ground since before its landing segment, and so cannot touch down; `psi` (N,), rad, are
+    the relative phases at the last crossing of section 1; `landed`: leg 1 touched down there; `late` (s) is
+    the time by which fixed steps are ahead of this state.
+    """
+
+    phi: jax.Array
+    segment: jax.Array
+    held: jax.Array
+    psi: jax.Array
+    landed: jax.Array
+    late: jax.Array
+
+
+def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Array) -> State:
+    """The state after legs (N+1,) reach the end of a segment (`corner`), touch down (`touches`), or lift off.
+
+    A leg begins its landing segment as held; if it is not, it lifts off at the same instant.
+    """
+    landing = s.segment == LANDING
+    resets = touches & landing
+    wraps = corner & landing & ~resets
+    ends = resets | wraps
+    segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
+    crosses = ends[0]
+    psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
+    return State(
+        phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
+        segment=segment,
+        held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
+        psi=jnp.where(crosses, psi, s.psi),
+        landed=jnp.where(crosses, resets[0], s.landed),
+        late=s.late,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class MultileggedReduced(Multilegged):
+    """The reduced chain of N + 1 legs, with the parameters, observables and gaits of the full model."""
+
+    name: ClassVar[str] = "multilegged_reduced"
+    linear: ClassVar[bool] = True
+    # neighbours that touch down at one instant are both reset: the first reset would take the other's load
+    # away
+    simultaneous: ClassVar[Simultaneous] = "together"
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return tuple(
+            dataclasses.replace(quantity, meaning=f"{quantity.meaning}; without effect here")
+            if quantity.name in _UNREAD
+            else quantity
+            for quantity in super().parameters
+        )
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        legs = range(1, self.N + 2)
+        return (*super().signals, *(Quantity(f"load_{i}", "N", f"load on leg {i}") for i in legs))
+
+    def chart(self) -> Chart | None:
+        return ReducedChart(self.N)
+
+    def in_steps(self) -> FixedStepDynamics:
+        return NextEventSteps(self)
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:  # type: ignore[override]
+        p = params
+        touching = jnp.isnan(start["phi_1"])
+        touchdown = first_touchdown(p)
+        psi = jnp.stack([start[f"psi_{i}"] for i in range(1, self.N + 1)])
+        first = jnp.where(touching, touchdown, start["phi_1"])
+        phi = wrapped(jnp.concatenate([first[None], first + jnp.cumsum(psi)]))
+        leg_1 = touching & ~jnp.isnan(touchdown) & (jnp.arange(self.N + 1) == 0)
+        segment = jnp.where(
+            (phi <= 2.0 * p.beta * jnp.pi) | leg_1,
+            STANCE,
+            jnp.where(phi < (1.0 + p.beta) * jnp.pi, TAKEOFF, LANDING),
+        )
+        # as in the full model, a leg with a load before the reset of leg 1 is on the ground
+        length, _ = self._leg(p, phi, jnp.where(leg_1, LANDING, segment))
+        return State(
+            phi=jnp.where(leg_1, 0.0, phi),
+            segment=segment,
+            held=(segment == LANDING) & (balance(length, p.masses, p.kappa, p.g) > TOUCHING),
+            psi=wrapped(psi),
+            landed=touching,
+            late=jnp.zeros_like(touchdown),
+        )
+
+    def flow(self, params: Params, state: State) -> Rates:  # type: ignore[override]
+        return {"phi": jnp.broadcast_to(params.omega, state.phi.shape)}  # eq. (9)
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("semi_implicit")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+        """Phases move at constant speed; this rate limits a step to the time between touchdowns."""
+        rate = 20.0 / NextEventSteps(self).longest_step(params)
+        return rate[None], jnp.ones((1,), rate.dtype)
+
+    def guards(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
+        """Each leg's phase relative to the end of its segment, then its touchdown, or lift-off if held."""
+        p, s = params, state
+        length, _ = self._leg(p, s.phi, s.segment)
+        load = balance(length, p.masses, p.kappa, p.g)
+        touch = jnp.where(s.held, -load - STRICTLY, load)
+        return jnp.concatenate(
+            [s.phi - corner_of(p, s.segment), jnp.where(s.segment == LANDING, touch, -1.0)]
+        )
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:  # type: ignore[override]
+        corner, switched = fired[: self.N + 1], fired[self.N + 1 :]
+        return after_events(state, corner, switched & ~state.held, switched & state.held)
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:  # type: ignore[override]
+        """Leg 1's touchdown, or the wrap of its phase if there was none."""
+        resets = fired[self.N + 1] & ~before.held[0]
+        return (before.segment[0] == LANDING) & (resets | fired[0])
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:  # type: ignore[override]
+        observed = {f"psi_{i + 1}": state.psi[i] for i in range(self.N)}
+        return {**observed, "landed": state.landed.astype(state.psi.dtype)}
+
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:  # type: ignore[override]
+        length, _ = self._leg(params, state.phi, state.segment)
+        x, load = obstacle_problem(length, params.masses, params.kappa, params.g)
+        contact = (load > 0.0).astype(x.dtype)
+        rows = {"phase": state.phi, "x": x, "l": length, "contact": contact, "load": load}
+        return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
+
+    def failed(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
+        """Never: a mass cannot be below the tip of its leg. Legs of zero length (a >= L) are not excluded, as
+        in the full model, since no equation depends on that."""
+        return jnp.asarray(False)
+
+
+# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
+STEPS_A_LEG = 6.25
+
+
+@dataclasses.dataclass(frozen=True)
+class NextEventSteps(FixedStepDynamics):
+    """Steps that end at the next event at the latest; later steps catch up with the time.
+
+    The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
+    touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
+    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
+    divided by N.
+    """
+
+    model: MultileggedReduced
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        p, s = params, state
+        landing = s.segment == LANDING
+        length, rate = self.model._leg(p, s.phi, s.segment)
+        balance, rise = balance_and_rate(length, p.masses, p.kappa, p.g, rate)
+        lifts = s.held & (balance < -TOUCHING)
+        armed = landing & ~(s.held & ~lifts)
+        due = armed & (balance >= -TOUCHING)
+
+        corner_at = corner_of(p, s.segment)
+        to_corner = corner_at - s.phi
+        approaching = armed & (rise > 0.0)
+        to_touch = jnp.where(approaching, -balance / jnp.where(approaching, rise, 1.0), jnp.inf)
+        room = (s.late + dt) * p.omega
+        ahead = jnp.minimum(room, jnp.min(jnp.minimum(to_corner, to_touch)))
+        ahead = jnp.where(jnp.any(due), 0.0, ahead)
+        corner = to_corner <= ahead
+        moved = dataclasses.replace(
+            s,
+            phi=jnp.where(corner, corner_at, s.phi + ahead),
+            late=s.late + dt - ahead / p.omega,
+        )
+        return after_events(moved, corner, due, lifts)
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
+        return 2.0 * jnp.pi / params.omega / (STEPS_A_LEG * self.model.N)
+
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """Whether leg 1 has ended its cycle; the step itself has applied the jump."""
+        return ((before.segment[0] == LANDING) & (after.segment[0] == STANCE))[None]
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        return fired[0]

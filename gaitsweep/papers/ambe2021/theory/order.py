@@ -1,0 +1,120 @@
+"""The touchdown order of legs along a solution, the sets T_1 and T_2, and jumps between orders."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.circular import wrapped_difference
+from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, reset, shift, touchdown_phase
+from gaitsweep.papers.ambe2021.theory.section import Leg, touches_early
+from gaitsweep.papers.ambe2021.theory.solution_sets import (
+    Branch,
+    LagRule,
+    places,
+    rule_of,
+    solution,
+)
+
+APART = 1e-6  # rad of the free phase, distance from a jump at which psi is evaluated on both sides
+
+
+class Jump(NamedTuple):
+    """A jump of a set of solutions on a section, where two legs exchange their order of touchdown.
+
+    `s` is the free phase, rad; `leg` the leg whose touchdown passes that of the section's leg; `change` (N,)
+    the change of psi with rising s, rad.
+    """
+
+    s: float
+    leg: int
+    change: np.ndarray
+
+
+def touchdown_order(
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1, section: int | None = None
+) -> tuple[int, ...]:
+    """The legs, 1 .. N+1, in their order of touchdown in a cycle.
+
+    Args:
+        N, branch, chain: as in `rule_of`.
+        s: the free phase, rad.
+        section: the leg whose touchdown begins the cycle; by default the set's k.
+
+    Source: Fig. 9.
+    """
+    theta, circle = np.asarray(places(rule_of(N, branch, chain), s)), float(touchdown_phase(chain))
+    return order_of_places(theta, circle, section or branch.k)
+
+
+def order_of_places(theta: np.ndarray, circle: float, leg: int) -> tuple[int, ...]:
+    """The touchdown order of the legs, 1 .. N+1, beginning with `leg`, from their places on the circle.
+
+    Args:
+        theta: places, rad, shape (N+1,).
+        circle: the touchdown phase, rad.
+        leg: 1 .. N+1.
+    """
+    behind = np.mod(theta[leg - 1] - theta, circle)
+    return tuple(int(i) + 1 for i in np.argsort(behind, kind="stable"))
+
+
+def order_sets(
+    N: int, branch: Branch, s: float, chain: Chain = TABLE_1
+) -> tuple[frozenset[int], frozenset[int]]:
+    """T_1 and T_2: legs in front of and behind the boundary leg that touch down before both neighbours.
+
+    The springs and amplitudes of the chain have to be uniform.
+
+    Args:
+        N, branch, chain: as in `rule_of`.
+        s: the free phase, rad.
+
+    Raises:
+        ArgumentError: the chain has a profile.
+
+    Source: eq. (18).
+    """
+    chain.equal_inner_legs("the threshold of eq. (18)")
+    circle = touchdown_phase(chain)
+    psi = solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
+    threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
+    early = np.flatnonzero(np.asarray(touches_early(psi, circle, jnp.asarray(threshold), branch.k))) + 1
+    return frozenset(early[early < branch.k].tolist()), frozenset(early[early > branch.k].tolist())
+
+
+def meetings(rule: LagRule, circle: jax.Array, section: Leg) -> jax.Array:
+    """The free phase at which each leg touches down together with the section's leg, rad, shape (N+1,).
+
+    A leg's place on the circle moves relative to that of the section's leg at the rate 0, 1 or 2 with s, and
+    so meets it at most once; `rule.high` if it does not.
+    """
+    start = places(rule, jnp.zeros_like(rule.low))
+    rate = jnp.concatenate([jnp.zeros_like(rule.slope[:1]), jnp.cumsum(rule.slope)])
+    ahead, rate = start - start[section - 1], rate - rate[section - 1]
+    moving = jnp.where(rate == 0.0, 1.0, rate)
+    meeting = rule.low + jnp.mod(-ahead / moving - rule.low, circle / jnp.abs(moving))
+    return jnp.where(rate == 0.0, rule.high, jnp.minimum(meeting, rule.high))
+
+
+def jumps(N: int, branch: Branch, chain: Chain = TABLE_1, section: int | None = None) -> tuple[Jump, ...]:
+    """The jumps of a set, in order of rising free phase.
+
+    Args:
+        N, branch, chain: as in `rule_of`.
+        section: the leg whose section is used; by default the set's k.
+
+    Source: Fig. 11 and the text above it; each jump has the size m_B b.
+    """
+    leg = branch.k if section is None else section
+    rule, circle = rule_of(N, branch, chain), touchdown_phase(chain)
+    found = []
+    for number, s in enumerate(np.asarray(meetings(rule, circle, leg)), start=1):
+        if float(rule.low) + APART < s < float(rule.high) - APART:
+            above, below = (solution(rule, jnp.asarray(s + side), circle, leg) for side in (APART, -APART))
+            change = np.asarray(above - below) - 2.0 * APART * np.asarray(rule.slope)
+            found.append(Jump(float(s), number, wrapped_difference(change)))
+    return tuple(sorted(found, key=lambda jump: jump.s))

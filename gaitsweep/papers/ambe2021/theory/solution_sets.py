@@ -1,0 +1,120 @@
+"""The analytic periodic solutions: source waves with any boundary leg, and the direct wave.
+
+Each is a line of solutions with one free relative phase s. The places of neighbouring legs on the circle of
+`section.py` differ by
+
+    direct region (legs 1 .. k-1):     +delta a leg,
+    retrograde region (legs k .. N+1): -delta a leg,       delta = 2 (1-beta) pi - (3 m_B - m) b,
+    between legs k-1 and k:            +s,
+
+which is eq. (17), since the places determine the order of touchdowns. In set B s runs from psi_B =
+2 (1-beta) pi - m_B b to 2 beta pi; in set A from delta to psi_B, and the difference of legs k and k+1 is
+-(delta + psi_B - s) (eq. 20). The direct wave (24, 25) is the mirror image of set B with k = 2: all
+differences are +delta, the last one -s. Sets A and B of k = 2 are the retrograde wave. If an end has a
+different spring or amplitude, the lags follow from eq. (12) with it (`chain.py`).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.errors import ArgumentError
+from gaitsweep.papers.ambe2021.theory.chain import Chain, Scalar, reset, takeoffs
+from gaitsweep.papers.ambe2021.theory.section import Leg, phases_on_section, relative
+
+
+class Branch(NamedTuple):
+    """A set of solutions: A or B of the source wave with boundary leg k = 2 .. N, or the direct wave."""
+
+    kind: Literal["A", "B", "direct"]
+    k: int
+
+
+class LagRule(NamedTuple):
+    """Phase lags along a set: theta_{i+1} - theta_i = fixed + slope * s for low <= s <= high.
+
+    `fixed` (N,) rad, `slope` (N,), `low` and `high` rad. For several sets each field has a leading axis.
+    """
+
+    fixed: jax.Array
+    slope: jax.Array
+    low: jax.Array
+    high: jax.Array
+
+
+def branches(N: int) -> tuple[Branch, ...]:
+    """All sets of a chain of N + 1 legs, in order along their line: direct, A N, B N, ..., A 2, B 2."""
+    if N < 2:
+        raise ArgumentError(f"N is {N}: the solutions need three legs at least, so N >= 2.")
+    waves = [Branch(kind, k) for k in range(N, 1, -1) for kind in ("A", "B")]
+    return (Branch("direct", N), *waves)
+
+
+def lag_rules(N: int, chain: Chain) -> LagRule:
+    """The lag rules of all sets, in the order of `branches(N)`, shape (2 N - 1, N) and (2 N - 1,).
+
+    If the ends have different touchdown phases, only the end points of the line are solutions: B of k = 2
+    extends to the retrograde end point if the tail's reset is larger, the direct line to the direct one if
+    the head's is. A different spring or amplitude of an end changes the lags of the legs next to it.
+    """
+    sets = branches(N)
+    pair = np.arange(1, N + 1)
+    kinds, k = np.array([kind for kind, _ in sets]), np.array([k for _, k in sets])
+    is_A, is_direct = kinds == "A", kinds == "direct"
+    free = np.where(is_direct, N, k - 1)
+    side = np.sign(free[:, None] - pair)  # 1 in front of the boundary, -1 behind it, 0 for the free pair
+    shared = is_A[:, None] & (pair == k[:, None])
+
+    psi_B = 2.0 * (1.0 - chain.beta) * jnp.pi - reset(chain)
+    stance = 2.0 * chain.beta * jnp.pi
+    into = takeoffs(N, chain)
+    # lags of pairs in front of the boundary (never the last pair) and behind it (never the first)
+    direct = psi_B - jnp.concatenate([into.front, psi_B[None]])[None]
+    retrograde = psi_B - jnp.concatenate([psi_B[None], into.rear])[None]
+    # leg k of set A touches down between two neighbours in takeoff, eq. (20)
+    ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front])[None], 0.0)
+    over = jnp.zeros(len(sets)).at[0].set(into.last).at[-1].set(into.first)
+    low = jnp.where(is_A, direct[0, np.maximum(k - 2, 0)], psi_B)
+    return LagRule(
+        fixed=jnp.where(side > 0, direct, jnp.where(side < 0, -retrograde, 0.0)) - ratio * psi_B,
+        slope=ratio + np.where(side == 0, np.where(is_direct, -1.0, 1.0)[:, None], 0.0),
+        low=low,
+        high=jnp.maximum(jnp.where(is_A, psi_B, stance + over), low),
+    )
+
+
+def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
+    """The lag rule of one set, one of `branches(N)`.
+
+    Raises:
+        ArgumentError: the chain has no such set.
+    """
+    if branch not in branches(N):
+        raise ArgumentError(
+            f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
+            f"2 .. {N}; the direct wave has k = {N}."
+        )
+    row = branches(N).index(branch)
+    rules = lag_rules(N, chain)
+    return LagRule(rules.fixed[row], rules.slope[row], rules.low[row], rules.high[row])
+
+
+def places(rule: LagRule, s: Scalar) -> jax.Array:
+    """Places theta of the legs on the circle at the free phase s, rad, shape (N+1,); leg 1 at 0."""
+    return jnp.concatenate([jnp.zeros_like(rule.fixed[:1]), jnp.cumsum(rule.fixed + rule.slope * s)])
+
+
+def solution(rule: LagRule, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
+    """psi on the section of leg `section` at the free phase s (rad), shape (N,), rad in [0, 2 pi).
+
+    Args:
+        rule: lag rule of the set.
+        s: the free phase, rad; the relative phase psi_{k-1} on the set's own section, 2 pi - psi_N if direct.
+        circle: the touchdown phase, rad.
+        section: leg, 1 .. N+1.
+    """
+    return relative(phases_on_section(places(rule, s), circle, section))

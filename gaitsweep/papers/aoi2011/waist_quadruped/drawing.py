@@ -1,0 +1,101 @@
+"""The drawing of the quadruped: two boxes with the waist's spring between them, four limbs of two links."""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import LIMBS, displacements, factors, mjcf, sizes_of
+from gaitsweep.skeleton import Limb, LimbLook, Skeleton
+
+NAMES = ("right fore", "left fore", "right hind", "left hind")
+LOOKS = tuple(LimbLook(name, pair=i // 2, far=bool(i % 2)) for i, name in enumerate(NAMES))
+# Corners of a box in halves of its size; a quarter next to the waist is left out, so that the spring is
+# visible.
+_GAP = 0.75
+_FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_REAR = _FRONT * [-1.0, 1.0, 1.0]
+
+
+def scaled_mjcf(values: Mapping[str, float]) -> str:
+    """The MJCF with a row's lengths and hips, as in `WaistMechanics.geometry`; masses are those of Table I.
+
+    Args:
+        values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
+    """
+    of = sizes_of(values)
+    moved, centre = displacements(of, np.array)
+    _, sizes = factors(of, np.array)
+    root = ElementTree.fromstring(mjcf())
+    link = np.full(3, sizes["upper_1"])
+    for geom in root.findall("default//geom[@fromto]"):
+        _edit(geom, "fromto", lambda at: at * np.tile(link, 2))
+    for body in root.iter("body"):
+        factor = sizes.get(str(body.get("name")), link) * np.ones(3)
+        for part in body:
+            if part.get("pos"):
+                _edit(part, "pos", lambda at, by=factor: at * by)
+            if part.get("type") == "box":
+                _edit(part, "size", lambda at, by=factor: at * by)
+        if (by := moved.get(str(body.get("name")))) is not None:
+            _edit(body, "pos", lambda at, by=by: at + by)
+        if body.get("name") == "rear":
+            for part in (*body.findall("inertial"), *body.findall("geom")):
+                _edit(part, "pos", lambda at: at + centre)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _edit(element: ElementTree.Element, key: str, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    numbers = change(np.array(element.attrib[key].split(), float))
+    element.set(key, " ".join(repr(float(number)) for number in numbers))
+
+
+class WaistDrawing:
+    """The members `limbs`, `skeleton` and `mjcf` of a model with this body."""
+
+    @property
+    def limbs(self) -> tuple[LimbLook, ...]:
+        return LOOKS
+
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        return scaled_mjcf(values)
+
+    def skeleton(self, values: Mapping[str, float], signals: Mapping[str, np.ndarray]) -> Skeleton:
+        """The parts of the body, by MuJoCo's kinematics.
+
+        Args:
+            values: the parameters, as for `scaled_mjcf`.
+            signals: q_0 to q_15, (n,) each.
+        """
+        import mujoco  # only where a body is drawn
+
+        model = mujoco.MjModel.from_xml_string(scaled_mjcf(values))
+        data = mujoco.MjData(model)
+        qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
+        limbs = np.empty((len(LIMBS), len(qpos), 3, 3))
+        boxes = np.empty((2, len(qpos), 8, 3))
+        waist = np.empty((len(qpos), 2, 3))
+        # ends of the waist's spring in the frames of the boxes
+        ends = [[-_GAP, 0.0, 0.0], [_GAP, 0.0, 0.0]]
+        geoms = [int(model.body(name).geomadr[0]) for name in ("front", "rear")]
+        for k, q in enumerate(qpos):
+            data.qpos = q
+            mujoco.mj_kinematics(model, data)
+            for i in LIMBS:
+                limb = [data.body(f"{part}_{i + 1}").xpos for part in ("upper", "lower")]
+                limbs[i, k] = [*limb, data.site(f"foot_{i + 1}").xpos]
+            for side, (geom, corners) in enumerate(zip(geoms, (_FRONT, _REAR), strict=True)):
+                across = data.geom_xmat[geom].reshape(3, 3) * model.geom_size[geom]
+                boxes[side, k] = data.geom_xpos[geom] + corners @ across.T
+                waist[k, side] = data.geom_xpos[geom] + across @ ends[side]
+        return Skeleton(
+            limbs=tuple(Limb(look.name, limbs[i], look.pair, look.far) for i, look in enumerate(LOOKS)),
+            bodies=(boxes[0], boxes[1]),
+            springs=(waist,),
+            note="The waist between its two bodies is a sprung roll joint.",
+        )

@@ -1,0 +1,103 @@
+"""The quadruped's body in MJX, compiled for each row's masses and lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.dynamics.tree.external_force import PointForce
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
+    HEIGHT_NAMES,
+    LIMBS,
+    WaistMechanics,
+    displacements,
+    factors,
+    mjcf,
+    sizes_of,
+)
+from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import WaistBody
+from gaitsweep.papers.aoi2011.waist_quadruped.state import State
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.variants import Variants
+
+# Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
+_TABLE_1 = {
+    **{f"{body}_mass": 1.0 for body in ("front", "rear")},
+    **{f"{body}_{size}": 0.1 for body in ("front", "rear") for size in ("length", "width")},
+    "link_mass": 0.1,
+    "link_length": 0.08,
+    **{f"{body}_hip_x": 0.048 for body in ("front", "rear")},
+    **{f"{body}_hip_y": 0.05 for body in ("front", "rear")},
+    "body_distance": 0.1,
+}
+_LEVEL = dict(zip(HEIGHT_NAMES, (0.05, 0.05, 0.0, 0.0, 0.0), strict=True))
+
+
+class WaistMjxBody(WaistBody):
+    """The body in MJX; the host compiles it for each row's masses, lengths and places of hips.
+
+    Args:
+        level: whether hips and the waist's axis are level with the centres of mass.
+    """
+
+    def __init__(self, level: bool) -> None:
+        self.level = level
+
+    @property
+    def compiled_of(self) -> tuple[str, ...]:
+        return tuple(_TABLE_1) if self.level else (*_TABLE_1, *HEIGHT_NAMES)
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return variants(self.level).on_host(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        return variants(self.level).of_row(values)
+
+    def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return mjx_body().points(_numbers(m), s.q, s.v)
+
+    def moved(
+        self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        numbers = {**_numbers(m), "opt.gravity": m.gravity()}
+        pushes = jnp.stack([push.force for push in forces])
+        after, _ = mjx_body().step(numbers, mjx_body().start(s.q, s.v), dt, tau=tau, forces=pushes)
+        return after.q, after.v
+
+
+def _numbers(m: WaistMechanics) -> dict[str, jax.Array]:
+    if not m.numbers:
+        raise ValueError("With body mjx, values go through the model's on_host before its params.")
+    return m.numbers
+
+
+# MJX is imported here, since that takes seconds and reading a job does not need it
+@cache
+def mjx_body() -> MjxBody:
+    """The body with the values of Table I."""
+    from gaitsweep.dynamics.mjx.body import MjxBody
+
+    return MjxBody(mjcf(), [f"foot_{i + 1}" for i in LIMBS])
+
+
+@cache
+def variants(level: bool) -> Variants:
+    """The bodies with other masses and lengths, and other heights where they are not level."""
+    from gaitsweep.dynamics.mjx.variants import Variants, rescale
+
+    def edit(spec: Any, values: Mapping[str, float]) -> None:
+        of = sizes_of(values)
+        rescale(spec, *factors(of, np.stack))
+        hips, centre = displacements(of, np.stack)
+        for name, by in hips.items():
+            spec.body(name).pos = spec.body(name).pos + by
+        spec.body("rear").ipos = spec.body("rear").ipos + centre
+
+    return Variants(mjcf(), edit, _TABLE_1 if level else _TABLE_1 | _LEVEL)

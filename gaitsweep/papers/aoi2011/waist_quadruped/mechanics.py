@@ -1,0 +1,358 @@
+"""The quadruped's rigid-body mechanics: tree with a row's masses and lengths, feet, forces, posture."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import resources
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.dynamics.tree.articulated_tree import Geometry, Tree, rescaled
+from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.external_force import PointForce
+from gaitsweep.dynamics.tree.kinematics import movements, places, velocity
+
+LIMBS = range(4)
+# Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
+# chatter without end: the damper lifts a foot on the ground, and in the air it falls at once.
+RELEASE = 1e-7
+# Limits of a fall: height as a share of that in stance, and angles of tilt and twist (rad).
+LOW, TILTED, TWISTED = 0.4, 1.2, 1.5
+# Indices in q; those in v, which has no quaternion, are one less.
+WAIST, HIP, KNEE = 11, (7, 9, 12, 14), (8, 10, 13, 15)
+# What a body has of its own where its hips and its waist's axis are not level with the centres of mass.
+HEIGHT_NAMES = ("front_height", "rear_height", "front_hip_z", "rear_hip_z", "waist_z")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class WaistMechanics:
+    """Stiffnesses, masses and lengths; units as in `PARAMETERS`, the waist's in N m/rad and N m s/rad.
+
+    `numbers` has the fields of an mjx.Model that MuJoCo computes from masses and lengths, for the body in
+    MJX; it is empty for the tree. `mu` and `T_slip` are None where feet do not slip, and the fields of
+    HEIGHT_NAMES are None in a level body.
+    """
+
+    kappa_w: jax.Array
+    sigma_w: jax.Array
+    kappa_1: jax.Array
+    sigma_1: jax.Array
+    kappa_2: jax.Array
+    sigma_2: jax.Array
+    K_TL: jax.Array
+    D_TL: jax.Array
+    K_N: jax.Array
+    D_N: jax.Array
+    D_rising: jax.Array
+    clamp: jax.Array
+    fore_knees: jax.Array
+    hind_knees: jax.Array
+    g: jax.Array
+    front_mass: jax.Array
+    front_length: jax.Array
+    front_width: jax.Array
+    rear_mass: jax.Array
+    rear_length: jax.Array
+    rear_width: jax.Array
+    link_mass: jax.Array
+    link_length: jax.Array
+    front_hip_x: jax.Array
+    front_hip_y: jax.Array
+    rear_hip_x: jax.Array
+    rear_hip_y: jax.Array
+    body_distance: jax.Array
+    numbers: dict[str, jax.Array]
+    mu: jax.Array | None = None
+    T_slip: jax.Array | None = None
+    front_height: jax.Array | None = None
+    rear_height: jax.Array | None = None
+    front_hip_z: jax.Array | None = None
+    rear_hip_z: jax.Array | None = None
+    waist_z: jax.Array | None = None
+
+    def geometry(self) -> Geometry:
+        """The geometry of Table I's body, scaled to these masses and lengths."""
+        tree, of_table_1 = body()
+        mass, size = factors(self, jnp.stack)
+        scaled = rescaled(tree, of_table_1, mass=mass, size=size)
+        moved, centre = displacements(self, jnp.stack)
+        names = [link.name for link in tree.links]
+        # stacked, since precision mixed has no updates of arrays
+        position = [scaled.position[i] + moved.get(name, 0.0) for i, name in enumerate(names)]
+        com = [scaled.com[i] + (centre if name == "rear" else 0.0) for i, name in enumerate(names)]
+        return dataclasses.replace(scaled, position=jnp.stack(position), com=jnp.stack(com))
+
+    @property
+    def bends(self) -> tuple[jax.Array, ...]:
+        """The sign of each limb's knee angle: 1 where the knee points ahead of the limb, else -1."""
+        fore, hind = (jnp.where(knees > 0.0, 1.0, -1.0) for knees in (self.fore_knees, self.hind_knees))
+        return fore, fore, hind, hind
+
+    def feet(self, q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Positions (4, 3) m and velocities (4, 3) m/s of the feet in the world."""
+        tree, _ = body()
+        placed = places(tree, self.geometry(), q)
+        moving = movements(tree, placed, v)
+        lower = [tree.index(f"lower_{i + 1}") for i in LIMBS]
+        at = [placed[i].position(self._foot()) for i in lower]
+        return jnp.stack(at), jnp.stack([velocity(placed[i], moving[i], self._foot()) for i in lower])
+
+    def _foot(self) -> jax.Array:
+        """The position of a foot in its lower link's frame (3,), m."""
+        return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
+
+    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> tuple[jax.Array, jax.Array]:
+        """x and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
+        upper = jnp.stack([q[i] for i in HIP])
+        lower = upper + jnp.stack([q[i] for i in KNEE])
+        down = -share * self.link_length
+        return down * (jnp.sin(upper) + jnp.sin(lower)), down * (jnp.cos(upper) + jnp.cos(lower))
+
+    def torques(
+        self,
+        q: jax.Array,
+        v: jax.Array,
+        x: jax.Array,
+        z: jax.Array,
+        desired: tuple[jax.Array, jax.Array] | None = None,
+    ) -> jax.Array:
+        """Generalised forces (15,): PD control of the joints, eq. (4), and the spring of the waist.
+
+        Args:
+            q, v: positions and velocities of the tree.
+            x, z: desired positions of the feet relative to their hips, (4,) m.
+            desired: desired velocities of the feet, (4,) m/s each, where joints are damped relative to the
+                desired rates; None: they are damped by their own rates.
+        """
+        tau = [jnp.zeros_like(self.g)] * 15
+        tau[WAIST - 1] = -self.kappa_w * q[WAIST] - self.sigma_w * v[WAIST - 1]
+        for i in LIMBS:
+            hip, knee = joint_angles(x[i], z[i], self.link_length, self.bends[i])
+            hip_rate, knee_rate = v[HIP[i] - 1], v[KNEE[i] - 1]
+            if desired is not None:
+                at = x[i], z[i], desired[0][i], desired[1][i]
+                wanted = joint_rates(*at, self.link_length, self.bends[i])
+                hip_rate, knee_rate = hip_rate - wanted[0], knee_rate - wanted[1]
+            tau[HIP[i] - 1] = -self.kappa_1 * (q[HIP[i]] - hip) - self.sigma_1 * hip_rate
+            tau[KNEE[i] - 1] = -self.kappa_2 * (q[KNEE[i]] - knee) - self.sigma_2 * knee_rate
+        return jnp.stack(tau)
+
+    def ground_forces(
+        self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array
+    ) -> list[PointForce]:
+        """The force of the ground on each foot, eq. (A8), within the cone of friction where feet slip.
+
+        Args:
+            at, speed: positions and velocities of the feet, (4, 3) m and m/s.
+            anchors: touchdown points, (4, 2) m.
+            contact: whether each foot is on the ground, (4,).
+        """
+        tree, _ = body()
+        forces = [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
+        if self.mu is not None:
+            forces = [force * jnp.append(carried(force, self.mu) * jnp.ones(2), 1.0) for force in forces]
+        return [PointForce(tree.index(f"lower_{i + 1}"), self._foot(), forces[i]) for i in LIMBS]
+
+    def creep(self, at: jax.Array, speed: jax.Array, anchors: jax.Array, contact: jax.Array) -> jax.Array:
+        """Velocities (4, 2), m/s, of the touchdown points of slipping feet; arguments as for `ground_forces`.
+
+        The point follows its foot until spring and damper are on the cone of friction: it does 1 - 1/e of the
+        way in `T_slip`.
+        """
+        assert self.mu is not None
+        assert self.T_slip is not None
+        rates = []
+        for i in LIMBS:
+            force = anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground())
+            beyond = 1.0 - carried(force, self.mu)
+            rates.append(-beyond * force[:2] / (self.K_TL * self.T_slip))
+        return jnp.stack(rates)
+
+    def _ground(self) -> tuple[jax.Array, ...]:
+        """Springs (3,) N/m and dampers (3,) N s/m of the ground along x, y, z, `D_rising` and `clamp`."""
+        springs, dampers = (self.K_TL, self.K_TL, self.K_N), (self.D_TL, self.D_TL, self.D_N)
+        return jnp.stack(springs), jnp.stack(dampers), self.D_rising, self.clamp
+
+    def accelerations(
+        self, q: jax.Array, v: jax.Array, tau: jax.Array, forces: list[PointForce]
+    ) -> jax.Array:
+        """dv/dt (15,), eq. (1)."""
+        tree, _ = body()
+        return jnp.asarray(forward_dynamics(tree, self.geometry(), q, v, tau, forces, gravity=self.gravity()))
+
+    def gravity(self) -> jax.Array:
+        """The acceleration of gravity in the world (3,), m/s2."""
+        return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.g])
+
+
+def anchored_force(
+    position: jax.Array,
+    velocity: jax.Array,
+    anchor: jax.Array,
+    contact: jax.Array,
+    K: jax.Array,
+    D: jax.Array,
+    rising: jax.Array | float = 1.0,
+    clamp: jax.Array | float = 0.0,
+) -> jax.Array:
+    """Force of level ground at z = 0 on a foot (3,), N (Aoi et al. 2011, eq. A8).
+
+    Args:
+        position, velocity: of the foot in the world, (3,), m and m/s.
+        anchor: x and y at touchdown, (2,), m.
+        contact: whether the foot is on the ground, scalar bool.
+        K, D: springs, N/m, and dampers, N s/m, along x, y and z, (3,).
+        rising: share of the vertical damper that acts while the foot rises.
+        clamp: if above zero, the ground cannot pull.
+    """
+    sunk = position - jnp.concatenate([anchor, jnp.zeros(1)])
+    damper = jnp.stack([D[0], D[1], jnp.where(velocity[2] > 0.0, D[2] * rising, D[2])])
+    force = -K * sunk - damper * velocity
+    least = jnp.where(clamp > 0.0, 0.0, -jnp.inf)
+    force = jnp.stack([force[0], force[1], jnp.maximum(force[2], least)])
+    return jnp.where(contact, force, 0.0)
+
+
+def carried(force: jax.Array, mu: jax.Array | float) -> jax.Array:
+    """The share of the force along the ground that friction `mu` carries, 1 within the cone.
+
+    A force (3,), N, that pulls the foot down has no load, so that it carries none.
+    """
+    along, limit = jnp.hypot(force[0], force[1]), mu * jnp.maximum(force[2], 0.0)
+    return jnp.where(along > limit, limit / jnp.where(along > 0.0, along, 1.0), 1.0)
+
+
+def joint_angles(
+    x: jax.Array, z: jax.Array, length: jax.Array | float, bend: jax.Array | float
+) -> tuple[jax.Array, jax.Array]:
+    """Hip and knee angles (rad) of a limb of two equal links whose foot is at (x, z) from the hip.
+
+    Rotations are about +y, zero is straight down, and the knee angle is relative to the upper link. For a
+    target out of reach the straight limb points at it.
+
+    Args:
+        x, z: position of the foot relative to the hip, m.
+        length: length of each link, m.
+        bend: sign of the knee angle, 1 or -1.
+    """
+    square = x * x + z * z
+    # half the knee angle, from an isosceles triangle
+    half = bend * jnp.arctan2(jnp.sqrt(jnp.maximum(4.0 * length * length - square, 0.0)), jnp.sqrt(square))
+    return jnp.arctan2(-x, -z) - half, 2.0 * half
+
+
+def joint_rates(
+    x: jax.Array,
+    z: jax.Array,
+    x_rate: jax.Array,
+    z_rate: jax.Array,
+    length: jax.Array | float,
+    bend: jax.Array | float,
+) -> tuple[jax.Array, jax.Array]:
+    """Time derivatives (rad/s) of the hip and knee angles of `joint_angles`; x, z, length, bend as there.
+
+    The knee of a target out of reach does not turn.
+
+    Args:
+        x_rate, z_rate: velocity of the foot relative to the hip, m/s.
+    """
+    square = x * x + z * z
+    reach = 4.0 * length * length - square
+    # the half knee angle a has cos a = r / (2 length), at the foot's distance r from the hip
+    slope = square * jnp.where(reach > 0.0, reach, jnp.inf)
+    half = -bend * (x * x_rate + z * z_rate) / jnp.sqrt(slope)
+    return (z * x_rate - x * z_rate) / square - half, 2.0 * half
+
+
+def tilt(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Roll and pitch (rad) of the front body."""
+    ahead, side, up, norm = _rises(q)
+    return jnp.arctan2(side, up), jnp.arcsin(-ahead / norm)
+
+
+def fallen(q: jax.Array, standing: jax.Array) -> jax.Array:
+    """Whether the front body is far below its height `standing` (m) or tilted, or the waist is twisted."""
+    ahead, side, up, norm = _rises(q)
+    rolled = jnp.abs(side) > math.tan(TILTED) * up
+    pitched = jnp.abs(ahead) > math.sin(TILTED) * norm
+    twisted = jnp.abs(q[WAIST]) > TWISTED
+    return (q[2] < LOW * standing) | rolled | pitched | twisted
+
+
+def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Vertical components of the body's axes times `norm`, the quaternion's squared norm, and `norm`."""
+    w, x, y, z = q[3:7]
+    norm = w * w + x * x + y * y + z * z
+    ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
+    return ahead, side, up, norm
+
+
+def sizes_of(values: Mapping[str, Any]) -> SimpleNamespace:
+    """A row's masses and lengths by name, as `factors` and `displacements` take them."""
+    return SimpleNamespace(**{**dict.fromkeys(HEIGHT_NAMES), **values})
+
+
+def factors(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The factors of mass and of size of each body relative to Table I, by name.
+
+    Args:
+        of: an object with `front_mass` (kg), `rear_length` (m) and so on, numbers or arrays; HEIGHT_NAMES are
+            None in a level body.
+        stack: the function that stacks them to an array.
+    """
+    front, rear = (
+        stack([length / 0.1, width / 0.1, 1.0 if height is None else height / 0.05])
+        for length, width, height in (
+            (of.front_length, of.front_width, of.front_height),
+            (of.rear_length, of.rear_width, of.rear_height),
+        )
+    )
+    links = [f"{part}_{i + 1}" for part in ("upper", "lower") for i in LIMBS]
+    mass = {"front": of.front_mass, "rear": of.rear_mass} | dict.fromkeys(links, of.link_mass / 0.1)
+    size = {"front": front, "rear": rear} | dict.fromkeys(links, of.link_length / 0.08)
+    return mass, size
+
+
+def displacements(of: Any, stack: Callable[[list[Any]], Any]) -> tuple[dict[str, Any], Any]:
+    """Displacements (3,), m, of hips and waist, by link, and of the rear body's centre of mass.
+
+    They are relative to the places that `factors` scales with the bodies, at which all are zero. The rear
+    body's frame is at the waist, which is at the end of the front body.
+
+    Args:
+        of: an object with `front_hip_x`, `body_distance` and so on, numbers or arrays; HEIGHT_NAMES are None
+            in a level body.
+        stack: the function that stacks them to an array (3,).
+    """
+    front_size, rear_size = of.front_length / 0.1, of.rear_length / 0.1
+    front_width, rear_width = of.front_width / 0.1, of.rear_width / 0.1
+    apart = 0.05 * front_size + 0.05 * rear_size - of.body_distance
+    front = of.front_hip_x - 0.048 * front_size, of.front_hip_y - 0.05 * front_width
+    rear = apart + (0.048 * rear_size - of.rear_hip_x), of.rear_hip_y - 0.05 * rear_width
+    level = of.waist_z is None
+    front_z, rear_z, axis = (0.0, 0.0, 0.0) if level else (of.front_hip_z, of.rear_hip_z, of.waist_z)
+    moved = {} if level else {"rear": stack([0.0, 0.0, axis])}
+    for i in LIMBS:
+        x, y, z = (*front, front_z) if i < 2 else (*rear, rear_z - axis)
+        moved[f"upper_{i + 1}"] = stack([x, y if i % 2 else -y, z])
+    return moved, stack([apart, 0.0, -axis])
+
+
+def mjcf() -> str:
+    """The body as an MJCF."""
+    return resources.files("gaitsweep.papers.aoi2011.waist_quadruped").joinpath("body.xml").read_text()
+
+
+@cache
+def body() -> tuple[Tree, Geometry]:
+    """The tree, and its geometry with the numbers of Table I."""
+    from gaitsweep.dynamics.tree.from_mjcf import tree_of  # MuJoCo, only for a job of this body
+
+    return tree_of(mjcf())

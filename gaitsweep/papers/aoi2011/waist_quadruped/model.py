@@ -1,0 +1,342 @@
+"""Quadruped with a passive waist joint (Aoi, Yamashita and Tsuchiya 2011).
+
+Two rigid bodies joined by a roll joint with a spring, and four limbs of two links. Each limb has a phase
+oscillator whose phase determines the desired position of its foot. Left and right oscillators are coupled in
+antiphase; fore and hind ones are not, unless their gains K_ij are given. A landing resets the phase of its
+limb. So the gait, the phase difference between fore and hind limbs, results from the mechanics only. Limbs:
+1 right fore, 2 left fore, 3 right hind, 4 left hind.
+
+There are two integration methods: an ODE with located events (`numerics.method: rk4`) for transition points
+and Jacobians, and semi-implicit Euler (`method: semi_implicit`) for scans, with landing times interpolated
+inside a step. The body is gaitsweep's articulated tree, or MJX's (`body: mjx`), which has fixed steps only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Chart, HybridModel, Quantity, Rates, Recommended
+from gaitsweep.dynamics.phase_oscillator import TWO_PI, wrapped
+from gaitsweep.dynamics.tree.kinematics import rates
+from gaitsweep.near_miss import suggestion
+from gaitsweep.papers.aoi2011.waist_quadruped.chart import LandingChart
+from gaitsweep.papers.aoi2011.waist_quadruped.drawing import WaistDrawing
+from gaitsweep.papers.aoi2011.waist_quadruped.fast_modes import fastest_motion
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import EARLY, LATE, STANCE, SWINGS
+from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import WaistMjxBody
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
+    HIP,
+    KNEE,
+    LIMBS,
+    RELEASE,
+    WAIST,
+    WaistMechanics,
+    body,
+    fallen,
+    joint_angles,
+    tilt,
+)
+from gaitsweep.papers.aoi2011.waist_quadruped.parameters import (
+    FRICTION,
+    HEIGHTS,
+    OBSERVABLES,
+    PARAMETERS,
+    SIGNALS,
+)
+from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
+    after_events,
+    anchors,
+    corner,
+    desired_velocities,
+    landing_points,
+    phase_rates,
+    transitions,
+)
+from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit, WaistBody, WaistTreeBody
+from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
+
+BODIES = ("tree", "mjx")
+DAMPINGS = ("joint_rate", "rate_error")
+SLIPS = ("none", "coulomb")
+HEIGHT_CHOICES = ("level", "given")
+
+
+def _word(default: str, meaning: str, allowed: tuple[str, ...]) -> Any:
+    """A field of the structure that older jobs do not have."""
+    return dataclasses.field(
+        default=default, metadata={"meaning": meaning, "allowed": allowed, "later": True}
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class WaistQuadruped(WaistDrawing, HybridModel):
+    """The quadruped of two bodies, a waist and four limbs."""
+
+    body: str = dataclasses.field(
+        default="tree",
+        metadata={
+            "meaning": "rigid-body dynamics: gaitsweep's own, or MJX with fixed steps",
+            "allowed": BODIES,
+        },
+    )
+    swing: str = _word("cycloid", "curve of the desired foot in swing", SWINGS)
+    damping: str = _word("joint_rate", "rate that joints are damped by: their own, or its error", DAMPINGS)
+    slip: str = _word("none", "feet slip by Coulomb friction mu, or never", SLIPS)
+    heights: str = _word(
+        "level", "hips and the waist's axis: level with the centres of mass, or given", HEIGHT_CHOICES
+    )
+
+    name: ClassVar[str] = "waist_quadruped"
+    source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
+    gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
+    # K_13 was the pull of the start when there was no K_31
+    given_with: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType(
+        {
+            "K_13": (
+                "K_31",
+                "eq. (6) has both, so write K_31 too (0 for a pull one way); the pull of the start, which "
+                "older jobs call K_13, is K_hold.",
+            )
+        }
+    )
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            word, allowed = getattr(self, field.name), field.metadata["allowed"]
+            if word not in allowed:
+                raise ValueError(f"{field.name} is '{word}'{suggestion(word, allowed)}")
+
+    @property
+    def precisions(self) -> tuple[str, ...]:
+        return ("float64", "mixed") if self.body == "tree" else ("float64",)
+
+    @property
+    def _mover(self) -> WaistBody:
+        return WaistTreeBody() if self.body == "tree" else WaistMjxBody(self.heights == "level")
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        heights = () if self.heights == "level" else HEIGHTS
+        return (*PARAMETERS, *heights, *(() if self.slip == "none" else FRICTION))
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return (
+            Quantity(
+                "delta_13", "rad", "lead of limb 1 over limb 3",
+                default=math.pi, circular=True, symbol=r"\Delta_{13}", source="eq. (5)",
+            ),
+        )  # fmt: skip
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return OBSERVABLES
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return SIGNALS
+
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return self._mover.compiled_of
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return self._mover.on_host(values)
+
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        v = {name: jnp.asarray(value) for name, value in values.items()}
+        omega_w = TWO_PI * v["f"]
+        mechanics = WaistMechanics(
+            kappa_w=v["kappa_0"] * omega_w * omega_w,  # eq. (8)
+            sigma_w=2.0 * v["kappa_0"] * v["zeta_0"] * omega_w,
+            **{f.name: v[f.name] for f in dataclasses.fields(WaistMechanics) if f.name in v},
+            numbers=self._mover.numbers(v),
+        )
+        cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
+        return Params(
+            **{f.name: v[f.name] for f in dataclasses.fields(Params) if f.name in v},
+            omega=TWO_PI / cycle,
+            phi_AEP=TWO_PI * (1.0 - v["beta"]),
+            mechanics=mechanics,
+            swing=self.swing,
+            damping=self.damping,
+        )
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        """Standing, all feet on the ground below their hips, limb 3 at its AEP."""
+        p, wanted = params, start["delta_13"]
+        zero = jnp.zeros_like(p.omega)
+        phi_3 = p.phi_AEP
+        phi_1 = phi_3 + wanted
+        phi = wrapped(jnp.stack([phi_1, phi_1 - jnp.pi, phi_3, phi_3 - jnp.pi]))
+        early = phi < p.gate * p.phi_AEP
+        segment = jnp.where(phi >= p.phi_AEP, STANCE, jnp.where(early, EARLY, LATE))
+        path, m = p.path(zero, True), p.mechanics
+        x, z = path.target(phi, segment, (path.x_c, -path.H))
+        angles = [zero] * 9
+        for i in LIMBS:
+            hip, knee = joint_angles(x[i], z[i], m.link_length, m.bends[i])
+            angles[HIP[i] - 7], angles[KNEE[i] - 7] = hip, knee
+        # pitched so that fore and hind feet are at one height
+        fore, (fore_depth, hind_depth) = m.front_hip_x + p.x_c_fore, self._depths(p)
+        pitch = jnp.arctan2(hind_depth - fore_depth, fore + m.body_distance + m.rear_hip_x - p.x_c_hind)
+        height = fore_depth * jnp.cos(pitch) + fore * jnp.sin(pitch)
+        turn = jnp.cos(0.5 * pitch), zero, jnp.sin(0.5 * pitch), zero
+        q = jnp.concatenate([jnp.stack([zero, zero, height, *turn]), jnp.stack(angles)])
+        # compression of the ground by the body's weight
+        weight = (m.front_mass + m.rear_mass + 8.0 * m.link_mass) * m.g
+        q = q.at[2].add(-weight / (4.0 * m.K_N))
+        at, _ = m.feet(q, jnp.zeros(15, q.dtype))
+        return State(
+            q=q,
+            v=jnp.zeros(15, q.dtype),
+            phi=phi,
+            clock=zero,
+            growing=jnp.ones((), bool),
+            held=jnp.ones((), bool),
+            contact=jnp.ones(4, bool),
+            anchor=at[:, :2],
+            segment=segment,
+            lifted=jnp.zeros(4, bool),
+            landing_x=x,
+            landing_z=z,
+            height=at[:, 2],
+            gain=jnp.zeros(4, q.dtype),
+            closed=jnp.zeros((), bool),
+            wanted=wanted,
+            stride_x=zero,
+            stride_t=zero,
+            speed=zero,
+            period=zero,
+            stood=jnp.zeros(4, q.dtype),
+            landed=jnp.zeros(4, q.dtype),
+            duty=jnp.ones(4, q.dtype),
+            touchdowns=jnp.zeros(4, q.dtype),
+        )
+
+    @property
+    def located(self) -> bool:
+        return self.body == "tree"
+
+    def flow(self, params: Params, state: State) -> Rates:
+        p, s, m = params, state, params.mechanics
+        q_rate = jnp.asarray(rates(body()[0], s.q, s.v))
+        x, z = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        feet = (*m.feet(s.q, s.v), s.anchor, s.contact)
+        held = jnp.where(s.held, p.K_hold, 0.0)
+        desired = desired_velocities(p, s, held) if p.damping == "rate_error" else None
+        slip = {} if m.mu is None else {"anchor": m.creep(*feet)}
+        return {
+            "q": q_rate,
+            "v": m.accelerations(s.q, s.v, m.torques(s.q, s.v, x, z, desired), m.ground_forces(*feet)),
+            "phi": phase_rates(p, s, held),
+            "clock": jnp.ones_like(s.clock),
+            **slip,
+        }
+
+    @property
+    def recommended(self) -> Recommended:
+        return Recommended("rk4" if self.located else "semi_implicit")
+
+    def fast_modes(self, params: Params) -> tuple[jax.Array, jax.Array]:
+        rate, damping = fastest_motion(params)
+        slip = params.mechanics.T_slip
+        if slip is None:
+            return rate[None], damping[None]
+        return jnp.stack([rate, 1.0 / slip]), jnp.stack([damping, jnp.ones_like(damping)])
+
+    def in_steps(self) -> SemiImplicit:
+        return SemiImplicit(self._mover)
+
+    def guards(self, params: Params, state: State) -> jax.Array:
+        """Phases relative to the ends of their segments, foot contacts, ends of growth and hold, (10,)."""
+        p, s = params, state
+        height = p.mechanics.feet(s.q, s.v)[0][:, 2]
+        foot = jnp.where(s.contact, height - RELEASE, -height)
+        grown = jnp.where(s.growing, s.clock - p.T_grow, -1.0)
+        free = jnp.where(s.held, s.clock - p.T_hold, -1.0)
+        return jnp.concatenate([s.phi - corner(p, s.segment), foot, jnp.stack([grown, free])])
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        ends = (f"phase of limb {i} reaches the end of its segment" for i in range(1, 5))
+        feet = (f"foot {i} touches or lifts" for i in range(1, 5))
+        return (*ends, *feet, "the stride has grown (T_grow)", "delta_13 is released (T_hold)")
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        p, s = params, state
+        now = transitions(s, fired[:4], fired[4:8])
+        at, _ = p.mechanics.feet(s.q, s.v)
+        touches = now.contact & ~s.contact
+        anchor = anchors(p, s, touches, at[:, :2])
+        wanted = p.path(s.clock, s.growing).target(s.phi, s.segment, (s.landing_x, s.landing_z))
+        landing = landing_points(p, s, now.late, wanted, p.mechanics.from_hips(s.q, p.landing_actual))
+        s = dataclasses.replace(s, anchor=anchor, growing=s.growing & ~fired[8], held=s.held & ~fired[9])
+        return after_events(p, s, now, landing, 0.0)
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        """Whether limb 3 lands."""
+        return transitions(before, fired[:4], fired[4:8]).lands[2]
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        phi = state.phi
+        return {
+            "delta_13": wrapped(phi[0] - phi[2]),  # eq. (5)
+            "delta_12": wrapped(phi[0] - phi[1]),
+            "delta_34": wrapped(phi[2] - phi[3]),
+            "speed": state.speed,
+            "period": state.period,
+            "stride": state.speed * state.period,
+            **{f"duty_{i + 1}": state.duty[i] for i in LIMBS},
+            **{f"touchdowns_{i + 1}": state.touchdowns[i] for i in LIMBS},
+        }
+
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+        s, contact = state, state.contact.astype(state.phi.dtype)
+        roll, pitch = tilt(s.q)
+        return {
+            **{f"phase_{i + 1}": wrapped(s.phi)[i] for i in LIMBS},
+            **{f"contact_{i + 1}": contact[i] for i in LIMBS},
+            "waist": s.q[WAIST],
+            "roll": roll,
+            "pitch": pitch,
+            **{f"q_{i}": s.q[i] for i in range(16)},
+        }
+
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """The gait with the nearest centre, among the gaits within whose width delta_13 is."""
+        p, delta = params, observations["delta_13"]
+        centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
+        widths = jnp.stack([p.walk_width, p.trot_width, p.pace_width])
+        distance = jnp.abs(wrapped(delta - centres + jnp.pi) - jnp.pi)
+        distance = jnp.where(distance < widths, distance, jnp.inf)
+        gait = jnp.where(jnp.min(distance) < jnp.inf, jnp.argmin(distance), len(self.gaits) - 1)
+        return {"gait": gait}
+
+    def failed(self, params: Params, state: State) -> jax.Array:
+        """Whether the body is too low, tilted or twisted."""
+        return fallen(state.q, self._depths(params)[0])
+
+    def _depths(self, p: Params) -> tuple[jax.Array, jax.Array]:
+        """Depths (m) of the extreme positions of fore and hind feet below their bodies' centres of mass."""
+        m = p.mechanics
+        if m.front_hip_z is None or m.rear_hip_z is None:
+            return p.H_fore, p.H_hind
+        return p.H_fore - m.front_hip_z, p.H_hind - m.rear_hip_z
+
+    def period(self, params: Params) -> jax.Array:
+        return TWO_PI / params.omega
+
+    def free_after(self, params: Params) -> jax.Array:
+        return params.T_hold
+
+    def chart(self) -> Chart | None:
+        return LandingChart() if self.located else None

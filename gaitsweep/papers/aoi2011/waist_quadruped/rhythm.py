@@ -1,0 +1,156 @@
+"""The oscillators of the limbs: coupled phases, segments of foot paths, and phase resets."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.dynamics.phase_oscillator import TWO_PI
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import BEYOND, EARLY, LATE, STANCE
+from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
+
+
+class Transitions(NamedTuple):
+    """For each limb (4,): contact, segment and lifted after the events, landing, wrap of the phase.
+
+    `late`: the limb has passed phi_AEP without a landing.
+    """
+
+    contact: jax.Array
+    segment: jax.Array
+    lifted: jax.Array
+    lands: jax.Array
+    wraps: jax.Array
+    late: jax.Array
+
+
+def phase_rates(p: Params, s: State, held: jax.Array) -> jax.Array:
+    """Derivatives (4,) of the phases, rad/s, eq. (2), (6); `held` (rad/s) couples delta_13 to `s.wanted`."""
+    left = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
+    right = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
+    # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
+    d_13, d_24 = (
+        jnp.sin(s.phi[0] - s.phi[2] - p.delta_star_13),
+        jnp.sin(s.phi[1] - s.phi[3] - p.delta_star_24),
+    )
+    d_14, d_23 = (
+        jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14),
+        jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23),
+    )
+    pair_13 = held * jnp.sin(s.phi[0] - s.phi[2] - s.wanted)
+    pair_24 = held * jnp.sin(s.phi[1] - s.phi[3] - s.wanted)
+    pull = [
+        -p.K_12 * left - pair_13 - (p.K_13 * d_13 + p.K_14 * d_14),
+        p.K_21 * left - pair_24 - (p.K_24 * d_24 + p.K_23 * d_23),
+        -p.K_34 * right + pair_13 + (p.K_31 * d_13 + p.K_32 * d_23),
+        p.K_43 * right + pair_24 + (p.K_42 * d_24 + p.K_41 * d_14),
+    ]
+    return p.omega + jnp.stack(pull)
+
+
+def corner(p: Params, segment: jax.Array) -> jax.Array:
+    """The phase (4,), rad, at which each limb's segment ends."""
+    early, late = segment == EARLY, segment == LATE
+    return jnp.where(early, p.gate * p.phi_AEP, jnp.where(late, p.phi_AEP, TWO_PI))
+
+
+def transitions(s: State, at_corner: jax.Array, switched: jax.Array) -> Transitions:
+    """The transitions of limbs at the end of a segment, `at_corner` (4,), and of contacts, `switched` (4,).
+
+    A foot in contact lands in the second part of its swing if it has been off the ground, and later always.
+    """
+    contact = s.contact ^ switched
+    wraps = at_corner & ((s.segment == STANCE) | (s.segment == BEYOND))
+    segment = jnp.where(wraps, EARLY, jnp.where(at_corner, s.segment + 1, s.segment))
+    lifted = jnp.where(wraps, ~contact, s.lifted | ~contact)
+    lands = contact & ((lifted & (segment == LATE)) | (segment == BEYOND))
+    return Transitions(contact, jnp.where(lands, STANCE, segment), lifted, lands, wraps, segment == BEYOND)
+
+
+def anchors(p: Params, s: State, touches: jax.Array, at: jax.Array) -> jax.Array:
+    """The points (4, 2), m, to which feet that touch down at `at` (4, 2) are held, and the others' as before.
+
+    With `anchor_kept`, a foot that comes down again within a stance is held where it was.
+    """
+    anew = touches & ~((s.segment == STANCE) & (p.anchor_kept > 0.0))
+    return jnp.where(anew[:, None], at, s.anchor)
+
+
+def landing_points(
+    p: Params,
+    s: State,
+    late: jax.Array,
+    wanted: tuple[jax.Array, jax.Array],
+    actual: tuple[jax.Array, jax.Array],
+) -> tuple[jax.Array, jax.Array]:
+    """x and z (4,), m, of the points (LP) at which the stance lines of landing limbs begin.
+
+    A limb that lands late without a reset goes on along the line from the AEP to the PEP.
+
+    Args:
+        late: which limbs land after phi_AEP, (4,).
+        wanted: desired x and z (4,) of the feet at their landings.
+        actual: their actual x and z (4,), times `landing_actual`.
+    """
+    path, onwards = p.path(s.clock, s.growing), late & (p.late_reset <= 0.0)
+    x, z = ((1.0 - p.landing_actual) * one + other for one, other in zip(wanted, actual, strict=True))
+    return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
+
+
+def desired_velocities(p: Params, s: State, held: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Time derivatives (4,), m/s, of the desired x and z of the feet; `held` as for `phase_rates`."""
+
+    def target(phi: jax.Array, clock: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return p.path(clock, s.growing).target(phi, s.segment, (s.landing_x, s.landing_z))
+
+    rates = phase_rates(p, s, held), jnp.ones_like(s.clock)
+    return jax.jvp(target, (s.phi, s.clock), rates)[1]
+
+
+def after_events(
+    p: Params,
+    s: State,
+    now: Transitions,
+    landing: tuple[jax.Array, jax.Array],
+    over: jax.Array | float,
+    since: jax.Array | float = 0.0,
+) -> State:
+    """The state after the transitions of its limbs, without the update of anchors.
+
+    Args:
+        landing: x and z (4,) m of the landing points.
+        over: phase (4,) rad since each landing.
+        since: time (4,) s since each foot touched the ground or left it.
+    """
+    reset = now.lands & (p.resetting > 0.0) & ~(now.late & (p.late_reset <= 0.0))
+    phi = jnp.where(reset, p.phi_AEP + over, jnp.where(now.wraps, s.phi - TWO_PI, s.phi))  # eq. (7)
+    closed = now.lands[2]
+    t = s.clock - (over * jnp.ones(4))[2] / p.omega
+    cycle = jnp.where(closed, t - s.stride_t, 1.0)
+    x = s.q[0] - (s.clock - t) * s.v[0]
+    switched, at = now.contact ^ s.contact, s.clock - since
+    stood = s.stood + jnp.where(switched, jnp.where(now.contact, -at, at), 0.0)
+    landed = s.landed + (switched & now.contact)
+    # a stance that goes on at the end of the cycle is cut there
+    open_end = jnp.where(now.contact, t, 0.0)
+    return dataclasses.replace(
+        s,
+        phi=phi,
+        contact=now.contact,
+        segment=now.segment,
+        lifted=now.lifted,
+        landing_x=jnp.where(now.lands, landing[0], s.landing_x),
+        landing_z=jnp.where(now.lands, landing[1], s.landing_z),
+        closed=closed,
+        stride_x=jnp.where(closed, x, s.stride_x),
+        stride_t=jnp.where(closed, t, s.stride_t),
+        speed=jnp.where(closed, (x - s.stride_x) / cycle, s.speed),
+        period=jnp.where(closed, cycle, s.period),
+        stood=jnp.where(closed, -open_end, stood),
+        landed=jnp.where(closed, 0.0, landed),
+        duty=jnp.where(closed, (stood + open_end) / cycle, s.duty),
+        touchdowns=jnp.where(closed, landed, s.touchdowns),
+    )

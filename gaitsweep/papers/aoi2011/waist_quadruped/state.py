@@ -1,0 +1,124 @@
+"""The parameters and the state of the quadruped."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import FootPath
+from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Params:
+    """Parameters as in the equations; units as in `PARAMETERS`."""
+
+    beta: jax.Array
+    T_sw: jax.Array
+    K_12: jax.Array
+    K_21: jax.Array
+    K_34: jax.Array
+    K_43: jax.Array
+    K_13: jax.Array
+    K_31: jax.Array
+    K_24: jax.Array
+    K_42: jax.Array
+    K_14: jax.Array
+    K_41: jax.Array
+    K_23: jax.Array
+    K_32: jax.Array
+    delta_star_12: jax.Array
+    delta_star_34: jax.Array
+    delta_star_13: jax.Array
+    delta_star_24: jax.Array
+    delta_star_14: jax.Array
+    delta_star_23: jax.Array
+    resetting: jax.Array
+    T_grow: jax.Array
+    T_hold: jax.Array
+    K_hold: jax.Array
+    D: jax.Array
+    H_fore: jax.Array
+    H_hind: jax.Array
+    x_c_fore: jax.Array
+    x_c_hind: jax.Array
+    h: jax.Array
+    dip: jax.Array
+    gate: jax.Array
+    late_reset: jax.Array
+    landing_actual: jax.Array
+    swing_ease: jax.Array
+    anchor_kept: jax.Array
+    walk_centre: jax.Array
+    walk_width: jax.Array
+    trot_centre: jax.Array
+    trot_width: jax.Array
+    pace_centre: jax.Array
+    pace_width: jax.Array
+    omega: jax.Array  # rad/s
+    phi_AEP: jax.Array  # rad
+    mechanics: WaistMechanics
+    swing: str = dataclasses.field(default="cycloid", metadata={"static": True})
+    damping: str = dataclasses.field(default="joint_rate", metadata={"static": True})
+
+    @property
+    def x_c(self) -> jax.Array:
+        """Middle (4,) of each limb's extreme positions, ahead of its hip, m."""
+        return jnp.stack([self.x_c_fore, self.x_c_fore, self.x_c_hind, self.x_c_hind])
+
+    @property
+    def H(self) -> jax.Array:
+        """Depth (4,) of each limb's extreme positions below its hip, m."""
+        return jnp.stack([self.H_fore, self.H_fore, self.H_hind, self.H_hind])
+
+    def path(self, clock: jax.Array, growing: jax.Array | bool) -> FootPath:
+        """The path of the feet at a time (s); while `growing`, at the start, its size increases from zero."""
+        grown = jnp.where(growing, clock / self.T_grow, 1.0)
+        D, h = self.D * grown, self.h * grown
+        return FootPath(self.phi_AEP, self.x_c, D, self.H, h, self.dip, self.swing_ease, self.swing)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class State:
+    """The state along a trajectory; arrays (4,) are in the order of the limbs.
+
+    `q` (16,) and `v` (15,) are MuJoCo's qpos and qvel; `phi` (4,) rad; `clock` s. Modes: `growing`, whether
+    the stride is still growing; `held`, whether delta_13 is held, as at the start; `contact` (4,) bool;
+    `anchor` (4, 2) m, the touchdown points; `segment` (4,) of the foot path;
+    `lifted` (4,): the foot has been off the ground since the beginning of its swing; `landing_x`, `landing_z`
+    (4,) m, the point at which the stance line begins (LP); `wanted` rad, the delta_13 that is held;
+    `stride_x` (m) and `stride_t` (s), position and time at limb 3's last landing; of the cycle before it
+    `speed` (m/s), `period` (s) and of each foot the `duty` factor and the number of `touchdowns`, (4,). Since
+    that landing, (4,): `stood` (s), the times of lift-off less those of touchdown, and `landed`, the number
+    of touchdowns. For the last fixed step: `height` (4,) m of the feet at its beginning, `gain` (4,) rad of
+    the phases during it, `closed`: limb 3 landed in it.
+    """
+
+    q: jax.Array
+    v: jax.Array
+    phi: jax.Array
+    clock: jax.Array
+    growing: jax.Array
+    held: jax.Array
+    contact: jax.Array
+    anchor: jax.Array
+    segment: jax.Array
+    lifted: jax.Array
+    landing_x: jax.Array
+    landing_z: jax.Array
+    height: jax.Array
+    gain: jax.Array
+    closed: jax.Array
+    wanted: jax.Array
+    stride_x: jax.Array
+    stride_t: jax.Array
+    speed: jax.Array
+    period: jax.Array
+    stood: jax.Array
+    landed: jax.Array
+    duty: jax.Array
+    touchdowns: jax.Array

@@ -1,0 +1,55 @@
+"""The pitching of the body in a gait cycle: once, as in canters and gallops, or twice, as in walks.
+
+Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Discussion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import axes_of, require
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, family
+
+
+def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
+    """The amplitudes of the pitch at once and twice the gait frequency, over the complete cycles of each row.
+
+    Args:
+        trace: row, t (s), pitch (rad) and u_f_LF, ...
+
+    Returns:
+        One record for each row with one of the nine gaits: row, swept axes, gait, period (s), once and twice
+        (amplitudes, rad).
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    require(trace, "row", "t", "pitch")
+    every = gaits_in(trace)
+    named = every["gait"].isin(CHART).to_numpy()
+    gaits = every[["row", *axes_of(trace), "gait", "period"]].loc[named].reset_index(drop=True)
+    of_row = {row: samples.sort_values("t") for row, samples in trace.groupby("row")}
+    parts = np.zeros((len(gaits), 2))
+    for number, (row, period) in enumerate(zip(gaits["row"], gaits["period"], strict=True)):
+        t, pitch = (of_row[row][name].to_numpy(float) for name in ("t", "pitch"))
+        cycles = (t - t[0]) / period
+        whole = cycles < np.floor(cycles[-1])
+        parts[number] = harmonics(cycles[whole], pitch[whole] - pitch[whole].mean())
+    return gaits.assign(once=parts[:, 0], twice=parts[:, 1])
+
+
+def harmonics(phase: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
+    """The amplitudes of a signal (n,) at once and twice the frequency of its phase (n,), in cycles."""
+    once, twice = (2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * part * phase))) for part in (1, 2))
+    return float(once), float(twice)
+
+
+def family_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
+    """The mean of `body_oscillation` for each set of parameters and family of gaits, repetitions pooled."""
+    found = body_oscillation(trace)
+    found["family"] = [family(str(gait)) for gait in found["gait"]]
+    names = list(found.columns)
+    axes = [name for name in names[1 : names.index("gait")] if name not in ("seed", "pair")]
+    return found.groupby([*axes, "family"]).agg(once=("once", "mean"), twice=("twice", "mean"))

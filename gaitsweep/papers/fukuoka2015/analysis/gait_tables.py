@@ -1,0 +1,154 @@
+"""The gait of each row of any table of a four-legged model, and the number of rows with each gait."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gaitsweep.analysis.records import FAILURES, AnalysisError, axes_of, require
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
+    GAITS,
+    IN_CYCLES,
+    SINCE,
+    Steadiness,
+    gait_of,
+    onsets_in,
+    onsets_of_crossings,
+)
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
+    CHART,
+    LEGS,
+    STRICT,
+    THRESHOLD,
+    margin,
+    place,
+)
+
+FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}
+_MEAN = "delta_{}_mean_end"
+
+
+def gaits_in(
+    table: pd.DataFrame,
+    *,
+    signals: Mapping[str, str] | None = None,
+    level: float = 0.0,
+    falling: bool = False,
+    window: tuple[Any, Any] = (-math.inf, math.inf),
+    thresholds: Sequence[float] = (THRESHOLD, STRICT),
+    steadiness: Steadiness | None = None,
+) -> pd.DataFrame:
+    """The gait of each row at each threshold, with its shifts and their steadiness.
+
+    Args:
+        table: a trace with a signal for each leg; records of crossings with since_LF_n and so on (return
+            maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` is the
+            model's own label at its own threshold.
+        signals, level, falling: for a trace, the column of each leg and its threshold, as in
+            `swing_onsets.onsets_in`; by default the potentials u_f_LF, ... For feet:
+            signals={"LF": "contact_1", ...}, level=0.5, falling=True.
+        window: begin and end of the time that is used, s; not used for a settle table.
+        thresholds: largest shift of a pair in phase, cycles; each but the first adds a column of gaits.
+        steadiness: criteria of a steady gait; not used for a settle table.
+
+    Returns:
+        One record a row: row, swept axes, and the columns of `swing_onsets.gait_of`; for a settle table
+        cycles, period, variation, delta_1, delta_2, antiphase, length (the least of the shifts), steady,
+        gait, gait_at_0.05, margin and, where the table has them, gait_by_touchdowns, delta_1_touchdown and
+        delta_2_touchdown.
+
+    Raises:
+        AnalysisError: the table is of another kind, or does not have a column.
+    """
+    if signals is None and _MEAN.format(1) in table.columns:
+        found = _of_averages(table, thresholds)
+    else:
+        onsets = onsets_of(table, signals=signals, level=level, falling=falling)
+        rows = np.unique(table["row"])
+        found = gait_of(onsets, rows=rows, window=window, thresholds=thresholds, steadiness=steadiness)
+    axes = table.groupby("row", sort=True)[axes_of(table)].first()
+    for place_, name in enumerate(axes.columns):
+        found.insert(1 + place_, name, axes.loc[found["row"], name].to_numpy())
+    found.attrs["quantities"] = table.attrs.get("quantities", {}) | found.attrs.get("quantities", {})
+    return found
+
+
+def gaits_counted(found: pd.DataFrame, repeats: Sequence[str] = ("seed", "pair")) -> pd.DataFrame:
+    """The number of rows with each gait, for each set of the swept axes except `repeats`.
+
+    Args:
+        found: the result of `gaits_in`.
+        repeats: axes along which rows are repetitions.
+
+    Raises:
+        AnalysisError: the table does not have a column.
+    """
+    require(found, "row", "gait", "cycles")
+    columns = list(found.columns)
+    places = [name for name in columns[1 : columns.index("cycles")] if name not in repeats]
+    gaits = found["gait"].astype(str)
+    shown = [name for name in GAITS if name in set(gaits)]
+    counts = {name: (gaits == name).astype(int) for name in shown}
+    if not places:
+        return pd.DataFrame({name: [count.sum()] for name, count in counts.items()})
+    return pd.DataFrame(found[places].assign(**counts).groupby(places, as_index=False, dropna=False).sum())
+
+
+def onsets_of(
+    table: pd.DataFrame,
+    *,
+    signals: Mapping[str, str] | None = None,
+    level: float = 0.0,
+    falling: bool = False,
+) -> pd.DataFrame:
+    """The swing onsets (row, leg, t) in a trace, a table of crossings or a table of onsets.
+
+    Args, raises: as for `gaits_in`.
+    """
+    require(table, "row")
+    if signals is not None:
+        return onsets_in(table, signals, level, falling)
+    if "leg" in table.columns:
+        return table
+    if SINCE.format(LEGS[0]) in table.columns:
+        return onsets_of_crossings(table)
+    if all(name in table.columns for name in FLEXORS.values()):
+        return onsets_in(table, FLEXORS, level, falling)
+    raise AnalysisError(
+        "The table does not say when legs begin to swing: it has neither u_f_LF, ... (a trace), nor "
+        "since_LF_n, ... (crossings), nor leg and t (onsets). Of another trace name each leg's column in "
+        "`signals`."
+    )
+
+
+def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFrame:
+    """The gaits of a settle table, from the averages at the end of its rows."""
+    names = {"delta_1": _MEAN.format(1), "delta_2": _MEAN.format(2)}
+    names |= {name: f"{name}_end" for name in ("period", "variation", "antiphase", "length")}
+    require(table, "row", "cycles", "gait", *names.values())
+    table = table.sort_values("row", kind="stable", ignore_index=True)
+    found = pd.DataFrame({"row": table["row"], "cycles": table["cycles"]})
+    for name in ("period", "variation", "delta_1", "delta_2", "antiphase", "length"):
+        found[name] = table[names[name]].to_numpy(float)
+    fell = np.zeros(len(table), bool)
+    if "status" in table.columns:
+        fell = table["status"].astype(str).isin(list(FAILURES)).to_numpy()
+    told = np.where(fell | table["gait"].isna(), "none", table["gait"].astype(str))
+    found["steady"] = np.isin(told, CHART)
+    found["gait"] = pd.Categorical(told, list(GAITS))
+    shifts = found["delta_1"].to_numpy(), found["delta_2"].to_numpy()
+    for threshold in thresholds[1:]:
+        there = np.array(CHART, object)[np.where(found["steady"], place(*shifts, threshold), 4)]
+        found[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(found["steady"], there, told), list(GAITS))
+    found["margin"] = margin(*shifts, thresholds[0])
+    if "gait_by_touchdowns" in table.columns:
+        landed = table["gait_by_touchdowns"].astype(object).fillna("none")
+        found["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
+        for name in ("delta_1_touchdown", "delta_2_touchdown"):
+            found[name] = table[f"{name}_end"].to_numpy(float)
+    found.attrs["quantities"] = dict(IN_CYCLES)
+    return found

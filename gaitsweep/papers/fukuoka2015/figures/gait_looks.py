@@ -1,0 +1,127 @@
+"""Figures of the nine gaits: their colours and markers, footfall bars of four legs, and what they need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
+from gaitsweep.papers.fukuoka2015.planar_quadruped import drawing
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.plot.columns import PlotError, written
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal
+from gaitsweep.plot.footprints import contact_intervals
+from gaitsweep.plot.limbs import limb_colours, name_limbs
+from gaitsweep.skeleton import LimbLook
+
+# A colour for each family of gaits, a marker for its side, in the order of speed.
+COLOURS = MappingProxyType(
+    {
+        "D-walk": "#8C4A00",
+        "L-walk": "#E69F00",
+        "trot": "#0072B2",
+        "uR-canter": "#56B4E9",
+        "uL-canter": "#56B4E9",
+        "R-canter": "#009E73",
+        "L-canter": "#009E73",
+        "RT-gallop": "#CC79A7",
+        "LT-gallop": "#CC79A7",
+        "unsteady": "#999999",
+        "none": "#D5D5D5",
+    }
+)
+MARKERS = MappingProxyType(
+    {
+        "D-walk": "v",
+        "L-walk": "^",
+        "trot": "o",
+        "uR-canter": ">",
+        "uL-canter": "<",
+        "R-canter": ">",
+        "L-canter": "<",
+        "RT-gallop": ">",
+        "LT-gallop": "<",
+        "unsteady": "x",
+        "none": "+",
+    }
+)
+ORDER = tuple(COLOURS)
+NAMES = MappingProxyType({"none": "none of them, or fallen"})
+LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
+LEG_COLOURS: Mapping[str, str] = MappingProxyType(dict(zip(LEGS, limb_colours(drawing.LIMBS), strict=True)))
+CONTACTS = MappingProxyType({leg: f"contact_{i + 1}" for i, leg in enumerate(LEGS)})
+FLIGHT = "#E6E6E6"
+_BAR = 0.62
+
+
+def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Why gaits cannot be read of a table."""
+    if not has_swing_onsets(table):
+        yield figure.needs(table, "when each of four legs begins to swing (planar_quadruped tells it)")
+
+
+def has_swing_onsets(table: PlannedTable) -> bool:
+    """Whether a table says when legs begin to swing, as `analysis.gait_tables` reads it."""
+    averages = ("delta_1_mean", "delta_2_mean", "period", "variation", "antiphase", "length")
+    return (
+        table.missing([f"{name}_end" for name in averages]) is None
+        or table.missing([f"since_{leg}_n" for leg in LEGS]) is None
+        or table.missing(list(FLEXORS.values())) is None
+    )
+
+
+def in_words(table: pd.DataFrame, found: pd.Series, samples: pd.DataFrame) -> list[str]:
+    """The mean speed of a row's samples, and the values of its swept axes, from its entry of `gaits_in`."""
+    told = []
+    if "x" in samples.columns:
+        t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
+        told.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
+    names = list(map(str, found.index))
+    axes = [name for name in names[1 : names.index("cycles")] if name not in ("seed", "pair")]
+    return told + [written(table, name, found[name]) for name in axes]
+
+
+def gait_key(gaits: Iterable[str]) -> list[Line2D]:
+    """Legend handles of the gaits that occur, in the order of speed."""
+    present = set(gaits)
+    return [
+        Line2D([], [], ls="", marker=MARKERS[gait], color=COLOURS[gait], ms=4.5, label=NAMES.get(gait, gait))
+        for gait in ORDER
+        if gait in present
+    ]
+
+
+def footfalls(axes: Axes, samples: pd.DataFrame, legs: Sequence[str] = LEGS) -> None:
+    """A bar for each leg while it is on the ground, the first leg on top; flight phases in light grey.
+
+    Args:
+        axes: the axes, over time in s.
+        samples: a part of one row of a trace: t and contact_1, ... in the order of `LEGS`.
+        legs: the legs, from top to bottom.
+
+    Raises:
+        PlotError: a contact is not in the table.
+    """
+    missing = [CONTACTS[leg] for leg in legs if CONTACTS[leg] not in samples.columns]
+    if missing:
+        raise PlotError(f"The table has no column {missing[0]}: footfalls are drawn from a trace.")
+    t = samples["t"].to_numpy(float)
+    down = samples[[CONTACTS[leg] for leg in legs]].to_numpy(float)
+    for row, leg in enumerate(legs):
+        starts, stops = contact_intervals(t, down[:, row])
+        bars = list(zip(starts, stops - starts, strict=True))
+        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=LEG_COLOURS[leg], linewidth=0)
+    shade_flights(axes, t, down)
+    name_limbs(axes, [LIMBS[leg] for leg in legs])
+
+
+def shade_flights(axes: Axes, t: np.ndarray, down: np.ndarray) -> None:
+    """Light grey flight phases; `t` (n,) s, `down` (n, legs)."""
+    for start, stop in zip(*contact_intervals(t, (down.max(axis=1) < 0.5).astype(float)), strict=True):
+        axes.axvspan(float(start), float(stop), facecolor=FLIGHT, linewidth=0, zorder=0)

@@ -1,0 +1,133 @@
+"""The sequence of gaits while a parameter rises and falls (Fukuoka 2015, Fig. 2 and 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+import scipy
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from gaitsweep.kinds.numbers import Count, word
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gaits_along
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, NAMES, ORDER, check_gaits
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import (
+    PlotError,
+    axis_label,
+    column,
+    moved_parameter,
+    row_names,
+    rows_where,
+    written,
+)
+from gaitsweep.plot.figure_kind import Panels, PlannedTable, Refusal, Title, figure_kind
+
+_BAR = 0.36
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if table.run.moved is None:
+        text = "is gait_ramp, but this run moves nothing: name its run.parameter, with path and rate."
+        yield ("kind",), text
+    else:
+        yield from check_gaits(figure, table)
+
+
+@figure_kind("ramp", "trace", check=_check)
+def gait_ramp(
+    table: pd.DataFrame,
+    *,
+    panels: Panels = None,
+    x: Annotated[
+        Literal["parameter", "speed"],
+        word("parameter", "speed"),
+        "what is along the axis: the moving parameter, or the measured speed",
+    ] = "parameter",
+    cycles: Annotated[Count, "cycles that give one reading of the gait"] = 3,
+    title: Title = None,
+) -> Figure:
+    """Two bars for each row, the rising pass above the falling one, coloured by the gait in each window.
+
+    Rows are named by the swept quantities that differ between those of a panel. A measured speed goes to and
+    fro a little from cycle to cycle; windows stand at its nearest monotone course (isotonic regression).
+
+    Args:
+        table: a ramp, or a trace with a moving parameter, of a model with the nine gaits.
+
+    Raises:
+        PlotError: the table does not have a column, or no parameter moves.
+    """
+    parameter = moved_parameter(table)
+    if parameter is None or parameter not in table.columns or "pass" not in table.columns:
+        raise PlotError("The table's job moves no parameter: take a ramp, or a trace with run.parameter.")
+    if panels is not None:
+        column(table, panels)
+    values = [None] if panels is None else sorted(table[panels].dropna().unique())
+    along = gaits_along(table, cycles=cycles)
+    if x == "speed" and "speed" not in along.columns and len(along):
+        raise PlotError("x is speed, but the table has neither speed_n nor the signal x: leave it out.")
+    along = along.loc[np.isfinite(along[parameter if x == "parameter" else x])] if len(along) else along
+    parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
+    rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
+    heights = [max(len(each), 1) for each in rows]
+    present = set(along["gait"].astype(str)) if len(along) else set()
+    with style.canvas(style.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
+        grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axes, value, each in zip(grid, values, rows, strict=True):
+            axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
+            names = row_names(rows_where(table, table["row"].isin(each.tolist())), [panels] if panels else [])
+            _panel(axes, along, [(row, names[row]) for row in each], parameter, x == "speed")
+        grid[-1].set_xlabel(axis_label(table, parameter) if x == "parameter" else "measured speed (m/s)")
+        handles = [Patch(color=COLOURS[g], label=NAMES.get(g, _kind(g))) for g in ORDER if g in present]
+        handles = list({handle.get_facecolor(): handle for handle in handles}.values())
+        figure.legend(handles=handles, loc="outside lower center", ncols=6)
+    return figure
+
+
+def _kind(gait: str) -> str:
+    """A gait's name without its side, since both sides have one colour."""
+    return {"uR": "unusual canter", "uL": "unusual canter", "R-": "canter", "L-": "canter"}.get(
+        gait[:2] if gait.endswith("canter") else "", "gallop" if gait.endswith("gallop") else gait
+    )
+
+
+def _panel(
+    axes: Axes, along: pd.DataFrame, rows: Sequence[tuple[Any, str]], parameter: str, measured: bool
+) -> None:
+    look: dict[str, Any] = {"fontsize": 6.5, "va": "center", "ha": "right", "color": "#444444"}
+    for place, (row, _) in enumerate(rows):
+        mine = along.loc[along["row"] == row]
+        for down in (0, 1):
+            part = mine.loc[mine["pass"] == down]
+            height = place + (0.22 if down else -0.22)
+            falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
+            at = part["speed" if measured else parameter].to_numpy(float)
+            if measured and len(at):
+                at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
+            _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height)
+            if len(part):
+                arrow = "\u2190" if falls else "\u2192"
+                axes.annotate(
+                    arrow, (0.0, height), (-3, 0), axes.get_yaxis_transform(), "offset points", **look
+                )
+    axes.set_yticks(range(len(rows)), [name for _, name in rows])
+    axes.tick_params(axis="y", length=0, pad=12)
+    axes.set_ylim(len(rows) - 0.45, -0.55)
+    axes.spines["left"].set_visible(False)
+
+
+def _bar(axes: Axes, at: np.ndarray, t: np.ndarray, gaits: Sequence[str], height: float) -> None:
+    """The intervals of one pass's windows: half way to their neighbours, but not over missing windows."""
+    if len(at) < 2:
+        return
+    middle, step = 0.5 * (at[1:] + at[:-1]), np.diff(t)
+    missing = step > 2.0 * np.median(step)
+    begins = np.r_[at[0], np.where(missing, at[1:], middle)]
+    ends = np.r_[np.where(missing, at[:-1], middle), at[-1]]
+    for low, high, gait in zip(begins, ends, gaits, strict=True):
+        axes.barh(height, high - low, _BAR, left=low, color=COLOURS[gait], linewidth=0)

@@ -1,0 +1,204 @@
+"""Time series of a walk: flexors, loads, footfalls, pitch and gait (Fukuoka 2015, Fig. 2-6)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from gaitsweep.kinds.numbers import Count, CountOrZero, Flag, Positive, Text
+from gaitsweep.kinds.trace import Trace
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
+    COLOURS,
+    CONTACTS,
+    FLIGHT,
+    LEG_COLOURS,
+    LIMBS,
+    footfalls,
+    in_words,
+    shade_flights,
+)
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, rows_where
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, Window, check_window, figure_kind
+
+_MOST_STRIPS = 12
+_MOST_COLUMNS, _LONG = 2, 4  # more strips than _LONG are in two columns
+_BESIDE = 1.0  # inches; of names and labels beside a strip
+_HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.62, "pitch": 0.55}  # inches
+_LEAST = 3  # least number of windows of a named gait bout
+_LETTER = 0.075  # inches; width of a letter of a gait's name
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    needed = ["pitch", *FLEXORS.values(), *CONTACTS.values(), *(f"F_{leg}" for leg in LEGS if figure.loads)]
+    if (name := table.missing(needed)) is not None:
+        yield figure.needs(table, f"the signal {name}")
+    if figure.row is not None and figure.row >= table.rows.n_rows:
+        yield ("row",), f"is {figure.row}, but the job has rows 0 to {table.rows.n_rows - 1}."
+    yield from check_window(figure)
+    if figure.strip_columns is not None and figure.strip_columns > _MOST_COLUMNS:
+        yield (
+            ("strip_columns",),
+            f"is {figure.strip_columns}, but strips stand in 1 or {_MOST_COLUMNS} columns.",
+        )
+    if figure.strip is not None and isinstance(table.run, Trace):
+        strips = table.run.duration / figure.strip
+        if strips > 10_000 or math.isinf(strips):
+            text = f"is {figure.strip:g} s, which makes {strips:.3g} strips of {table.run.duration:g} s."
+            yield ("strip",), text
+
+
+@figure_kind("trace", check=_check)
+def gait_series(
+    table: pd.DataFrame,
+    *,
+    row: Annotated[CountOrZero | None, "the only row to show; all if not given"] = None,
+    window: Window = None,
+    strip: Annotated[Positive | None, "length of a strip, in s; gaits are then named along time"] = None,
+    loads: Annotated[Flag, "whether the loads on the feet are drawn too"] = False,
+    titles: Annotated[Sequence[Text] | None, "titles of the strips, in order"] = None,
+    strip_columns: Annotated[
+        Count | None, "columns of strips, 1 or 2, read downwards; 2 of more than four strips if not given"
+    ] = None,
+    title: Title = None,
+) -> Figure:
+    """The output of each flexor, footfalls and pitch over time; flight phases in grey.
+
+    Each row is a strip; the peaks of loads at touchdown are cut off. A single row may extend over several
+    strips of a given length, with the name of each gait bout: for a walk whose speed changes. Strips in two
+    columns are read downwards, the left column first.
+
+    Args:
+        table: a trace of a model with u_f_LF, ..., contact_1, ... and pitch (F_LF, ... for loads).
+
+    Raises:
+        PlotError: the table does not have a column.
+    """
+    for name in ("row", "t", "pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS if loads)):
+        column(table, name)
+    table = table if row is None else rows_where(table, table["row"] == row)
+    every = _strips(table, window, strip)
+    parts = every[:_MOST_STRIPS]
+    if len(every) > len(parts):
+        title = f"{title or ''} (the first {len(parts)} of {len(every)} strips)".strip()
+    columns = min(strip_columns or (_MOST_COLUMNS if len(parts) > _LONG else 1), max(len(parts), 1))
+    down = -(-len(parts) // columns) or 1
+    kinds = [kind for kind in _HEIGHTS if (kind != "gait" or strip) and (kind != "load" or loads)]
+    heights = [_HEIGHTS[kind] for kind in kinds]
+    height = down * (sum(heights) + 0.35) + 0.5
+    along = gaits_along(table) if strip and len(table) else None
+    with style.canvas(style.PAGE, height, title) as figure:
+        outer = figure.subfigures(down, columns, squeeze=False).ravel(order="F")
+        for number, (sub, part) in enumerate(zip(outer, parts, strict=False)):
+            grid = sub.subplots(len(kinds), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+            heading = _heading(table, part, number, titles) if strip is None or titles else ""
+            _draw(dict(zip(kinds, grid, strict=True)), part, along, heading, style.PAGE / columns)
+        if not parts:
+            style.message(outer[0].subplots(), "nothing was recorded")
+        handles = [Line2D([], [], color=LEG_COLOURS[leg], lw=1.6, label=LIMBS[leg].name) for leg in LEGS]
+        flight = (
+            [Patch(color=FLIGHT, label="flight: no foot on the ground")] if any(map(_flies, parts)) else []
+        )
+        figure.legend(handles=[*handles, *flight], loc="outside lower center", ncols=5)
+    return figure
+
+
+def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | None) -> list[pd.DataFrame]:
+    """The samples of each strip, in order."""
+    parts = []
+    for _, samples in table.groupby("row", sort=True):
+        samples = rows_where(samples, samples["t"].notna()).sort_values("t", kind="stable")
+        t = samples["t"].to_numpy(float)
+        if len(t) < 2:
+            continue
+        begin, end = (t[0], t[-1]) if window is None else window
+        edges = [begin, end] if strip is None else [*np.arange(begin, end - 1e-9, strip), end]
+        for low, high in itertools.pairwise(edges):
+            part = rows_where(samples, (t >= low - 1e-9) & (t <= high + 1e-9))
+            if len(part) > 1:
+                parts.append(part)
+    return parts
+
+
+def _flies(part: pd.DataFrame) -> bool:
+    """Whether there is an instant without a foot on the ground."""
+    return bool((part[list(CONTACTS.values())].max(axis=1) < 0.5).any())
+
+
+def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Sequence[str] | None) -> str:
+    """The given title, or the gait, its speed and the swept axes."""
+    if titles is not None:
+        return titles[number] if number < len(titles) else ""
+    row = part["row"].iloc[0]
+    found = gaits_in(rows_where(table, table["row"] == row)).iloc[0]
+    return ", ".join([str(found["gait"]), *in_words(table, found, part)])
+
+
+def _draw(
+    grid: dict[str, Axes], part: pd.DataFrame, along: pd.DataFrame | None, heading: str, wide: float
+) -> None:
+    """One strip, in `wide` inches."""
+    t = part["t"].to_numpy(float)
+    down = part[[name for name in CONTACTS.values() if name in part.columns]].to_numpy(float)
+    footfalls(grid["feet"], part)
+    for leg in LEGS:
+        out = np.maximum(part[FLEXORS[leg]].to_numpy(float), 0.0)
+        grid["flexor"].plot(t, out, color=LEG_COLOURS[leg], lw=0.9)
+        if "load" in grid:
+            grid["load"].plot(t, part[f"F_{leg}"].to_numpy(float), color=LEG_COLOURS[leg], lw=0.8)
+    grid["flexor"].set_ylabel("flexor")
+    grid["pitch"].plot(t, part["pitch"].to_numpy(float), color="black", lw=0.9)
+    grid["pitch"].axhline(0.0, color="#AAAAAA", lw=0.5, zorder=0)
+    grid["pitch"].set_ylabel("pitch,\ndown (rad)")
+    grid["pitch"].set_xlabel("time (s)")
+    if "load" in grid:
+        grid["load"].set_ylabel("load (N)")
+        loads = part[[f"F_{leg}" for leg in LEGS]].to_numpy(float)
+        grid["load"].set_ylim(
+            0.0, 1.6 * np.percentile(loads.max(axis=1), 90.0)
+        )  # peaks at touchdown are far higher
+    for kind in ("flexor", "load", "pitch"):
+        if kind in grid:
+            shade_flights(grid[kind], t, down)
+    grid["pitch"].set_xlim(t[0], t[-1])
+    top = next(iter(grid.values()))
+    top.set_title(heading, loc="left")
+    if along is not None and "gait" in grid:
+        _names(grid["gait"], part, along, wide)
+
+
+def _names(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> None:
+    """The gait bouts as bars with their names, and the speed at round times."""
+    axes.set_axis_off()
+    axes.set_ylim(0.0, 1.0)
+    mine = rows_where(along, along["row"] == part["row"].iloc[0])
+    low, high = float(part["t"].iloc[0]), float(part["t"].iloc[-1])
+    axes.set_xlim(low, high)
+    width = (wide - _BESIDE) / (high - low)  # inches a second
+    found = gait_bouts(mine, "gait", _LEAST).to_dict("records")
+    for spell in found:
+        begin, end = max(float(spell["begin"]), low), min(float(spell["end"]), high)
+        if end <= begin:
+            continue
+        name = str(spell["gait"])
+        axes.barh(0.15, end - begin, 0.26, left=begin, color=COLOURS[name], linewidth=0)
+        if (end - begin) * width > _LETTER * len(name):
+            look: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 7.0}
+            axes.text(0.5 * (begin + end), 0.3, name, color=COLOURS[name], weight="bold", **look)
+    if "speed" in mine.columns and len(mine):
+        for at in (low, high):
+            v = np.interp(at, mine["t"].to_numpy(float), mine["speed"].to_numpy(float))
+            side: Any = "left" if at == low else "right"
+            axes.text(at, 1.0, f"{v:.2f} m/s", va="top", fontsize=7.0, color="#444444", ha=side)

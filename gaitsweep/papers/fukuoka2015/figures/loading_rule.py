@@ -1,0 +1,120 @@
+"""The rule of leg loading: each pair's shift over loads and pitch in its stance (Fukuoka 2015, Fig. 5)."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from gaitsweep import near_miss
+from gaitsweep.kinds.numbers import Real, Text
+from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
+    COLOURS,
+    MARKERS,
+    ORDER,
+    check_gaits,
+    gait_key,
+    has_swing_onsets,
+)
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, THRESHOLD
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, column, rows_where, written
+from gaitsweep.plot.figure_kind import TEXT_COLUMNS, Column, PlannedTable, Refusal, Title, figure_kind
+
+_ACROSS = 3
+_OF_THE_RULE = "#F0F0F0"
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if not has_swing_onsets(table):
+        yield from check_gaits(figure, table)
+        return
+    settled = table.missing(["late_load_LF_end"]) is None
+    traced = ["pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS)]
+    if not settled and (name := table.missing(traced)) is not None:
+        yield figure.needs(table, f"the signal {name}, or loads where rows end")
+    told = [name for name in rule.MEASURES if not settled or not name.endswith("together")]
+    for at, name in enumerate(figure.measures or []):
+        if name not in told:
+            text = f"is {name}, which this job's table does not tell{near_miss.suggestion(name, told)}"
+            yield ("measures", at), text
+    if (figure.only is None) != (figure.value is None):
+        field, other = ("only", "value") if figure.only is None else ("value", "only")
+        yield (field,), f"is missing, but {other} is given: they go together."
+    elif figure.only in TEXT_COLUMNS:
+        yield ("only",), f"is {figure.only}, which has no numbers: take what varies."
+
+
+@figure_kind("fixed_time", "settle", "trace", check=_check)
+def loading_rule(
+    table: pd.DataFrame,
+    *,
+    measures: Annotated[Sequence[Text] | None, "what is shown; all that the table tells"] = None,
+    only: Annotated[Column | None, "column of which one value is shown"] = None,
+    value: Annotated[Real | None, "that value"] = None,
+    title: Title = None,
+) -> Figure:
+    """A panel for each measure: delta over it, a point for each diagonal pair of each steady row.
+
+    The two quadrants where a pair's shift has the sign of the rule are light grey. Above each panel are r and
+    the share of shifted pairs in these quadrants.
+
+    Args:
+        table: a trace or a settle table of `planar_quadruped`.
+
+    Raises:
+        PlotError: a column or a measure is not there.
+    """
+    if only is not None:
+        column(table, only)
+        table = rows_where(table, table[only] == value)
+    pairs = rule.pairs_in(table)
+    told = {str(record["measure"]): record for record in rule.loading_rule(pairs).to_dict("records")}
+    names = list(measures or told)
+    missing = [name for name in names if name not in told]
+    if missing:
+        raise PlotError(f"{missing[0]} is no measure that this table tells; it tells {', '.join(told)}.")
+    down = -(-len(names) // _ACROSS)
+    across = min(len(names), _ACROSS)
+    present = set(pairs["gait"].astype(str))
+    heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
+    with style.canvas(style.PAGE, 2.25 * down + 0.6, heading) as figure:
+        grid = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+        for number, (axes, name) in enumerate(zip(grid, names, strict=False)):
+            _panel(axes, pairs, name, told[name])
+            if number % across == 0:
+                axes.set_ylabel("shift of the pair, $\\delta$ (cycles)\nhind leg late: positive")
+        for axes in grid[len(names) :]:
+            axes.set_visible(False)
+        rule_ = Patch(color=_OF_THE_RULE, label="sign as the rule says")
+        figure.legend(handles=[*gait_key(present), rule_], loc="outside lower center", ncols=6)
+    return figure
+
+
+def _panel(axes: Axes, pairs: pd.DataFrame, name: str, told: Mapping[Any, Any]) -> None:
+    for gait in ORDER:
+        part = rows_where(pairs, pairs["gait"].astype(str) == gait)
+        if len(part):
+            look: dict[str, Any] = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.4, "ls": ""}
+            axes.plot(part[name], part["delta"], mew=0.5, alpha=0.8, **look)
+    x, delta = np.abs(pairs[name].to_numpy(float)), np.abs(pairs["delta"].to_numpy(float))
+    reach, height = 1.08 * np.nanmax(x, initial=1e-9), max(0.3, 1.1 * np.nanmax(delta, initial=0.0))
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-height, height)
+    for x, low in ((-reach, THRESHOLD), (0.0, -height)):
+        look = {"facecolor": _OF_THE_RULE, "linewidth": 0, "zorder": 0}
+        axes.fill_between([x, x + reach], low, low + height - THRESHOLD, **look)
+    axes.axhline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
+    axes.axvline(0.0, color="#AAAAAA", lw=0.5, zorder=1)
+    measure = rule.MEASURES[name]
+    axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
+    share = f"sign right {style.percent(told['right'])} %" if told["shifted"] else "no pair shifted"
+    axes.set_title(f"r = {told['r']:.2f}, {share}".replace("-", "\u2212"))

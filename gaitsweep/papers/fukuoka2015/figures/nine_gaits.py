@@ -1,0 +1,97 @@
+"""The 3 x 3 table of gaits, with the footfalls of an example in each cell (Fukuoka 2015, Fig. 5c)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gaitsweep.kinds.numbers import Positive
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS, gaits_in
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, CONTACTS, footfalls, in_words
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import column, rows_where
+from gaitsweep.plot.figure_kind import PlannedTable, Refusal, Title, figure_kind
+
+_TILTS = ("hind leg first (tilted down)", "together (level)", "fore leg first (tilted up)")
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if (name := table.missing([*FLEXORS.values(), *CONTACTS.values()])) is not None:
+        yield figure.needs(table, f"the signal {name}")
+
+
+@figure_kind("trace", check=_check)
+def nine_gaits(
+    table: pd.DataFrame,
+    *,
+    cycles: Annotated[Positive, "cycles that an example shows"] = 2.5,
+    title: Title = None,
+) -> Figure:
+    """A cell for each gait: which leg of each diagonal pair swings first, with the footfalls of one row.
+
+    The row shown is the one of its gait with the largest margin to another gait; the cell of a gait without
+    rows stays empty.
+
+    Args:
+        table: a trace of a model with the nine gaits.
+
+    Raises:
+        PlotError: the table does not have a column.
+    """
+    for name in ("row", "t", *FLEXORS.values()):
+        column(table, name)
+    gaits = gaits_in(table)
+    with style.canvas(style.PAGE, 4.9, title) as figure:
+        grid = figure.subplots(3, 3)
+        for place, gait in enumerate(CHART):
+            axes = grid[place // 3, place % 3]
+            found = gaits.loc[gaits["gait"] == gait]
+            if len(found):
+                _example(axes, table, gait, found.loc[found["margin"].idxmax()], cycles)
+            else:
+                _empty(axes, gait)
+            if place // 3 == 0:
+                axes.annotate(
+                    f"left fore, right hind:\n{_TILTS[place]}", (0.5, 1.0), (0, 32), "axes fraction",
+                    "offset points", ha="center", fontsize=7.5,
+                )  # fmt: skip
+            if place % 3 == 0:
+                axes.set_ylabel(
+                    f"right fore, left hind:\n{_TILTS[place // 3]}".replace(" (", "\n("),
+                    fontsize=7.5,
+                    labelpad=4,
+                )
+            if place // 3 == 2:
+                axes.set_xlabel("time (s)")
+    return figure
+
+
+def _example(axes: Axes, table: pd.DataFrame, gait: str, of: pd.Series, cycles: float) -> None:
+    samples = rows_where(table, table["row"] == of["row"]).sort_values("t", kind="stable")
+    samples = samples.assign(t=samples["t"] - samples["t"].min())
+    end = cycles * float(of["period"])  # pyright: ignore[reportArgumentType]
+    samples = rows_where(samples, samples["t"] <= end)
+    footfalls(axes, samples)
+    axes.set_xlim(0.0, end)
+    _name(axes, gait, ", ".join(in_words(table, of, samples)))
+
+
+def _empty(axes: Axes, gait: str) -> None:
+    _name(axes, gait)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    style.message(axes, "no row has it")
+
+
+def _name(axes: Axes, gait: str, told: str = "") -> None:
+    """The name of the gait above its cell, and below it a description of the example."""
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(gait, (0.0, 1.0), (0, 12), color=COLOURS[gait], weight="bold", fontsize=8.5, **look)
+    axes.annotate(told, (0.0, 1.0), (0, 3), color="#444444", fontsize=6.5, **look)

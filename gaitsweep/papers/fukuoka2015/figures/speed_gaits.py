@@ -1,0 +1,121 @@
+"""Gaits over speed: the speeds at which each gait occurs, for each value of a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from gaitsweep.analysis.records import UNDECIDED
+from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
+from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
+    COLOURS,
+    MARKERS,
+    NAMES,
+    ORDER,
+    check_gaits,
+    gait_key,
+)
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import axis_label, column, described, rows_where, written
+from gaitsweep.plot.figure_kind import (
+    TEXT_COLUMNS,
+    Column,
+    Observable,
+    Panels,
+    PlannedTable,
+    Refusal,
+    Title,
+    figure_kind,
+)
+
+_SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
+_SAME = 0.02  # distance below which points would hide each other, as a share of the range of speeds
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    yield from check_gaits(figure, table)
+    if figure.y != "gait" and figure.y in TEXT_COLUMNS:
+        yield ("y",), f"is {figure.y}, which has no numbers: take gait, or what varies."
+
+
+@figure_kind("fixed_time", "settle", check=_check)
+def speed_gaits(
+    table: pd.DataFrame,
+    *,
+    y: Annotated[Column, "column whose values are bands: gait, or a parameter"] = "gait",
+    panels: Panels = None,
+    speed: Annotated[Observable, "observable along the horizontal axis"] = "speed",
+    title: Title = None,
+) -> Figure:
+    """A point for each row at its speed, in the band of its gait or of a parameter's value.
+
+    Rows of nearly the same speed are stacked, so that the number of starts with a gait is visible.
+
+    Args:
+        table: a settle table of a model with the nine gaits; rows that fell are left out, and rows that had
+            not settled have open markers.
+
+    Raises:
+        PlotError: the table does not have a column.
+    """
+    speed = column(table, speed, ("_end", ""))
+    for name in (y, "status", *([panels] if panels else [])):
+        column(table, name)
+    gaits = gaits_in(table).set_index("row")["gait"].astype(str)
+    shown = table.assign(gait=gaits.loc[table["row"]].to_numpy())
+    shown = rows_where(shown, np.isfinite(shown[speed].to_numpy(float)) & (shown["gait"] != "none"))
+    present = [gait for gait in ORDER if gait in set(shown["gait"])]
+    bands: list[Any] = present if y == "gait" else sorted(table[y].dropna().unique())
+    values = [None] if panels is None else sorted(table[panels].dropna().unique())
+    height = max(0.23, 0.16 if len(bands) > 12 else 0.26) * max(len(bands), 3) + 0.9
+    with style.canvas(style.PAGE, height + (0.0 if y == "gait" else 0.35), title) as figure:
+        grid = figure.subplots(1, len(values), sharex=True, sharey=True, squeeze=False)[0]
+        for axes, value in zip(grid, values, strict=True):
+            part = shown if value is None else rows_where(shown, shown[str(panels)] == value)
+            axes.set_title("" if value is None else written(table, str(panels), value))
+            _bands(axes, part, y, bands, speed, np.ptp(shown[speed].to_numpy(float)) if len(shown) else 1.0)
+            axes.set_xlabel(described(table, speed, 60 // len(values)))
+            if not len(part):
+                style.message(axes, "no rows yet")
+        names = [NAMES.get(band, band) if y == "gait" else f"{band:.4g}" for band in bands]
+        grid[0].set_yticks(
+            range(len(bands)), [name.replace("-", "−") if y != "gait" else name for name in names]
+        )
+        grid[0].set_ylim(-0.6, len(bands) - 0.4)
+        if y != "gait":
+            grid[0].set_ylabel(axis_label(table, y))
+            figure.legend(handles=gait_key(present), loc="outside lower center", ncols=6)
+    return figure
+
+
+def _bands(axes: Axes, part: pd.DataFrame, y: str, bands: list[Any], speed: str, extent: float) -> None:
+    """The rows of one panel, spread vertically around the middle of each band."""
+    axes.grid(axis="y", color="#EEEEEE", lw=0.6)
+    axes.set_axisbelow(True)
+    for place, band in enumerate(bands):
+        mine = rows_where(part, part[y] == band)
+        at = mine[speed].to_numpy(float)
+        moving = mine["status"].astype(str).isin(list(UNDECIDED)).to_numpy()
+        offset = _stacked(at, _SAME * extent) * _SPREAD
+        for gait in ORDER:
+            which = (mine["gait"] == gait).to_numpy()
+            look = {"color": COLOURS[gait], "marker": MARKERS[gait], "ms": 3.2, "mew": 0.6, "ls": ""}
+            for some, face in ((which & ~moving, COLOURS[gait]), (which & moving, "white")):
+                if some.any():
+                    axes.plot(at[some], place + offset[some], mfc=face, **look)
+
+
+def _stacked(at: np.ndarray, same: float) -> np.ndarray:
+    """Offsets (n,) in [-0.5, 0.5] that separate points at nearly the same position."""
+    order = np.argsort(at, kind="stable")
+    offset = np.zeros(len(at))
+    groups = np.split(order, np.flatnonzero(np.diff(at[order]) > same) + 1) if len(at) else []
+    most = max((len(group) for group in groups), default=1)
+    for group in groups:
+        offset[group] = (np.arange(len(group)) - 0.5 * (len(group) - 1)) / max(most, 4)
+    return offset

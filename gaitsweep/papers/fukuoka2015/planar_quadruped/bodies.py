@@ -1,0 +1,173 @@
+"""The rigid-body dynamics: gaitsweep's articulated tree on compliant feet, or MJX with MuJoCo's contacts."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.dynamics.compliant_foot import ground_force
+from gaitsweep.dynamics.tree.articulated_tree import Geometry
+from gaitsweep.dynamics.tree.dynamics import forward_dynamics
+from gaitsweep.dynamics.tree.external_force import YieldingForce
+from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity_at
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import NQ, SIDE, PlanarMechanics, body, mjcf
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import BODY
+from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import swinging
+from gaitsweep.papers.fukuoka2015.planar_quadruped.state import State
+
+if TYPE_CHECKING:
+    from gaitsweep.dynamics.mjx.body import MjxBody
+    from gaitsweep.dynamics.mjx.variants import Variants
+
+Moved = tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+
+
+# Largest value of the stability number of `PlanarTreeBody.longest_step`, whose limit is 2.
+STABLE = 1.5
+
+
+class PlanarBody(abc.ABC):
+    """The rigid-body dynamics of the quadruped."""
+
+    compiled_of: ClassVar[tuple[str, ...]] = ()  # the parameters that `on_host` needs
+    warm: ClassVar[int] = 0  # length of `State.warm`
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """As `Model.on_host`."""
+        return dict(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """`PlanarMechanics.numbers` of a row's values."""
+        return {}
+
+    def longest_step(self, m: PlanarMechanics) -> jax.Array:
+        """The longest step (s) with stable contacts."""
+        return jnp.full_like(m.g, jnp.inf)
+
+    @abc.abstractmethod
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        """q, v, warm and the loads (4,) N after a step of `dt` (s) with the motors' forces `tau` (11,)."""
+
+
+class PlanarTreeBody(PlanarBody):
+    """The articulated tree with semi-implicit steps; joint damping and friction are implicit."""
+
+    def longest_step(self, m: PlanarMechanics) -> jax.Array:
+        """The longest stable step (s) of a foot on a spring and a damper.
+
+        Semi-implicit steps are stable if (D dt + K dt^2 / 2) w < 2, with w the foot's inverse effective mass.
+        """
+        w = 1.0 / (m.lower_mass + m.foot_mass) + 0.5 / (m.upper_mass + m.lower_mass + m.foot_mass)
+        root = jnp.sqrt(m.D_foot * m.D_foot + 2.0 * STABLE * m.K_foot / w)
+        return (root - m.D_foot) / m.K_foot
+
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        tree, _ = body()
+        geometry = m.geometry(swinging(s.u), dt)
+        feet = _ground_forces(m, geometry, s, dt)
+        a = forward_dynamics(tree, geometry, s.q, s.v, tau, feet, gravity=m.gravity())
+        v = s.v + dt * a
+        load = jnp.stack([foot.force[2] for foot in feet])
+        return jnp.asarray(integrate(tree, s.q, v, dt)), v, s.warm, load
+
+
+def _ground_forces(m: PlanarMechanics, geometry: Geometry, s: State, dt: jax.Array) -> list[YieldingForce]:
+    """The force of the ground on each foot in a step of `dt` (s)."""
+    tree, _ = body()
+    placed = places(tree, geometry, s.q)
+    moving = movements(tree, placed, s.v)
+    ground = {"K": m.K_foot, "D": m.D_foot, "mu": m.mu, "v_slip": m.v_slip}
+    zero = jnp.zeros_like(m.g)
+    # the centre of the foot's sphere in its leg, and its lowest point relative to the centre
+    middle, down = jnp.stack([zero, zero, m.foot_radius]), jnp.stack([zero, zero, -m.foot_radius])
+    feet = []
+    for leg in LEGS:
+        i = tree.index(f"lower_{leg}")
+        at = placed[i].position(middle) + down
+        feet.append(ground_force(i, at, velocity_at(placed[i], moving[i], at), dt, **ground))
+    return feet
+
+
+class PlanarMjxBody(PlanarBody):
+    """The body in MJX, with MuJoCo's contact solver."""
+
+    compiled_of = tuple(quantity.name for quantity in BODY)
+    warm = NQ
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return variants().on_host(values)
+
+    def numbers(self, values: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        return variants().of_row(values)
+
+    def moved(self, m: PlanarMechanics, s: State, tau: jax.Array, dt: jax.Array) -> Moved:
+        from gaitsweep.dynamics.mjx.body import BodyState
+
+        in_mjx = mjx_body()
+        friction = jnp.asarray(in_mjx.mj_model.geom_friction)
+        sliding = jnp.full_like(friction[:, :1], 1.0) * m.mu
+        numbers = {
+            **m.numbers,
+            "opt.gravity": m.gravity(),
+            "dof_damping": m.damping(swinging(s.u)),
+            "geom_friction": jnp.concatenate([sliding, friction[:, 1:]], axis=1),
+        }
+        none = jnp.zeros((0,), s.q.dtype)
+        before = BodyState(s.q, s.v, none, s.warm, none)
+        after, data = in_mjx.step(numbers, before, dt, tau=tau)
+        return after.q, after.v, after.warm, in_mjx.pressures(data).astype(s.q.dtype)
+
+
+# MJX is imported here, since that takes seconds and reading a job does not need it
+@cache
+def mjx_body() -> MjxBody:
+    """The body of the MJCF."""
+    from gaitsweep.dynamics.mjx.body import MjxBody
+
+    return MjxBody(mjcf(), contact=True)
+
+
+@cache
+def variants() -> Variants:
+    """The bodies with other masses and lengths."""
+    from gaitsweep.dynamics.mjx.variants import Variants
+
+    return Variants(mjcf(), edited, page_values())
+
+
+def page_values() -> dict[str, float]:
+    """The default body parameters, those of the MJCF, by name."""
+    from gaitsweep.expression import evaluate
+
+    found: dict[str, float] = {}
+    for quantity in BODY:
+        found[quantity.name] = evaluate(quantity.default or 0.0, found)
+    return found
+
+
+def edited(spec: Any, values: Mapping[str, float]) -> None:
+    """Set a mujoco.MjSpec of the body to these masses and lengths."""
+    torso = spec.body("torso")
+    torso.ipos = [values["com_x"], 0.0, values["com_z"]]
+    torso.mass = values["torso_mass"]
+    # only the inertia about y has an effect; the others are scaled, so that MuJoCo accepts them
+    torso.inertia = values["torso_inertia"] / torso.inertia[1] * torso.inertia
+    radius = values["foot_radius"]
+    for leg, side in zip(LEGS, SIDE, strict=True):
+        upper, lower = spec.body(f"upper_{leg}"), spec.body(f"lower_{leg}")
+        upper.pos = [side * values["hip_x"], upper.pos[1], 0.0]
+        lower.pos = [0.0, 0.0, -values["l_0"]]
+        thigh, shin, foot = (spec.geom(f"{part}_{leg}") for part in ("upper", "lower", "foot"))
+        thigh.mass, shin.mass, foot.mass = (values[f"{part}_mass"] for part in ("upper", "lower", "foot"))
+        thigh.fromto = [0.0, 0.0, 0.0, 0.0, 0.0, -values["upper_length"]]
+        shin.fromto = [0.0, 0.0, radius, 0.0, 0.0, radius + values["lower_length"]]
+        foot.pos, foot.size = [0.0, 0.0, radius], [radius, 0.0, 0.0]
+        for site in lower.sites:
+            site.pos = [0.0, 0.0, radius]

@@ -1,0 +1,286 @@
+"""Online measurement of gait cycles: swing onsets, touchdowns, and mean loads and pitch in stance.
+
+A leg's cycle is from one swing onset (u_f crosses 0 upwards) to the next. It touches down where its foot
+bears load after `BREAK` or more in the air; shorter breaks of contact belong to one stance. Where it does
+so twice in a cycle, or not at all, it has no phase by touchdowns. Late stance is its last part, of the
+share `LATE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from gaitsweep.dynamics.matsuoka import FLEXOR
+from gaitsweep.dynamics.phase_oscillator import TWO_PI
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, PAIRS
+
+LATE = 0.15  # of a cycle
+BREAK = 0.06  # s
+RECENT, SHORT = 1.5, 0.5  # cycles of LF
+STILL = 1.0e-6  # rad, of the root mean square of a pitch that is no oscillation
+LF = LEGS.index("LF")
+(FORE_1, HIND_1), (FORE_2, HIND_2) = ((LEGS.index(fore), LEGS.index(hind)) for fore, hind in PAIRS)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sums:
+    """Integrals over a part of each leg's cycle: `time` (4,) s, `load` (4,) N s, `pitch` (4,) rad s."""
+
+    time: jax.Array
+    load: jax.Array
+    pitch: jax.Array
+
+    def grown(self, part: jax.Array, load: jax.Array, pitch: jax.Array, dt: jax.Array) -> Sums:
+        """The integrals after a step of `dt` (s), for the legs in this part (4,)."""
+        h = jnp.where(part, dt, 0.0)
+        return Sums(self.time + h, self.load + h * load, self.pitch + h * pitch)
+
+    def cleared(self, legs: jax.Array) -> Sums:
+        """The integrals with zeros for these legs (4,)."""
+        return jax.tree.map(lambda sum_: jnp.where(legs, 0.0, sum_), self)
+
+    def means(self) -> tuple[jax.Array, jax.Array]:
+        """Mean load (4,) N and pitch (4,) rad; 0 if the time is 0."""
+        per_time = jnp.where(self.time > 0.0, 1.0 / jnp.where(self.time > 0.0, self.time, 1.0), 0.0)
+        return self.load * per_time, self.pitch * per_time
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Average:
+    """Exponentially weighted averages over the last cycles; weights decay by 1/memory a cycle.
+
+    `weight` is the sum of all weights, which tends to 1; `cosines` and `sines` (2, 3) are those of delta_1,
+    delta_2 and the fore legs' shift, by swing onsets and by touchdowns; `period` s; `square` s2, of the
+    period; `pitch` (6,) the means of the pitch (rad), of its square (rad2), and of its products (rad) with
+    the cosine and the sine of the phase in LF's cycle and of twice that phase.
+    """
+
+    weight: jax.Array
+    cosines: jax.Array
+    sines: jax.Array
+    period: jax.Array
+    square: jax.Array
+    pitch: jax.Array
+
+    def with_cycle(
+        self, shifts: jax.Array, known: jax.Array, period: jax.Array, pitch: jax.Array, share: jax.Array
+    ) -> Average:
+        """The averages with one more cycle of weight `share`: its `shifts` (2, 3) cycles, of which those
+        `known` (2, 1) count 1 and others 0, its `period` (s) and the means `pitch` (6,) in it."""
+        new = Average(jnp.ones_like(period), known * jnp.cos(TWO_PI * shifts),
+                      known * jnp.sin(TWO_PI * shifts), period, period * period, pitch)  # fmt: skip
+        return jax.tree.map(lambda old, now: old + share * (now - old), self, new)
+
+    def _per_weight(self) -> jax.Array:
+        return jnp.where(self.weight > 0.0, 1.0 / jnp.where(self.weight > 0.0, self.weight, 1.0), 0.0)
+
+    def lengths(self) -> jax.Array:
+        """Resultant lengths (2, 3) of the shifts, 0 to 1."""
+        squared = self.cosines * self.cosines + self.sines * self.sines
+        return self._per_weight() * jnp.sqrt(squared)
+
+    def shifts(self) -> jax.Array:
+        """Mean shifts (2, 3), cycles in [-0.5, 0.5)."""
+        return jnp.arctan2(self.sines, self.cosines) / TWO_PI
+
+    def variation(self) -> jax.Array:
+        """Coefficient of variation of the period."""
+        mean, square = self._per_weight() * self.period, self._per_weight() * self.square
+        known = mean > 0.0
+        spread = jnp.sqrt(jnp.maximum(square - mean * mean, 0.0))
+        return jnp.where(known, spread / jnp.where(known, mean, 1.0), 0.0)
+
+    def pitch_shares(self) -> jax.Array:
+        """Shares (2,) of the pitch's variance that go once and twice a cycle, at the same phase in each.
+
+        An oscillation that is not locked to the cycles, or goes round in several of them, has no share. A
+        body at rest has none either.
+        """
+        mean, square, *waves = self._per_weight() * self.pitch
+        variance = square - mean * mean
+        cosines, sines = jnp.stack(waves[::2]), jnp.stack(waves[1::2])
+        powers = 2.0 * (cosines * cosines + sines * sines)
+        moves = variance > STILL * STILL
+        # the sum of a cycle has an error of a step, by which a share may exceed 1
+        return jnp.where(moves, jnp.minimum(powers / jnp.where(moves, variance, 1.0), 1.0), 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Cycle:
+    """The measurements so far; legs are in the order of `LEGS`.
+
+    `clock` s. For each leg (4,): `onset` s of its last swing, `period` s of its last cycle; `loaded` s when
+    its foot bore load last, `landed` s of the last touchdown that was the first in a cycle, `irregular` s
+    when a second one or the end of a cycle without any came last; the integrals `stance` and `late` of its
+    current cycle; the means `stance_load`, `late_load` (N), `stance_pitch`, `late_pitch` (rad) of its last
+    cycle. For LF's current cycle: `begin_x` m, `pitch_sum` rad s, `pitch_low`, `pitch_high` rad, `pitch_sums`
+    (6,) as `_pitch_products` says, `aloft` s without a foot on the ground; for its last cycle: `speed` m/s,
+    `flight` (a share), `pitch_mean`, `pitch_range` rad; the `average` over its last cycles; `closed`: LF's
+    cycle ended in the last step. `work` (2,) J is the positive work of hips and of knees in LF's current
+    cycle, `power` (2,) W its mean rate in the last one.
+    """
+
+    clock: jax.Array
+    onset: jax.Array
+    period: jax.Array
+    loaded: jax.Array
+    landed: jax.Array
+    irregular: jax.Array
+    stance: Sums
+    late: Sums
+    stance_load: jax.Array
+    stance_pitch: jax.Array
+    late_load: jax.Array
+    late_pitch: jax.Array
+    begin_x: jax.Array
+    pitch_sum: jax.Array
+    pitch_low: jax.Array
+    pitch_high: jax.Array
+    pitch_sums: jax.Array
+    aloft: jax.Array
+    speed: jax.Array
+    flight: jax.Array
+    pitch_mean: jax.Array
+    pitch_range: jax.Array
+    average: Average
+    closed: jax.Array
+    work: jax.Array
+    power: jax.Array
+
+    def shifts(self) -> jax.Array:
+        """delta_1, delta_2 and the fore legs' shift, cycles in [-0.5, 0.5), at the end of LF's cycle.
+
+        The first of (2, 3) are by swing onsets, the second by touchdowns.
+        """
+        pairs = ((HIND_1, FORE_1), (HIND_2, FORE_2), (FORE_2, FORE_1))
+        late = jnp.stack([jnp.stack([at[i] - at[j] for i, j in pairs]) for at in (self.onset, self.landed)])
+        lasted = self.period[LF]
+        shift = late / jnp.where(lasted > 0.0, lasted, 1.0)
+        return shift - jnp.floor(shift + 0.5)
+
+
+def begun(x: jax.Array, pitch: jax.Array) -> Cycle:
+    """The initial measurements, with the torso at `x` (m) and its `pitch` (rad)."""
+    zero, four = jnp.zeros_like(x), jnp.zeros((4,), x.dtype)
+    two, six = jnp.zeros((2,), x.dtype), jnp.zeros((6,), x.dtype)
+    shifts = jnp.zeros((2, 3), x.dtype)
+    none = Sums(four, four, four)
+    return Cycle(
+        clock=zero, onset=four, period=four, loaded=four - BREAK, landed=four - BREAK, irregular=four - 1.0,
+        stance=none, late=none, stance_load=four, stance_pitch=four, late_load=four, late_pitch=four,
+        begin_x=x, pitch_sum=zero, pitch_low=pitch, pitch_high=pitch,
+        pitch_sums=six, aloft=zero, speed=zero, flight=zero, pitch_mean=zero, pitch_range=zero,
+        average=Average(zero, shifts, shifts, zero, zero, six),
+        closed=jnp.zeros((), bool), work=two, power=two,
+    )  # fmt: skip
+
+
+def followed(
+    cycle: Cycle,
+    u: tuple[jax.Array, jax.Array],
+    load: jax.Array,
+    x: jax.Array,
+    pitch: jax.Array,
+    work: jax.Array,
+    memory: jax.Array,
+    dt: jax.Array,
+) -> Cycle:
+    """The measurements after a step of `dt` (s).
+
+    Args:
+        cycle: the measurements before it.
+        u: potentials (2, 4) before and after the step.
+        load: loads (4,) N during the step.
+        x, pitch: position (m) of the torso after the step, its pitch (rad) before.
+        work: positive work (2,) J of hips and of knees in the step.
+        memory: memory of the averages, cycles.
+    """
+    c, before, after = cycle, u[0][FLEXOR], u[1][FLEXOR]
+    stands = before <= 0.0
+    down, now = load > 0.0, c.clock + dt
+    lands, first = down & (c.clock - c.loaded >= BREAK), c.landed < c.onset
+    c = dataclasses.replace(
+        c,
+        clock=now,
+        loaded=jnp.where(down, now, c.loaded),
+        landed=jnp.where(lands & first, now, c.landed),
+        irregular=jnp.where(lands & ~first, now, c.irregular),
+        stance=c.stance.grown(stands, load, pitch, dt),
+        late=c.late.grown(stands & (c.clock >= c.onset + (1.0 - LATE) * c.period), load, pitch, dt),
+        pitch_sum=c.pitch_sum + dt * pitch,
+        pitch_low=jnp.minimum(c.pitch_low, pitch),
+        pitch_high=jnp.maximum(c.pitch_high, pitch),
+        pitch_sums=c.pitch_sums + dt * _pitch_products(c, pitch),
+        aloft=c.aloft + jnp.where(jnp.max(load) > 0.0, 0.0, dt),
+        work=c.work + work,
+    )
+    begins = stands & (after > 0.0)
+    rise = after - before
+    whole = c.onset[LF] > 0.0  # the first cycle is incomplete
+    onset = c.clock - dt * jnp.where(begins, after / jnp.where(begins, rise, 1.0), 0.0)
+    # the touch of a foot may make a flexor silent again for some steps: that is no cycle
+    whole_cycle = begins & (c.clock - c.onset > SHORT * c.period[LF])
+    stance_load, stance_pitch = c.stance.means()
+    late_load, late_pitch = c.late.means()
+    c = dataclasses.replace(
+        c,
+        irregular=jnp.where(whole_cycle & (c.landed < c.onset), c.clock, c.irregular),
+        onset=jnp.where(begins, onset, c.onset),
+        period=jnp.where(begins, onset - c.onset, c.period),
+        stance=c.stance.cleared(begins),
+        late=c.late.cleared(begins),
+        stance_load=jnp.where(begins, stance_load, c.stance_load),
+        stance_pitch=jnp.where(begins, stance_pitch, c.stance_pitch),
+        late_load=jnp.where(begins, late_load, c.late_load),
+        late_pitch=jnp.where(begins, late_pitch, c.late_pitch),
+        closed=begins[LF],
+    )
+    return _closed(c, x, pitch, jnp.where(whole, 1.0 / memory, 0.0))
+
+
+def _pitch_products(c: Cycle, pitch: jax.Array) -> jax.Array:
+    """Products (6,) of the pitch less the last cycle's mean, at the beginning of a step.
+
+    They are those with 1, with itself, and with the cosine and the sine of the phase in LF's cycle and of
+    twice that phase, for a cycle as long as the last one. A cycle is no whole number of steps, so that sums
+    of a large mean would not cancel.
+    """
+    lasted = jnp.where(c.period[LF] > 0.0, c.period[LF], 1.0)
+    angle = TWO_PI * (c.clock - c.onset[LF]) / lasted
+    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    twice = (cosine * cosine - sine * sine, 2.0 * cosine * sine)
+    apart = pitch - c.pitch_mean
+    return apart * jnp.stack([jnp.ones_like(apart), apart, cosine, sine, *twice])
+
+
+def _closed(c: Cycle, x: jax.Array, pitch: jax.Array, share: jax.Array) -> Cycle:
+    """The measurements of LF's cycle at its end; `share` is its weight in the averages."""
+    lasted = jnp.where(c.closed & (c.period[LF] > 0.0), c.period[LF], 1.0)
+    apart, square, *waves = c.pitch_sums / lasted
+    before = c.pitch_mean  # what `pitch_sums` are counted from
+    once = jnp.all(c.irregular < c.clock - RECENT * lasted)
+    known = jnp.stack([jnp.ones_like(lasted), jnp.where(once, 1.0, 0.0)])[:, None]
+    of_pitch = jnp.stack([before + apart, before * before + 2.0 * before * apart + square, *waves])
+    ended = dataclasses.replace(
+        c,
+        begin_x=x,
+        pitch_sum=jnp.zeros_like(x),
+        pitch_low=pitch,
+        pitch_high=pitch,
+        pitch_sums=jnp.zeros_like(c.pitch_sums),
+        aloft=jnp.zeros_like(x),
+        speed=(x - c.begin_x) / lasted,
+        flight=c.aloft / lasted,
+        pitch_mean=c.pitch_sum / lasted,
+        pitch_range=c.pitch_high - c.pitch_low,
+        average=c.average.with_cycle(c.shifts(), known, lasted, of_pitch, share),
+        work=jnp.zeros_like(c.work),
+        power=c.work / lasted,
+    )
+    return jax.tree.map(lambda new, old: jnp.where(c.closed, new, old), ended, c)

@@ -1,0 +1,213 @@
+"""Planar quadruped with leg-loading feedback (Fukuoka, Habu and Fukui 2015).
+
+A torso and four telescopic legs in the sagittal plane. Each leg has a half-centre oscillator and swings while
+its flexor is active. Fore and hind, left and right legs inhibit each other, which by itself results in a
+trot. The load on a foot inhibits its flexor: if fore and hind leg of a diagonal pair have different loads,
+their swings begin at different times, and other gaits result. Legs: LF, LH, RF, RH.
+
+Body and network take fixed steps, the network by Euler's method. Contacts are MuJoCo's (`body: mjx`), or
+compliant feet under gaitsweep's articulated tree (`body: tree`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaitsweep.contract import Quantity, SteppedModel
+from gaitsweep.near_miss import suggestion
+from gaitsweep.papers.fukuoka2015.planar_quadruped import cycle
+from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import PlanarBody, PlanarMjxBody, PlanarTreeBody
+from gaitsweep.papers.fukuoka2015.planar_quadruped.drawing import PlanarDrawing
+from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
+    HIP,
+    KNEE,
+    NQ,
+    PITCH,
+    PlanarMechanics,
+    X,
+    Z,
+    forces_on_joints,
+    joint_powers,
+)
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, margin, place
+from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import PARAMETERS, STARTS
+from gaitsweep.papers.fukuoka2015.planar_quadruped.readings import (
+    LABEL_FIELDS,
+    OBSERVABLES,
+    SIGNALS,
+    observed,
+    signalled,
+)
+from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import Motors, Network, swinging
+from gaitsweep.papers.fukuoka2015.planar_quadruped.state import Params, State
+
+BODIES = ("tree", "mjx")
+# Limits of a fall: height as a share of the standing height, and pitch (rad).
+LOW, TILTED = 0.45, 1.0
+# Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period.
+LEAST_LENGTH, MOST_VARIATION = 0.95, 0.05
+DEFINED_STEP = 1.0e-3  # s
+APART = 0.25  # cycles: largest deviation of the pairs from antiphase
+UNSTEADY = len(CHART)
+# Of a start: m, between the lowest foot and the ground; rad, by which the hips of standing legs point forward
+# and those of swinging legs backward; potentials and fatigue.
+ABOVE, LEAN = 0.005, 0.2
+ACTIVE, SILENT, TIRED = 1.0, -0.5, 0.1
+# Multipliers of the seed for each potential: the fractional parts are uniform in a cube.
+_ROOTS = np.sqrt([[2.0, 3.0, 5.0, 7.0], [11.0, 13.0, 17.0, 19.0]])
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanarQuadruped(PlanarDrawing, SteppedModel):
+    """The quadruped of a torso and four telescopic legs, in the plane."""
+
+    body: str = dataclasses.field(
+        default="tree",
+        metadata={
+            "meaning": "rigid-body dynamics: gaitsweep's own on compliant feet, or MJX",
+            "allowed": BODIES,
+        },
+    )
+
+    name: ClassVar[str] = "planar_quadruped"
+    source: ClassVar[str] = "Fukuoka, Habu, Fukui 2015, Sci. Rep. 5:8169"
+    gaits: ClassVar[tuple[str, ...]] = (*CHART, "unsteady")
+
+    def __post_init__(self) -> None:
+        if self.body not in BODIES:
+            raise ValueError(f"body is '{self.body}'{suggestion(self.body, BODIES)}")
+
+    @property
+    def parameters(self) -> tuple[Quantity, ...]:
+        return PARAMETERS
+
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return STARTS
+
+    @property
+    def observables(self) -> tuple[Quantity, ...]:
+        return OBSERVABLES
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return SIGNALS
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return LABEL_FIELDS
+
+    @property
+    def _moved_by(self) -> PlanarBody:
+        return PlanarTreeBody() if self.body == "tree" else PlanarMjxBody()
+
+    @property
+    def host_parameters(self) -> tuple[str, ...]:
+        return self._moved_by.compiled_of
+
+    def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return self._moved_by.on_host(values)
+
+    def params(self, values: Mapping[str, jax.Array]) -> Params:
+        v = {name: jnp.asarray(value) for name, value in values.items()}
+
+        def of(kind: type) -> dict[str, jax.Array]:
+            return {field.name: v[field.name] for field in dataclasses.fields(kind) if field.name in v}
+
+        return Params(
+            network=Network(**of(Network)),
+            motors=Motors(**of(Motors)),
+            mechanics=PlanarMechanics(**of(PlanarMechanics), numbers=self._moved_by.numbers(v)),
+            threshold=v["threshold"],
+            memory=v["memory"],
+        )
+
+    def init(self, params: Params, start: Mapping[str, jax.Array]) -> State:
+        """One diagonal pair is about to swing; potentials are perturbed."""
+        m = params.mechanics
+        first = np.array([leg in PAIRS[0] for leg in LEGS])
+        swings = jnp.where(start["pair"] < 0.5, first, ~first)
+        u = jnp.stack([jnp.where(swings, SILENT, ACTIVE), jnp.where(swings, ACTIVE, SILENT)])
+        f = jnp.stack([jnp.where(swings, 0.0, TIRED), jnp.where(swings, TIRED, 0.0)])
+        hip = jnp.where(swings, -LEAN, LEAN)
+        leg = m.l_0 + params.motors.l_st - m.foot_radius
+        height = leg * math.cos(LEAN) + m.foot_radius + ABOVE
+        q = jnp.zeros((NQ,), hip.dtype).at[Z].set(height).at[HIP].set(hip)
+        q = q.at[KNEE].set(params.motors.l_st)
+        u, zero = u + start["scatter"] * perturbation(start["seed"]), jnp.zeros_like(q)
+        warm, load, read = zero[: self._moved_by.warm], zero[:4], cycle.begun(q[X], q[PITCH])
+        return State(q=q, v=zero, warm=warm, u=u, f=f, load=load, cycle=read)
+
+    def step(self, params: Params, state: State, dt: jax.Array) -> State:
+        """The state after a step of `dt` (s); network, motors and body all use the state before it."""
+        p, s = params, state
+        theta, length = s.q[HIP], s.q[KNEE]
+        swings = swinging(s.u)
+        tau = forces_on_joints(*p.motors.forces(swings, theta, length))
+        q, v, warm, load = self._moved_by.moved(p.mechanics, s, tau, dt)
+        u, f = p.network.stepped(s.u, s.f, theta, s.load, dt)
+        # semi-implicit steps: q moves by dt v, with the damping at the end of the step
+        powers = joint_powers(tau, p.mechanics.damping(swings), v)
+        work = dt * jnp.stack([jnp.sum(jnp.maximum(power, 0.0)) for power in powers])
+        read = cycle.followed(s.cycle, (s.u, u), load, q[X], s.q[PITCH], work, p.memory, dt)
+        return State(q=q, v=v, warm=warm, u=u, f=f, load=load, cycle=read)
+
+    def longest_step(self, params: Params) -> jax.Array:
+        """1 ms, the step that is part of the model's definition, or less for stiffer contacts."""
+        return jnp.minimum(DEFINED_STEP, self._moved_by.longest_step(params.mechanics))
+
+    def events(self, params: Params, before: State, after: State) -> jax.Array:
+        """Whether LF has begun to swing; the step itself has applied the jump."""
+        return after.cycle.closed[None]
+
+    def jump(self, params: Params, state: State, fired: jax.Array) -> State:
+        return state
+
+    def section(self, params: Params, before: State, fired: jax.Array) -> jax.Array:
+        return fired[0]
+
+    def observe(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return observed(params, state)
+
+    def signal(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return signalled(params, state)
+
+    def label(self, params: Params, observations: Mapping[str, jax.Array]) -> dict[str, jax.Array]:
+        """One of the nine gaits, by swing onsets and by touchdowns; unsteady if shifts or period vary."""
+        o = observations
+        steady = (o["variation"] <= MOST_VARIATION) & (jnp.abs(o["antiphase"] - 0.5) <= APART)
+
+        def gait(by: str, length: jax.Array) -> jax.Array:
+            named = place(o[f"delta_1_{by}"], o[f"delta_2_{by}"], params.threshold)
+            return jnp.where(steady & (length >= LEAST_LENGTH), named, UNSTEADY)
+
+        return {
+            "gait": gait("mean", o["length"]),
+            "margin": margin(o["delta_1_mean"], o["delta_2_mean"], params.threshold, jnp),
+            "gait_by_touchdowns": gait("touchdown", o["length_touchdown"]),
+        }
+
+    def failed(self, params: Params, state: State) -> jax.Array:
+        """Whether the torso is too low or tilted."""
+        standing = params.mechanics.l_0 + params.motors.l_st
+        return (state.q[Z] < LOW * standing) | (jnp.abs(state.q[PITCH]) > TILTED)
+
+    def period(self, params: Params) -> jax.Array:
+        """The approximate period: ten times the rise time of a half-centre, 0.85 to 0.2 s."""
+        return 10.0 * params.network.Tr
+
+
+def perturbation(seed: jax.Array) -> jax.Array:
+    """Pseudo-random numbers (2, 4) in [-1, 1) from an integer seed, equal for all engines.
+
+    A Weyl sequence: the fractional parts of (seed + 1) times roots of primes.
+    """
+    turns = (seed + 1.0) * _ROOTS
+    return 2.0 * (turns - jnp.floor(turns)) - 1.0

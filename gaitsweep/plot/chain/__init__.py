@@ -1,1 +1,0 @@
-"""Figures of the multi-legged chain and its theory."""

@@ -1,0 +1,263 @@
+"""Footprint diagrams: the contacts of each leg over time (Ambe 2021, Fig. 6 and 7)."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
+
+from gaitsweep.kinds.numbers import Flag, Text
+from gaitsweep.plot import style
+from gaitsweep.plot.columns import PlotError, column, row_names, rows_where, written
+from gaitsweep.plot.figure_kind import (
+    Panels,
+    PlannedTable,
+    Refusal,
+    Title,
+    Window,
+    check_window,
+    figure_kind,
+)
+from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
+from gaitsweep.skeleton import LimbLook
+
+_NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
+_HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
+_REGULAR = 0.75  # least share of the times between touchdowns near their median, if no leg stumbles
+_BAR = 0.62
+_FREE = "free"
+_MOST_PANELS = 24
+
+
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if "contact_1" not in table.columns:
+        yield figure.needs(table, "the signals contact_1, contact_2, ...")
+    yield from check_window(figure)
+
+
+@figure_kind("trace", check=_check)
+def footprints(
+    table: pd.DataFrame,
+    *,
+    panels: Panels = "row",
+    titles: Annotated[Sequence[Text] | None, "titles of the panels, in order"] = None,
+    guides: Annotated[
+        Flag, "whether swings of neighbouring legs that follow each other are joined, in their wave's colour"
+    ] = True,
+    window: Window = None,
+    title: Title = None,
+) -> Figure:
+    """A bar for each limb while it is on the ground, the first on top; time in s below, in cycles above.
+
+    Limbs have the names and colours of `gaitsweep animate`. Cycles count from the begin of what is shown.
+
+    Losses of contact shorter than half a swing are filled; the legend says how many, and how long at most.
+    In a chain of legs the link whose lag is free along the analytic solutions has a colour of its own.
+
+    Args:
+        table: a trace table with columns t (s) and contact_1, contact_2, ... (1 on the ground).
+
+    Raises:
+        PlotError: t, panels or the contacts are not in the table.
+    """
+    column(table, "t")
+    found = (re.fullmatch(r"contact_(\d+)", str(name)) for name in table.columns)
+    legs = sorted(int(match[1]) for match in found if match)
+    if not legs:
+        raise PlotError(
+            "The table has no columns contact_1, contact_2, ...: footprints are made from a trace."
+        )
+    parts: list[tuple[Any, pd.DataFrame]] = [(None, table)]
+    if panels is not None:
+        parts = list(table.groupby(column(table, panels), sort=True, observed=True))
+    if len(parts) > _MOST_PANELS:
+        title = f"{title or ''} (the first {_MOST_PANELS} of {len(parts)} panels)".strip()
+    parts = parts[:_MOST_PANELS] or [(None, table)]
+    height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
+    limbs = limbs_of(table, len(legs))
+    with style.canvas(style.PAGE, height, title) as figure:
+        grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
+        joined: set[str] = set()
+        hops: list[float] = []
+        for number, (axes, (value, part)) in enumerate(zip(grid, parts, strict=True)):
+            alone = panels == "row" and len(parts) == 1  # its row's number would tell nothing
+            heading = _heading(table, panels, None if alone else value, number, titles or ())
+            joined |= _panel(axes, part.sort_values("t"), legs, limbs, heading, guides, window, hops)
+        grid[-1].set_xlabel("time (s)")
+        if joined:
+            names = {
+                "direct": "swings pass forwards, as in a direct wave",
+                "retrograde": "swings pass backwards, as in a retrograde wave",
+                _FREE: "the lag of this link is free",
+            }
+            there = [gait for gait in names if gait in joined]
+            handles = [
+                Line2D(
+                    [], [], color=_colour(gait), lw=1.4, ls=":" if gait == _FREE else "-", label=names[gait]
+                )
+                for gait in there
+            ]
+            figure.legend(handles=handles, loc="outside lower center", ncols=2, title=_filled(hops))
+        elif hops:
+            figure.legend(handles=[], loc="outside lower center", title=_filled(hops))
+        figure.set_figheight(height + 0.25 * (bool(joined) + bool(hops)))
+    return figure
+
+
+def _colour(gait: str) -> str:
+    return style.COLOURS["locked" if gait == _FREE else gait]
+
+
+def _filled(hops: Sequence[float]) -> str | None:
+    """What the legend says of losses of contact that are filled; None without any."""
+    if not hops:
+        return None
+    many = f"{len(hops)} loss{'es' * (len(hops) > 1)} of contact"
+    return f"{many} within a stance filled, of {max(hops):.2g} s at most"
+
+
+def _heading(
+    table: pd.DataFrame, panels: str | None, value: Any, number: int, titles: Sequence[str]
+) -> str | None:
+    """A panel's title: the one given for its row or position, else the value of its column."""
+    if value is None:
+        return titles[0] if titles else None
+    place = int(value) if panels == "row" else number  # rows of a partial table keep their own titles
+    if place < len(titles):
+        return titles[place]
+    return row_names(table)[value] if panels == "row" else written(table, str(panels), value)
+
+
+def _panel(
+    axes: Axes,
+    part: pd.DataFrame,
+    legs: Sequence[int],
+    limbs: Sequence[LimbLook],
+    heading: str | None,
+    guides: bool,
+    window: Sequence[float] | None,
+    hops: list[float],
+) -> set[str]:
+    """Draw one panel; returns the directions in which its swings are joined.
+
+    The durations of filled losses of contact, s, are added to `hops`.
+    """
+    part = rows_where(part, part["t"].notna())
+    name_limbs(axes, limbs)
+    colours = limb_colours(limbs)
+    title = axes.set_title(heading or "", loc="left")
+    if len(part) < 2:
+        style.message(axes, "nothing was recorded")
+        return set()
+    t = part["t"].to_numpy(float)
+    low, high = window or (float(t[0]), float(t[-1]))
+    low, high = max(low, float(t[0])), min(high, float(t[-1]))
+    if high <= low:
+        style.message(axes, f"recorded from {t[0]:.4g} to {t[-1]:.4g} s only")
+        return set()
+    stances = [contact_intervals(t, part[f"contact_{leg}"].to_numpy(float)) for leg in legs]
+    hops += [gap for one in stances for gap in _hops(*one, low, high)]
+    stances = [_without_hops(*one) for one in stances]
+    for row, (starts, stops) in enumerate(stances):
+        bars = list(zip(starts, stops - starts, strict=True))
+        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colours[row], linewidth=0)
+    axes.set_xlim(low, high)
+    period = _period(stances, t[0])
+    if period is None:
+        return set()
+    there_and_back: Any = (lambda seconds: (seconds - low) / period, lambda count: low + count * period)
+    above = axes.secondary_xaxis("top", functions=there_and_back)
+    above.set_xlabel(f"cycles of {period:.2f} s", labelpad=2, loc="right")
+    above.xaxis.set_major_locator(_whole(high - low, period))
+    axes.set_title(
+        title.get_text(), loc="left", y=1.0, pad=17
+    )  # level with the label of the upper axis, not above it
+    if not guides:
+        return set()
+    return _guides(axes, [_swings(*one) for one in stances], period, _free_link(part, len(legs)))
+
+
+def _free_link(part: pd.DataFrame, legs: int) -> int | None:
+    """The neighbouring limbs whose phase difference is free by the model, 1 on; None where there are none."""
+    model = model_of(part)
+    return None if model is None else model.free_link(part, legs)
+
+
+def _whole(duration: float, period: float) -> MultipleLocator:
+    """Ticks at whole cycles, at most ten."""
+    return MultipleLocator(max(1, int(np.ceil(duration / period / 10))))
+
+
+def contact_intervals(t: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Start and end times of the contacts; a sample extends half way to its neighbours."""
+    down = np.nan_to_num(contact) > 0.5
+    edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]
+    turns = np.flatnonzero(np.diff(np.r_[False, down, False]))
+    return edges[turns[::2]], edges[turns[1::2]]
+
+
+def _without_hops(starts: np.ndarray, stops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The stances of a leg, with short losses of contact filled, as where the leg stops extending."""
+    gaps = starts[1:] - stops[:-1]
+    if not len(gaps):
+        return starts, stops
+    swing = gaps > _HOP * gaps.max()
+    return starts[np.r_[True, swing]], stops[np.r_[swing, True]]
+
+
+def _hops(starts: np.ndarray, stops: np.ndarray, low: float, high: float) -> np.ndarray:
+    """The durations, s, of the losses of contact from `low` to `high` that `_without_hops` fills."""
+    gaps = starts[1:] - stops[:-1]
+    if not len(gaps):
+        return gaps
+    return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
+
+
+def _swings(starts: np.ndarray, stops: np.ndarray) -> np.ndarray:
+    """The middles of the swings between two stances."""
+    return 0.5 * (stops[:-1] + starts[1:])
+
+
+def _period(stances: Sequence[tuple[np.ndarray, np.ndarray]], beginning: float) -> float | None:
+    """The mean time between touchdowns of a leg without stumbles; None if there is no such leg."""
+    of_legs = [np.diff(starts[starts > beginning]) for starts, _ in stances]
+    gaps = np.concatenate(of_legs)
+    if not len(gaps):
+        return None
+    usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
+    if usual.mean() < _REGULAR:  # legs stumble: the most regular one has the period
+        several = [each for each in of_legs if len(each) > 1]
+        gaps = min(several, key=lambda each: each.std() / each.mean(), default=gaps)
+        usual = np.abs(gaps / np.median(gaps) - 1.0) < 0.2
+        if usual.mean() < _REGULAR:
+            return None
+    return float(gaps[usual].mean())
+
+
+def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float, free: int | None) -> set[str]:
+    """Join each swing to the next leg's nearest one; returns the directions of the waves that occur.
+
+    The swings of the link `free` are joined whatever their lag.
+    """
+    drawn = set()
+    for row, (here, there) in enumerate(itertools.pairwise(swings)):
+        if not len(there):
+            continue
+        for middle in here:
+            other = there[np.abs(there - middle).argmin()]
+            is_free = row + 1 == free
+            if abs(other - middle) > (0.55 if is_free else _NEAR) * period:
+                continue
+            gait = _FREE if is_free else "retrograde" if other > middle else "direct"
+            line = {"color": _colour(gait), "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
+            axes.plot([middle, other], [row, row + 1], **line)
+            drawn.add(gait)
+    return drawn

@@ -1,1 +1,0 @@
-"""Figures of footfalls, footprints and gaits over speed."""
