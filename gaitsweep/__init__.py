@@ -1,10 +1,10 @@
 """Parameter sweeps of legged locomotion models: thousands of trajectories at once, tables and figures.
 
 import numpy as np, gaitsweep as gs
-chain = gs.models.MultileggedReduced(N=3)
-axis = np.linspace(0.1, 6.2, 33)
-result = gs.sweep(chain, psi_1=axis, psi_2=axis, psi_3=3.1, run=gs.Settle(max_cycles=150))
-result.plot.basin(x="psi_1", y="psi_2")
+from gaitsweep.examples.hopper import Hopper
+launch, phase = np.linspace(0.1, 8.0, 64), np.linspace(0.0, 6.2, 64)
+result = gs.sweep(Hopper(), launch_0=launch, phase_0=phase, run=gs.Settle(max_cycles=400))
+result.plot.basin(x="phase_0", y="launch_0")
 stored = gs.run("sweeps/quick_basins.yaml")
 """
 

@@ -36,6 +36,7 @@ class Extension:
         figures: modules whose functions are decorated by `gs.plot.figure_kind`.
         run_kinds: modules whose classes are decorated by `gs.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
+        gait_styles: the colour and the Matplotlib marker of each gait, which all figures share.
         functions: analyses of tables that `gs.analyses` has, "package.module:function" by name.
         measures: modules whose functions are decorated by `gs.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
@@ -47,6 +48,7 @@ class Extension:
     figures: tuple[str, ...] = ()
     run_kinds: tuple[str, ...] = ()
     analyses: tuple[str, ...] = ()
+    gait_styles: Mapping[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
     functions: Mapping[str, str] = dataclasses.field(default_factory=dict)
     measures: tuple[str, ...] = ()
     jobs: Path | None = None
@@ -91,6 +93,15 @@ def extensions() -> Mapping[str, Extension]:
 def model_paths() -> dict[str, str]:
     """The models of all extensions, "package.module:Class" by name."""
     return {name: path for each in extensions().values() for name, path in each.models.items()}
+
+
+@functools.cache
+def gait_styles() -> Mapping[str, tuple[str, str]]:
+    """The colours and markers of the gaits of all extensions; of a name that two have, the first one's."""
+    found: dict[str, tuple[str, str]] = {}
+    for extension in extensions().values():
+        found = {**extension.gait_styles, **found}
+    return MappingProxyType(found)
 
 
 def import_all(modules: Iterable[str]) -> None:

@@ -27,7 +27,7 @@ def job_file(path: str | Path) -> Path:
 
 
 def config_file(path: str | Path, folder: Path) -> Path:
-    """The path of a config that a job in `folder` names, or of the shipped one: `builtin:ambe2021`."""
+    """The path of a config that a job in `folder` names, or of the shipped one: `builtin:NAME`."""
     return _named(path, *folders("configs")) or folder / path
 
 

@@ -332,9 +332,7 @@ def report(directory: Directory) -> None:
 
 @app.command()
 def reproduce(
-    paper: Annotated[
-        str, typer.Argument(metavar="PAPER", help="ambe2021, aoi2011, fukuoka2015, or a table of claims.")
-    ],
+    paper: Annotated[str, typer.Argument(metavar="PAPER", help="The name of a paper, or a table of claims.")],
     quick: Annotated[
         bool,
         typer.Option("--quick", help="Fewer rows and wider tolerances: minutes instead of half an hour."),

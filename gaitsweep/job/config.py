@@ -1,6 +1,6 @@
 """Parameter sets in files of their own, under what a job says itself.
 
-A job names one by its path (`config: ../configs/ambe2021.yaml`), or as `builtin:ambe2021`.
+A job names one by its path (`config: ../configs/mine.yaml`), or as `builtin:NAME`.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ _STRUCTURE = WithJsonSchema(
 class Job(Part):
     """A parameter sweep: a model, what varies, what is done with each row, and the figures.
 
-    Build it with `load_job`, or in Python by its fields: `Job(name="quick", model="multilegged", vary={...},
+    Build it with `load_job`, or in Python by its fields: `Job(name="quick", model="mine:Hopper", vary={...},
     run={"kind": "settle"})`. `params` and `start` have what is set, formulas as text; numbers elsewhere are
     numbers. Raises JobError with a sentence for each thing that is wrong.
     """

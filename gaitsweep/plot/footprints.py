@@ -1,4 +1,4 @@
-"""Footprint diagrams: the contacts of each leg over time (Ambe 2021, Fig. 6 and 7)."""
+"""Footprint diagrams: the contacts of each leg over time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ _NEAR = 0.3  # cycles; largest distance between swings of neighbours in one wave
 _HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
 _REGULAR = 0.75  # least share of the times between touchdowns near their median, if no leg stumbles
 _BAR = 0.62
-_FREE = "free"
+_FORWARDS, _BACKWARDS, _FREE = "forwards", "backwards", "free"
+_COLOURS = {_FORWARDS: "#E69F00", _BACKWARDS: "#0072B2", _FREE: "#CC79A7"}
 _MOST_PANELS = 24
 
 
@@ -94,14 +95,14 @@ def footprints(
         grid[-1].set_xlabel("time (s)")
         if joined:
             names = {
-                "direct": "swings pass forwards, as in a direct wave",
-                "retrograde": "swings pass backwards, as in a retrograde wave",
+                _FORWARDS: "swings pass forwards, as in a direct wave",
+                _BACKWARDS: "swings pass backwards, as in a retrograde wave",
                 _FREE: "the lag of this link is free",
             }
             there = [gait for gait in names if gait in joined]
             handles = [
                 Line2D(
-                    [], [], color=_colour(gait), lw=1.4, ls=":" if gait == _FREE else "-", label=names[gait]
+                    [], [], color=_COLOURS[gait], lw=1.4, ls=":" if gait == _FREE else "-", label=names[gait]
                 )
                 for gait in there
             ]
@@ -110,10 +111,6 @@ def footprints(
             figure.legend(handles=[], loc="outside lower center", title=_filled(hops))
         figure.set_figheight(height + 0.25 * (bool(joined) + bool(hops)))
     return figure
-
-
-def _colour(gait: str) -> str:
-    return style.COLOURS["locked" if gait == _FREE else gait]
 
 
 def _filled(hops: Sequence[float]) -> str | None:
@@ -256,8 +253,8 @@ def _guides(axes: Axes, swings: Sequence[np.ndarray], period: float, free: int |
             is_free = row + 1 == free
             if abs(other - middle) > (0.55 if is_free else _NEAR) * period:
                 continue
-            gait = _FREE if is_free else "retrograde" if other > middle else "direct"
-            line = {"color": _colour(gait), "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
+            gait = _FREE if is_free else _BACKWARDS if other > middle else _FORWARDS
+            line = {"color": _COLOURS[gait], "ls": ":" if is_free else "-", "lw": 1.4, "zorder": 4}
             axes.plot([middle, other], [row, row + 1], **line)
             drawn.add(gait)
     return drawn

@@ -15,37 +15,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from gaitsweep.analysis.records import FAILED, NOT_SETTLED
+from gaitsweep.extension import gait_styles
 
 COLUMN, PAGE = 3.4, 7.1  # inches: one column of a paper, and its full width
 HATCH = "/////"
 
-# Okabe and Ito's colours, distinct for colour-blind readers; gaits also differ in lightness, for grey print.
-COLOURS = MappingProxyType(
-    {
-        "direct": "#E69F00",
-        "source": "#009E73",
-        "retrograde": "#0072B2",
-        "locked": "#CC79A7",
-        "walk": "#E69F00",
-        "trot": "#0072B2",
-        "pace": "#D55E00",
-        "none": "#BBBBBB",
-        NOT_SETTLED: "#E4E4E4",
-        FAILED: "#3B3B3B",
-    }
-)
-MARKERS = MappingProxyType(
-    {
-        "direct": "o",
-        "source": "s",
-        "retrograde": "^",
-        "locked": "D",
-        "walk": "o",
-        "trot": "^",
-        "pace": "v",
-        "none": "x",
-    }
-)
+# Of outcomes that no model names; gaits have those of their extensions.
+COLOURS = MappingProxyType({"none": "#BBBBBB", NOT_SETTLED: "#E4E4E4", FAILED: "#3B3B3B"})
+MARKERS = MappingProxyType({"none": "x"})
+# Okabe and Ito's colours, distinct for colour-blind readers.
 SPARE_COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442", "#000000")
 SPARE_MARKERS = ("o", "^", "s", "D", "v", "P", "X", "*")
 
@@ -84,19 +62,19 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
 
 def colours(names: Iterable[str]) -> dict[str, str]:
     """A colour for each name: a gait's own, spare colours for the others in their order."""
-    names = list(names)
-    free = [colour for colour in SPARE_COLOURS if colour not in {COLOURS.get(name) for name in names}]
-    others = [name for name in names if name not in COLOURS]
+    names, own = list(names), {name: colour for name, (colour, _) in gait_styles().items()} | dict(COLOURS)
+    free = [colour for colour in SPARE_COLOURS if colour not in {own.get(name) for name in names}]
+    others = [name for name in names if name not in own]
     spare = {name: free[number % len(free)] for number, name in enumerate(others)}
-    return {name: COLOURS.get(name) or spare[name] for name in names}
+    return {name: own.get(name) or spare[name] for name in names}
 
 
 def markers(names: Iterable[str]) -> dict[str, str]:
     """A marker for each name, as for `colours`."""
-    names = list(names)
-    others = [name for name in names if name not in MARKERS]
+    names, own = list(names), {name: marker for name, (_, marker) in gait_styles().items()} | dict(MARKERS)
+    others = [name for name in names if name not in own]
     spare = {name: SPARE_MARKERS[number % len(SPARE_MARKERS)] for number, name in enumerate(others)}
-    return {name: MARKERS.get(name) or spare[name] for name in names}
+    return {name: own.get(name) or spare[name] for name in names}
 
 
 def angle_axis(axes: Axes, which: str, steps: int = 4) -> None:

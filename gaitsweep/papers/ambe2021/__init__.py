@@ -9,6 +9,12 @@ extension = Extension(
         "multilegged_reduced": "gaitsweep.papers.ambe2021.multilegged.reduced:MultileggedReduced",
     },
     figures=("gaitsweep.papers.ambe2021.figures",),
+    gait_styles={
+        "direct": ("#E69F00", "o"),
+        "source": ("#009E73", "s"),
+        "retrograde": ("#0072B2", "^"),
+        "locked": ("#CC79A7", "D"),
+    },
     analyses=("gaitsweep.papers.ambe2021.analyses",),
     functions={"gait_shares": "gaitsweep.papers.ambe2021.analysis.gait_shares:gait_shares"},
     measures=(

@@ -5,6 +5,7 @@ from gaitsweep.shipped import shipped
 
 extension = Extension(
     models={"waist_quadruped": "gaitsweep.papers.aoi2011.waist_quadruped:WaistQuadruped"},
+    gait_styles={"walk": ("#E69F00", "o"), "trot": ("#0072B2", "^"), "pace": ("#D55E00", "v")},
     measures=("gaitsweep.papers.aoi2011.measures",),
     jobs=shipped("sweeps"),
     configs=shipped("configs"),

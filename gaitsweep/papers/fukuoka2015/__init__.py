@@ -7,6 +7,19 @@ extension = Extension(
     models={"planar_quadruped": "gaitsweep.papers.fukuoka2015.planar_quadruped:PlanarQuadruped"},
     figures=("gaitsweep.papers.fukuoka2015.figures",),
     analyses=("gaitsweep.papers.fukuoka2015.analyses",),
+    # a colour for each family of gaits, a marker for its side, in the order of speed
+    gait_styles={
+        "D-walk": ("#8C4A00", "v"),
+        "L-walk": ("#E69F00", "^"),
+        "trot": ("#0072B2", "o"),
+        "uR-canter": ("#56B4E9", ">"),
+        "uL-canter": ("#56B4E9", "<"),
+        "R-canter": ("#009E73", ">"),
+        "L-canter": ("#009E73", "<"),
+        "RT-gallop": ("#CC79A7", ">"),
+        "LT-gallop": ("#CC79A7", "<"),
+        "unsteady": ("#999999", "x"),
+    },
     functions={
         "gait_bouts": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gait_bouts",
         "gaits_along": "gaitsweep.papers.fukuoka2015.analysis.gait_bouts:gaits_along",

@@ -1,4 +1,4 @@
-"""Basins of attraction: the gait that each start leads to, over two swept quantities (Ambe 2021, Fig. 5)."""
+"""Basins of attraction: the gait that each start leads to, over two swept quantities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Branch diagrams: the fixed points of return maps over a parameter (Aoi 2011, Fig. 7b)."""
+"""Branch diagrams: the fixed points of return maps over a parameter."""
 
 from __future__ import annotations
 

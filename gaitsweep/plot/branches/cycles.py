@@ -1,4 +1,4 @@
-"""Section observables over the number of the crossing, one line for each start (Ambe 2021, Fig. 3)."""
+"""Section observables over the number of the crossing, one line for each start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each gait is lost along a parameter, by settled rows that start in each gait (Aoi 2011, Fig. 7b)."""
+"""Where each gait is lost along a parameter, by settled rows that start in each gait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hysteresis: a section observable while one parameter rises and falls again (Aoi 2011, Fig. 5, 6 and 8)."""
+"""Hysteresis: a section observable while one parameter rises and falls again."""
 
 from __future__ import annotations
 

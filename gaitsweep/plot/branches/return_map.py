@@ -1,4 +1,4 @@
-"""First return maps: how a section observable changes from one crossing to the next (Aoi 2011, Fig. 7a)."""
+"""First return maps: how a section observable changes from one crossing to the next."""
 
 from __future__ import annotations
 

@@ -290,7 +290,7 @@ def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
             width = rate * (high - low)
             gait = GAITS[gait_of(branch)]
             dark = 0.45 if branch.kind == "A" else 0.13
-            axes.axvspan(place, place + width, color=style.COLOURS[gait], alpha=dark, lw=0, zorder=-1)
+            axes.axvspan(place, place + width, color=style.colours([gait])[gait], alpha=dark, lw=0, zorder=-1)
             if branch.kind != "A":
                 name = "direct" if branch.kind == "direct" else f"k = {branch.k}"
                 axes.text(place + width / 2, 1.015, name, ha="center", va="bottom", fontsize=7,
@@ -302,7 +302,7 @@ def _sets(N: int, chain: Chain, k: int, at: float, title: str | None) -> Figure:
         axes.set_ylabel("relative phases on section 1 (rad)")
         which = sorted({0, N // 2, N - 1}) if N > 5 else range(N)
         handles: list[Any] = [Line2D([], [], color=shades[i], label=rf"$\psi_{{{i + 1}}}$") for i in which]
-        handles += [Patch(color=style.COLOURS[gait], alpha=0.3, label=f"{gait} wave")
+        handles += [Patch(color=style.colours([gait])[gait], alpha=0.3, label=f"{gait} wave")
                     for gait in ("direct", "source", "retrograde")]  # fmt: skip
         handles.append(Patch(color="#777777", alpha=0.6, label="darker: sets A"))
         if jumped:

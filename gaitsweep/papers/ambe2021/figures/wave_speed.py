@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from gaitsweep import near_miss
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.kinds.numbers import Text
+from gaitsweep.papers.ambe2021 import extension
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
 from gaitsweep.plot import style
 from gaitsweep.plot.columns import PlotError, axis_label, column
@@ -56,7 +57,7 @@ def wave_speed(
     given = {row: np.asarray(part[x])[0] for row, part in table.groupby("row")}
     found[x] = [given[row] for row in found["row"]]
     theory = found.sort_values(by=x).drop_duplicates(x)
-    names = [gait for gait in style.COLOURS if gait in set(found["gait"])]
+    names = [gait for gait in extension.gait_styles if gait in set(found["gait"])]
     colour, marker = style.colours(names), style.markers(names)
     with style.canvas(style.PAGE, 2.9, title) as figure:
         for axes, (name, (label, curves)) in zip(figure.subplots(1, 2), _PANELS.items(), strict=True):

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from gaitsweep.papers.fukuoka2015 import extension
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import FLEXORS
 from gaitsweep.papers.fukuoka2015.planar_quadruped import drawing
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
@@ -20,37 +21,9 @@ from gaitsweep.plot.footprints import contact_intervals
 from gaitsweep.plot.limbs import limb_colours, name_limbs
 from gaitsweep.skeleton import LimbLook
 
-# A colour for each family of gaits, a marker for its side, in the order of speed.
-COLOURS = MappingProxyType(
-    {
-        "D-walk": "#8C4A00",
-        "L-walk": "#E69F00",
-        "trot": "#0072B2",
-        "uR-canter": "#56B4E9",
-        "uL-canter": "#56B4E9",
-        "R-canter": "#009E73",
-        "L-canter": "#009E73",
-        "RT-gallop": "#CC79A7",
-        "LT-gallop": "#CC79A7",
-        "unsteady": "#999999",
-        "none": "#D5D5D5",
-    }
-)
-MARKERS = MappingProxyType(
-    {
-        "D-walk": "v",
-        "L-walk": "^",
-        "trot": "o",
-        "uR-canter": ">",
-        "uL-canter": "<",
-        "R-canter": ">",
-        "L-canter": "<",
-        "RT-gallop": ">",
-        "LT-gallop": "<",
-        "unsteady": "x",
-        "none": "+",
-    }
-)
+_STYLES = {**extension.gait_styles, "none": ("#D5D5D5", "+")}
+COLOURS = MappingProxyType({gait: colour for gait, (colour, _) in _STYLES.items()})
+MARKERS = MappingProxyType({gait: marker for gait, (_, marker) in _STYLES.items()})
 ORDER = tuple(COLOURS)
 NAMES = MappingProxyType({"none": "none of them, or fallen"})
 LIMBS: Mapping[str, LimbLook] = MappingProxyType(dict(zip(LEGS, drawing.LIMBS, strict=True)))
