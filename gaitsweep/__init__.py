@@ -43,6 +43,7 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel as MjcfModel
     from gaitsweep.errors import ArgumentError as ArgumentError
     from gaitsweep.errors import UserError as UserError
+    from gaitsweep.extension import Extension as Extension
     from gaitsweep.job import Job as Job
     from gaitsweep.job import JobError as JobError
     from gaitsweep.job import load_job as load_job
@@ -88,6 +89,7 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "dynamics.declared_model": ("DeclaredModel",),
         "dynamics.mjx.mjcf_model": ("MjcfModel",),
         "errors": ("ArgumentError", "UserError"),
+        "extension": ("Extension",),
         "job": ("Job", "JobError", "load_job"),
         "kinds": ("Continuation", "FixedTime", "Folds", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
         "runs.movie": ("write_movie", "write_still"),

@@ -272,6 +272,7 @@ def info(directory: Directory) -> None:
 app.command()(examples)
 app.command()(models.models)
 app.command()(models.new_model)
+app.command()(models.new_paper)
 app.command()(models.check_model)
 
 

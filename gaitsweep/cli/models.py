@@ -6,6 +6,7 @@ import importlib.util
 import keyword
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +22,21 @@ if TYPE_CHECKING:
 _STEPS = 300  # beside MuJoCo C
 _TEMPLATE = "hopper"
 _FILES = ("hopper.py", "hopper.yaml", "package_of_a_model/README.md", "package_of_a_model/test_hopper.py")
+
+# The files of a paper's package, by their places in it.
+_PAPER = {
+    "README.md": "package_of_a_paper/README.md",
+    "pyproject.toml": "package_of_a_paper/pyproject.toml",
+    "hopper/__init__.py": "package_of_a_paper/extension.py",
+    "hopper/model.py": "hopper.py",
+    "hopper/figures.py": "package_of_a_paper/figures.py",
+    "hopper/analyses.py": "package_of_a_paper/analyses.py",
+    "hopper/measures.py": "package_of_a_paper/measures.py",
+    "hopper/jobs/hopper_basins.yaml": "package_of_a_paper/job.yaml",
+    "hopper/configs/hopper.yaml": "package_of_a_paper/config.yaml",
+    "hopper/claims/hopper.yaml": "package_of_a_paper/claims.yaml",
+    "tests/test_hopper.py": "package_of_a_paper/test_package.py",
+}
 
 
 def models(
@@ -46,15 +62,43 @@ def new_model(
 ) -> None:
     """Write a model of your own to begin with, a hopper: model, job, test and README in a folder NAME."""
     _refuse_name(name)
-    files = {}
-    for each in _FILES:
-        text = (EXAMPLES / each).read_text(encoding="utf-8")
-        file = Path(each).name.replace(_TEMPLATE, name)
-        files[file] = text.replace(_TEMPLATE, name).replace(_class_name(_TEMPLATE), _class_name(name))
+    files = _named_after(name, {Path(each).name: each for each in _FILES})
     write_folder(to / name, files)
     for file in files:
         print(to / name / file)
     print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
+
+
+def new_paper(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Lower case, a Python name: goswami1998.")],
+    to: Annotated[
+        Path, typer.Option("--to", metavar="DIR", help="Where its folder NAME goes; here by default.")
+    ] = Path(),
+) -> None:
+    """Write the package of a paper to begin with: model, jobs, figures, analyses, measures, claims, test."""
+    _refuse_name(name)
+    files = _named_after(name, _PAPER)
+    write_folder(to / name, files)
+    for file in files:
+        print(to / name / file)
+    print(f"Try it: pip install -e {to / name} && gaitsweep reproduce {name} --quick")
+
+
+def _named_after(name: str, files: Mapping[str, str]) -> dict[str, str]:
+    """The texts of example files with another name in the place of the template's.
+
+    Args:
+        name: of the model or the paper.
+        files: paths in `EXAMPLES` by the paths of the new files.
+    """
+    texts = {}
+    for file, example in files.items():
+        text = (EXAMPLES / example).read_text(encoding="utf-8")
+        # the measures of a paper compare with the example's own closed form
+        text = text.replace("gaitsweep.examples.hopper", f"{name}.model")
+        text = text.replace(_TEMPLATE, name).replace(_class_name(_TEMPLATE), _class_name(name))
+        texts[file.replace(_TEMPLATE, name)] = text
+    return texts
 
 
 def _class_name(name: str) -> str:

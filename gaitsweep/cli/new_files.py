@@ -35,6 +35,7 @@ def write_folder(folder: Path, files: Mapping[str, str]) -> None:
         hidden = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         hidden.chmod(0o777 & ~_umask())
         for name, text in files.items():
+            (hidden / name).parent.mkdir(parents=True, exist_ok=True)
             (hidden / name).write_text(text, encoding="utf-8")
         os.rename(hidden, folder)
     except OSError as error:

@@ -70,16 +70,22 @@ def test_nothing_is_left_where_it_cannot_be_written(capsys: Capture) -> None:
     assert [each.name for each in Path().iterdir()] == ["file"]
 
 
+def at(folder: Path, *command: str, also: str = "") -> str:
+    """What a module of Python prints in a folder; `also` is one more folder of installed packages."""
+    places = os.pathsep.join(filter(None, [str(Path(__file__).parents[2]), also]))
+    done = subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": places},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
 @pytest.mark.slow
 def test_a_new_model_runs_at_once(tmp_path: Path) -> None:
-    def at(folder: Path, *command: str) -> str:
-        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-        done = subprocess.run(
-            [sys.executable, "-m", *command], cwd=folder, env=environment, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
     at(tmp_path, "gaitsweep", "new-model", "jumper")
     folder = tmp_path / "jumper"
     assert at(folder, "gaitsweep", "check-model", "jumper:Jumper").startswith(
@@ -166,3 +172,19 @@ def test_check_warns_of_a_jobs_own_rows(tmp_path: Path, capsys: Capture) -> None
     (told,) = printed.err.splitlines()
     assert told.startswith("Warning: falls.yaml: ")
     assert "event 'lands' at the start of row 1 (z_0 = -1)" in told
+
+
+@pytest.mark.slow
+def test_a_new_paper_is_an_extension_like_any_other(tmp_path: Path) -> None:
+    at(tmp_path, "gaitsweep", "new-paper", "my_paper")
+    pip = ("pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index")
+    site = str(tmp_path / "site")
+    at(tmp_path, *pip, "--target", site, "./my_paper")
+    assert "my_paper" in at(tmp_path, "gaitsweep", "models", also=site)
+    told = at(tmp_path, "gaitsweep", "reproduce", "my_paper", "--quick", also=site)
+    assert "3 claims: 2 reproduced, 1 not" in told
+    table = "results/reproduce_my_paper/quick/basins"
+    drawn = {each.stem for each in (tmp_path / table / "figures").glob("*.png")}
+    assert drawn == {"basin", "my_paper_launches"}
+    assert "2:1" in at(tmp_path, "gaitsweep", "analyse", "my-paper-launches", table, also=site)
+    assert "3 passed" in at(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "my_paper", also=site)

@@ -1,0 +1,21 @@
+"""Analyses of the paper's tables: functions, and commands of `gaitsweep analyse`."""
+
+import pandas as pd
+import typer
+
+from gaitsweep.cli.analyse import Directory, print_table, result_table
+
+app = typer.Typer()
+
+
+def launches(table: pd.DataFrame) -> pd.DataFrame:
+    """The number of rows and the median speed of the launch (m/s) of each gait."""
+    settled = table.loc[table["status"] == "settled"]
+    groups = settled.groupby("gait", observed=True)["launch_end"]
+    return groups.agg(rows="size", launch="median").reset_index()
+
+
+@app.command()
+def hopper_launches(directory: Directory) -> None:
+    """Print the speed of the launch in each gait."""
+    print_table(launches(result_table(directory)))

@@ -1,0 +1,53 @@
+"""Extensions: what is refused of them, in which words, and that the papers are three of them."""
+
+from __future__ import annotations
+
+import importlib.metadata
+
+import pytest
+
+from gaitsweep import extension
+from gaitsweep.extension import Extension, ExtensionError, extensions
+
+OTHER = Extension(models={"skipper": "other.model:Skipper"})
+TAKEN = Extension(models={"multilegged": "other.model:Multilegged"})
+
+
+def entry(name: str, value: str) -> tuple[importlib.metadata.EntryPoint, str]:
+    return importlib.metadata.EntryPoint(name, f"{__name__}:{value}", extension.GROUP), "other"
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch):
+    """A function that installs extensions of another package."""
+
+    def install(*entries: tuple[importlib.metadata.EntryPoint, str]) -> None:
+        monkeypatch.setattr(extension, "_installed", lambda: list(entries))
+        extensions.cache_clear()
+
+    yield install
+    extensions.cache_clear()
+
+
+def test_the_papers_are_extensions() -> None:
+    assert {"ambe2021", "aoi2011", "fukuoka2015"} <= set(extensions())
+
+
+def test_another_package_adds_a_model(installed) -> None:
+    installed(entry("other", "OTHER"))
+    assert extension.model_paths()["skipper"] == "other.model:Skipper"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("other", "NOT_THERE", r"The extension other of other does not import \(AttributeError: "),
+        ("other", "__doc__", "which is no gaitsweep.Extension"),
+        ("other", "TAKEN", "ambe2021 and other both have a model multilegged: uninstall other"),
+        ("ambe2021", "OTHER", "There are two extensions ambe2021: uninstall other"),
+    ],
+)
+def test_an_extension_that_cannot_be_used_is_refused(installed, name: str, value: str, sentence: str) -> None:
+    installed(entry(name, value))
+    with pytest.raises(ExtensionError, match=sentence):
+        extensions()
