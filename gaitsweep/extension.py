@@ -37,7 +37,7 @@ class Extension:
         run_kinds: modules whose classes are decorated by `gs.kinds.register`.
         analyses: modules with `app`, a `typer.Typer` whose commands `gaitsweep analyse` has.
         gait_styles: the colour and the Matplotlib marker of each gait, which all figures share.
-        functions: analyses of tables that `gs.analyses` has, "package.module:function" by name.
+        functions: what `gs.analyses` has, "package.module:function" or a whole module by name.
         measures: modules whose functions are decorated by `gs.claims.measure`.
         jobs: a folder of jobs, which `builtin:NAME` finds.
         configs: a folder of configs, likewise.

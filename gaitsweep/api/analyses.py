@@ -39,11 +39,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """An analysis that an extension brings, imported when it is first used."""
-    module, _, function = _of_extensions().get(name, "").partition(":")
-    if not module:
+    """An analysis that an extension brings, or a module of such, imported when it is first used."""
+    path, _, function = _of_extensions().get(name, "").partition(":")
+    if not path:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(module), function)
+    module = importlib.import_module(path)
+    return getattr(module, function) if function else module
 
 
 def __dir__() -> list[str]:

@@ -11,7 +11,6 @@ from gaitsweep import plot
 from gaitsweep.papers.ambe2021.figures.theory import SHOWN, theory_figure
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
-from gaitsweep.plot.style import COLOURS
 
 OMEGA = 0.4
 
@@ -90,8 +89,8 @@ def test_footprints_of_the_chain_mark_the_link_whose_lag_is_free() -> None:
     panels = [axes for axes in figure.axes if axes.get_yticklabels()]
     for axes, free in zip(panels, (2, 0, 1), strict=True):
         links = {(line.get_ydata()[0], line.get_color()) for line in axes.lines}
-        assert {link for link, colour in links if colour == COLOURS["locked"]} <= {free}
-        assert {link for link, colour in links if colour != COLOURS["locked"]} == {0, 1, 2} - {free}
+        assert {link for link, colour in links if colour == "#CC79A7"} <= {free}
+        assert {link for link, colour in links if colour != "#CC79A7"} == {0, 1, 2} - {free}
     assert "the lag of this link is free" in [text.get_text() for text in figure.legends[0].get_texts()]
     # other models have no such link
     words = [text.get_text() for text in plot.footprints(trace_table()).legends[0].get_texts()]

@@ -38,7 +38,7 @@ assert np.abs(on_section[-1] - on_section[-10]).max() < 0.02
 assert np.abs(on_section[-1, [0, 2]] - [1.13, 5.29]).max() < 0.05  # a source wave
 assert (basins["status"] == "settled").all()
 assert basins["distance"].max() < 0.12
-assert abs(direct["psi_2_end"].median() - float(analytic.lag(chain))) < 0.02
+assert abs(direct["psi_2_end"].median() - float(theory.lag(chain))) < 0.02
 assert list(found.summary["kind"]) == ["line"] * 3 and agreement > 0.95
 assert (measured.panels["boundary_entropy"] < np.log(2)).all()
 assert same > 0.97

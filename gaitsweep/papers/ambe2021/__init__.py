@@ -16,7 +16,10 @@ extension = Extension(
         "locked": ("#CC79A7", "D"),
     },
     analyses=("gaitsweep.papers.ambe2021.analyses",),
-    functions={"gait_shares": "gaitsweep.papers.ambe2021.analysis.gait_shares:gait_shares"},
+    functions={
+        "gait_shares": "gaitsweep.papers.ambe2021.analysis.gait_shares:gait_shares",
+        "multilegged_theory": "gaitsweep.papers.ambe2021.analytic",
+    },
     measures=(
         "gaitsweep.papers.ambe2021.measures.equations",
         "gaitsweep.papers.ambe2021.measures.simulation",
