@@ -29,7 +29,9 @@ def walking(branches: list[Branch], N: int = 3, share: float = 0.5, duration: fl
             columns |= {f"phase_{i + 1}": phase[:, i], f"x_{i + 1}": 1.0, f"l_{i + 1}": 1.0}
             columns |= {f"contact_{i + 1}": down}
         parts.append(pd.DataFrame(columns))
-    return pd.concat(parts, ignore_index=True)
+    table = pd.concat(parts, ignore_index=True)
+    table.attrs["job"] = {"model": "multilegged", "structure": {"N": N}}
+    return table
 
 
 @pytest.mark.parametrize("show", SHOWN)

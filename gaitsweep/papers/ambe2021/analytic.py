@@ -1,4 +1,4 @@
-"""The analytic theory of the multi-legged chain (Ambe et al. 2021, sec. 3): `gs.analyses.multilegged_theory.Chain()`."""
+"""The analytic theory of the multi-legged chain (Ambe 2021, sec. 3): `gs.analyses.multilegged_theory`."""
 
 from __future__ import annotations
 
