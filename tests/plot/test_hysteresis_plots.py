@@ -14,6 +14,7 @@ from matplotlib.patches import FancyArrowPatch
 from plot_tables import rendered
 
 from gaitsweep import plot
+from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.branches.passes import DOWN, UP
 from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
@@ -247,8 +248,10 @@ def test_gait_map_names_the_set_of_each_cell() -> None:
     names += ["another gait", "not settled", "failed"]
     assert [text.rsplit("  ")[0] for text in texts(figure)] == names
     cells = axes.collections[0].get_facecolor().reshape(3, 9, 4)
-    assert max(cells[1, 8][:3]) < max(to_rgba(COLOURS["trot"])[:3])  # darker: its start from the walk fell
-    assert tuple(cells[1, 0]) == to_rgba(COLOURS["walk"])
+    assert max(cells[1, 8][:3]) < max(
+        to_rgba(gait_styles()["trot"][0])[:3]
+    )  # darker: its start from the walk fell
+    assert tuple(cells[1, 0]) == to_rgba(gait_styles()["walk"][0])
     assert tuple(cells[1, 4]) == to_rgba("#009E73")
     assert tuple(cells[0, 8]) == to_rgba(COLOURS["none"])
     assert len([patch for patch in axes.patches if patch.get_hatch()]) == 1  # neighbours as one

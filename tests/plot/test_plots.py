@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import models, plot
+from gaitsweep.extension import gait_styles
 from gaitsweep.papers.ambe2021.figures.solution_set import chain_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.plot import PlotError
@@ -36,12 +37,12 @@ def test_basin_names_axes_panels_and_shares() -> None:
     assert [tick.get_text() for tick in figure.axes[0].get_xticklabels()] == ["0", "π/2", "π", "3π/2", "2π"]
     assert texts(figure) == ["direct  25 / 25 / 25 %", "source  25 / 25 / 25 %", "retrograde  50 / 50 / 50 %"]
     assert [to_hex(patch.get_facecolor()) for patch in figure.legends[0].get_patches()] == [
-        COLOURS[gait].lower() for gait in ("direct", "source", "retrograde")
+        gait_styles()[gait][0].lower() for gait in ("direct", "source", "retrograde")
     ]
     assert figure.get_suptitle() == "Slices"
     cells = figure.axes[0].collections[0].get_facecolor().reshape(4, 4, 4)
-    assert (cells[:, 0] == to_rgba(COLOURS["direct"])).all()
-    assert (cells[:, 1:3] == to_rgba(COLOURS["retrograde"])).all()
+    assert (cells[:, 0] == to_rgba(gait_styles()["direct"][0])).all()
+    assert (cells[:, 1:3] == to_rgba(gait_styles()["retrograde"][0])).all()
 
 
 def test_basin_has_the_legends_colours_in_every_panel_whatever_the_gaits_are_called() -> None:
@@ -121,7 +122,7 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     assert len(low.lines) == len(high.lines) == len(space.lines)
     assert np.linalg.norm(reached - [3.97, 5.29], axis=1).min() < 2.2  # pieces are lines: their ends
     direct = [part for part in low.collections if len(part.get_offsets()) == 11]
-    assert to_hex(direct[0].get_facecolor()[0]) == COLOURS["direct"].lower()
+    assert to_hex(direct[0].get_facecolor()[0]) == gait_styles()["direct"][0].lower()
 
 
 def test_solution_set_takes_the_theory_from_the_jobs_parameters() -> None:
@@ -186,7 +187,7 @@ def test_footprints_put_leg_1_on_top_and_count_cycles() -> None:
     assert (bars.x0, bars.x1) == pytest.approx((0.0, 12.0), abs=0.06)
     assert to_hex(first.collections[0].get_facecolor()[0]) == "#000000"
     assert {line.get_color() for line in first.lines} == {
-        COLOURS["retrograde"]
+        gait_styles()["retrograde"][0]
     }  # each leg after the one before it
     assert not plot.footprints(trace_table(), guides=False).axes[0].lines
 
