@@ -26,19 +26,18 @@ hypothesis.settings.register_profile("suite", deadline=None, derandomize=True, p
 hypothesis.settings.load_profile("suite")
 
 
-# Tests that take longer than about a second: they run with those marked `slow` in their files.
-SLOW = set((Path(__file__).parent / "slow.txt").read_text(encoding="utf-8").splitlines())
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the tests of `slow.txt`, and skip those marked `gpu` where there is no CUDA device."""
+    """Keep the mark `slow` of the cases that it names, and skip tests marked `gpu` without a CUDA device.
+
+    `@pytest.mark.slow` marks a test, `@pytest.mark.slow("id", ...)` its cases that have these ids.
+    """
     for item in items:
-        if item.nodeid in SLOW:
-            item.add_marker(pytest.mark.slow)
-    gone = SLOW - {item.nodeid for item in items}
-    if gone and config.args == config.getini("testpaths"):
-        raise pytest.UsageError(f"tests/slow.txt names tests that are not there: {', '.join(sorted(gone))}.")
+        named = [mark for mark in item.own_markers if mark.name == "slow" and mark.args]
+        callspec = getattr(item, "callspec", None)
+        for mark in named:
+            if callspec is not None and callspec.id not in mark.args:
+                item.own_markers.remove(mark)
     if any(item.get_closest_marker("gpu") for item in items) and jax.default_backend() != "gpu":
         for item in items:
             if item.get_closest_marker("gpu"):

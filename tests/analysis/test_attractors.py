@@ -119,6 +119,7 @@ def test_without_a_gap_all_is_one() -> None:
     assert linking_distance(np.array([1.0]), 0.01, rows=10) == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_a_million_rows_need_no_matrix_of_them() -> None:
     random = np.random.default_rng(0)
     n = 1_000_000
@@ -146,6 +147,7 @@ def chain_states(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return states, np.asarray(gait)
 
 
+@pytest.mark.slow
 def test_the_chains_solution_lines_and_its_locked_state() -> None:
     """The lines of the three gaits meet at corners and are one attractor each; the locked state is its own.
 
@@ -240,6 +242,7 @@ def landscape(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     return gs.run(job, Path(tmp_path_factory.mktemp("landscape")) / "out").table
 
 
+@pytest.mark.slow
 def test_a_simulated_tables_attractors_are_its_gaits(landscape: pd.DataFrame) -> None:
     """Two closed lines, pi apart: found from the states alone, and followed as the lines move."""
     part = landscape[landscape["shift"] == 0.4]

@@ -31,6 +31,7 @@ from gaitsweep.analysis.basins.wada import wada
 from gaitsweep.analysis.records import AnalysisError
 
 
+@pytest.mark.slow
 def test_coverage_of_intervals_for_grids() -> None:
     """Discs anywhere on 33 x 33 grids: their area lies in the interval in 95 % of cases or more.
 

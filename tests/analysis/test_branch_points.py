@@ -70,6 +70,16 @@ def specials(table: pd.DataFrame, row: int) -> tuple[list[str], np.ndarray]:
     return found["special"].tolist(), found["r"].to_numpy()
 
 
+@pytest.mark.slow(
+    "2--1-steps0",
+    "2--1-steps1",
+    "2-1-steps0",
+    "2-1-steps1",
+    "3--1-steps0",
+    "3--1-steps1",
+    "3-1-steps0",
+    "3-1-steps1",
+)
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("towards", [1, -1])
 @pytest.mark.parametrize("size", [1, 2, 3])
@@ -108,6 +118,7 @@ def test_the_branches_that_cross() -> None:
             np.testing.assert_allclose(at, 0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_branches_that_pass_each_other() -> None:
     """x + r x - x^3 + h has a fold at 3 (h/2)^(2/3), x + r x - x^2 - h at -2 sqrt(h): no branches cross."""
     heights = np.array([1e-2, 1e-4, 1e-6])
@@ -204,6 +215,7 @@ def test_with_a_conserved_quantity() -> None:
         assert table["branch"].nunique() == 3
 
 
+@pytest.mark.slow
 def test_henon() -> None:
     """x -> 1 - a x^2 + y, y -> b x: the fold at -(1 - b)^2/4, the flip at 3 (1 - b)^2/4; b = .3."""
     mapping = PlainMap(
@@ -240,6 +252,7 @@ def test_steps_that_end_at_the_point_itself() -> None:
                 np.testing.assert_allclose(at, 0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_one_soon_after_the_other() -> None:
     """x and y lose stability at r = 0 and r = .003, within one step: pitchforks, or flips."""
     for sign, kind in ((1.0, LOWER), (-1.0, "flip")):

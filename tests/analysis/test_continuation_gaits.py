@@ -61,12 +61,14 @@ def test_direct_gait_is_lost_where_the_end_masses_reach_the_inner_one(direct: pd
         assert not branch.loc[branch["point"] > at, "stable"].any()
 
 
+@pytest.mark.slow
 def test_gaits_of_a_branch_are_read(direct: pd.DataFrame) -> None:
     assert set(direct.loc[direct["point"] == 0, "gait"]) == {"direct"}
     with pytest.raises(AnalysisError, match="Stable here: direct"):
         range_of_gait(direct, "m_B", "retrograde")
 
 
+@pytest.mark.slow
 def test_figure_of_stable_ranges(direct: pd.DataFrame) -> None:
     """An area up to the folds, each marked; nothing is drawn where the range alone ends it."""
     figure = draw(direct, x="m_B", y="omega")

@@ -60,6 +60,7 @@ ANGLE = PlainMap(three, ("x",), (("pull", 0.2),), angles=("x",))
 TURNING = PlainMap(turning, ("x",))
 
 
+@pytest.mark.slow
 def test_the_saddle_of_a_bistable_map() -> None:
     """s = 0 at any bend and strength, many pairs at once; the table has its multiplier, newton the rest.
 
@@ -180,6 +181,7 @@ def test_what_the_map_does_not_part_is_told() -> None:
     assert all(EdgeOutcome(code).sentence for code in EdgeOutcome)
 
 
+@pytest.mark.slow
 def test_a_model_on_its_section() -> None:
     """The curves theta_1 = c and c + pi attract, so the edge lies half-way; its multiplier is exp(rate).
 

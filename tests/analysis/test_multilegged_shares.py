@@ -59,6 +59,7 @@ def test_the_chain_of_a_table_follows_its_jobs_formulas() -> None:
         chain_of(some)
 
 
+@pytest.mark.slow
 def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
     (axes,) = plot.draw("gait_shares", table(), x="m_B").axes
     lines = {line.get_label(): np.asarray(line.get_data(), float) for line in axes.get_lines()}
@@ -88,6 +89,7 @@ def test_values_in_equal_ratios_have_logarithmic_axes() -> None:
     assert any(place == pytest.approx(9.8 / 0.4) for place in places)
 
 
+@pytest.mark.slow
 def test_a_map_of_scattered_sets_shows_the_nearest_one() -> None:
     sets = np.random.default_rng(2).uniform([0.3, 20.0], [1.2, 200.0], (60, 2))
     gait = np.where(sets[:, 0] < 0.6, "direct", "source")

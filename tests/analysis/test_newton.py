@@ -116,6 +116,7 @@ def test_an_unknown_condition_is_told() -> None:
         newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {}, fix=["totale"])
 
 
+@pytest.mark.slow
 def test_gaits_of_the_chain_at_fixed_E() -> None:
     """The three gaits as fixed points, from three cycles after a start near each.
 

@@ -55,6 +55,7 @@ def test_fixed_points_without_noise(f: float, centre: float) -> None:
     assert found["stable"].tolist() == (slopes(x) < 1).tolist()
 
 
+@pytest.mark.slow
 def test_errors_are_what_the_values_scatter_by() -> None:
     """Over 30 seeds, deviations in units of their errors scatter by 1, or 1.6 where the map bends."""
     x = roots(0.1)
@@ -149,6 +150,7 @@ def test_ghosts_stand_where_two_fixed_points_have_met(f: float, x: float) -> Non
     assert not len(ghosts(table, "delta_13", near=1e-5))
 
 
+@pytest.mark.slow
 def test_branches_over_the_parameter() -> None:
     values = np.round(np.linspace(-0.6, 0.6, 13), 3)
     table = map_table(values, starts=60, crossings=60, noise=0.002)
@@ -159,6 +161,7 @@ def test_branches_over_the_parameter() -> None:
     assert sorted(zip(kinds["low"], kinds["high"], strict=True)) == [(-0.6, 0.3), (-0.3, 0.3), (-0.3, 0.6)]
 
 
+@pytest.mark.slow
 def test_the_drift_is_told_where_there_are_points_and_by_column() -> None:
     table = map_table([-0.2, 0.2], starts=60, crossings=60)
     found = drift(table, "delta_13", by="f")

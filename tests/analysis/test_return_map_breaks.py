@@ -61,6 +61,7 @@ def test_lorenz_map_of_maxima_has_one_fixed_point_and_a_cusp() -> None:
     assert off.max() < 0.05
 
 
+@pytest.mark.slow
 def test_the_figure_of_the_lorenz_map_shows_no_such_point() -> None:
     figure = plot.draw("return_map", crossings(LORENZ["x"].to_numpy()), y="v", form="next")
     axes = figure.axes[0]
@@ -79,6 +80,7 @@ def test_the_figure_of_the_lorenz_map_shows_no_such_point() -> None:
     assert 7.0 < high < 11.0
 
 
+@pytest.mark.slow("200-0.0")
 @pytest.mark.parametrize("noise", [0.0, 0.004, 0.02])
 @pytest.mark.parametrize("rows", [12, 200])
 def test_a_map_that_jumps_over_the_diagonal(rows: int, noise: float) -> None:

@@ -14,6 +14,7 @@ TOY = toy_model.Toy()
 SETTLE = gs.Settle(max_cycles=40)
 
 
+@pytest.mark.slow
 def test_without_xarray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     result = gs.sweep(TOY, launch_1=[1.0, 2.0], run=SETTLE, verify=0)
     monkeypatch.setitem(sys.modules, "xarray", None)

@@ -17,6 +17,7 @@ def launch(points: np.ndarray, mapping: gs.PoincareMap) -> np.ndarray:
     return points[..., mapping.coordinates.index("launch_1")]
 
 
+@pytest.mark.slow
 def test_images_jacobian_and_multipliers() -> None:
     """Bounds are those of the fixed numerics' own error, 1e-8 a flight."""
     mapping = gs.return_map(TOY, kick=KICK, restitution=R)
@@ -35,6 +36,7 @@ def test_images_jacobian_and_multipliers() -> None:
     assert mapping.jacobian(found.points.at[0]).ndim == 2
 
 
+@pytest.mark.slow
 def test_many_maps_at_once() -> None:
     """An array of a parameter: a map for each value, and points belong to them in order."""
     kicks = np.array([0.2, 0.3, 0.4])
@@ -43,6 +45,7 @@ def test_many_maps_at_once() -> None:
     np.testing.assert_allclose(launch(found.points.at, mapping), kicks / (1 - R), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_branch() -> None:
     """u* = kick / (1 - r), on both sides of the kick at which it begins."""
     mapping = gs.return_map(TOY, kick=KICK, restitution=R)
@@ -54,6 +57,7 @@ def test_a_branch() -> None:
     assert set(mapping.continue_(found, "kick", (0.2, 0.5), towards=1)["direction"]) == {1}
 
 
+@pytest.mark.slow
 def test_conserved_quantities_are_held() -> None:
     """E of the chain is held unless `fix` says otherwise; Newton's equations are singular without."""
     chain = gs.models.Multilegged(N=3)
@@ -67,6 +71,7 @@ def test_conserved_quantities_are_held() -> None:
     assert not mapping.fixed_points(points, fix=()).converged.any()
 
 
+@pytest.mark.slow
 def test_refusals() -> None:
     reduced = gs.return_map(gs.models.MultileggedReduced(N=3))
     starts = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0}

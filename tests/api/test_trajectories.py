@@ -41,6 +41,9 @@ def run_of(kind: str) -> dict[str, Any]:
     return {name: value for name, value in KINDS[kind].model_dump().items() if value is not None}
 
 
+@pytest.mark.slow(
+    "continuation", "fixed_time", "folds", "ramp", "refined", "return_map", "staircase", "trace"
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_memory_and_directory_give_one_table(kind: str, tmp_path: Path) -> None:
     """Value for value and with the same types, attributes and self-check; and so does `run.job()`.
@@ -75,6 +78,7 @@ def test_a_directory_and_a_second_call(tmp_path: Path) -> None:
     assert_frame_equal(first.table, second.table, check_exact=True)
 
 
+@pytest.mark.slow
 def test_models_as_instances_classes_and_names() -> None:
     """N from the instance, or as a keyword beside a class or a name."""
     given = {"launch_1": [1.0, 2.0], "launch_2": 1.5, "run": gs.Settle(max_cycles=40), "verify": 0}
@@ -95,6 +99,7 @@ def test_params_and_start_take_any_name() -> None:
     assert_frame_equal(by_keyword.table, by_mapping.table, check_exact=True)
 
 
+@pytest.mark.slow
 def test_axes_of_every_form() -> None:
     """Lists, arrays, series, ranges, rules of a job file, groups; scalars of NumPy; formulas."""
     toy = toy_model.Toy()
@@ -143,6 +148,7 @@ def test_refusals_of_jobs_and_run_kinds() -> None:
         gs.sweep(1)  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.slow
 def test_a_class_of_this_session(tmp_path: Path) -> None:
     """It runs as its module's class does; no file can name it, so it has no job and no directory."""
     given: dict[str, Any] = {"launch_1": [1.0, 2.0], "run": gs.Settle(max_cycles=40)}
@@ -161,6 +167,7 @@ def test_a_class_of_this_session(tmp_path: Path) -> None:
     assert gs.sweep(TwoToys2(), **given).manifest["job"]["model"] == "session:TwoToys2"
 
 
+@pytest.mark.slow
 def test_one_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its samples are those of a trace, to the bit; nothing is left on disk."""
     monkeypatch.chdir(tmp_path)
@@ -197,6 +204,7 @@ def test_every_figure_is_a_method_of_a_result() -> None:
     assert len(figure.axes) == len(gs.plot.basin(result.table, x="launch_1", y="restitution").axes)
 
 
+@pytest.mark.slow
 def test_run_is_called_twice(tmp_path: Path) -> None:
     """No module that a run imports takes the function's place."""
     job = gs.Job(name="toy", model="toy_model:Toy", vary={"launch_1": [1.0]}, run={"kind": "settle"})  # pyright: ignore

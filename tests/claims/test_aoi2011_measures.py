@@ -142,6 +142,7 @@ def test_no_lag_of_a_foot_that_lands_twice_a_cycle() -> None:
         measures.touchdown_lags(table, row=0, pairs=[[1, 3]])
 
 
+@pytest.mark.slow
 def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
     """A body turned by .01 rad moves its hind feet by .01 times their distance from the axis."""
     wide = {"rear_hip_y": {"values": [0.05, 0.09]}}
@@ -162,6 +163,7 @@ def test_slip_is_that_of_the_rows_own_body(tmp_path: Path) -> None:
     assert squares[1] - squares[0] == pytest.approx(0.09**2 - 0.05**2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_slip_goes_on_through_a_bounce(tmp_path: Path) -> None:
     """Feet on a body at .01 m/s, down for 1 s but for 40 ms, slip by .01 m; but for 80 ms, by half of it."""
     run = {"kind": "trace", "duration": 0.1, "every": 2.0e-2}

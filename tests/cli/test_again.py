@@ -82,6 +82,7 @@ def _altered_memory(_: Path) -> None:
     memory.write_bytes(memory.read_bytes().replace(b"6 settled", b"5 settled"))
 
 
+@pytest.mark.slow("_gone_figure", "_new_file")
 @pytest.mark.parametrize("change", [_edited_job, _damaged_part, _gone_figure, _new_file, _altered_memory])
 def test_after_any_change_the_command_runs_as_a_whole(
     few: Path, change: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch

@@ -123,6 +123,7 @@ def test_gaits_are_lost_at_transition_points(show: Show) -> None:
     assert "walk rising" in " ".join(printed.split())
 
 
+@pytest.mark.slow
 def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["analyse", "multilegged-theory", "--N", "4", "--set", "m=1.0"]) == 0
     printed = capsys.readouterr().out

@@ -372,6 +372,7 @@ def test_each_command_has_its_help_by_h_too(capsys: Capture) -> None:
         assert "Usage: gaitsweep" in shown[0]
 
 
+@pytest.mark.slow
 def test_python_tells_progress_in_lines_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
@@ -479,6 +480,7 @@ def test_sizes_and_durations_read_well() -> None:
     assert [size(number) for number in (12, 35e6, 4.2e12)] == ["12 bytes", "35 MB", "4.2 TB"]
 
 
+@pytest.mark.slow
 def test_the_process_itself_refuses_without_a_traceback(tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_text("name: [")
     command = [sys.executable, "-m", "gaitsweep", "run", str(tmp_path / "bad.yaml")]

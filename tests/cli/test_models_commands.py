@@ -140,6 +140,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow("0", "4")
 @pytest.mark.parametrize("number", range(len(BAD)))
 def test_what_is_wrong_with_a_model_is_a_sentence(number: int, tmp_path: Path, capsys: Capture) -> None:
     line, sentence = list(BAD.items())[number]

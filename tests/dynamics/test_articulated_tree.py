@@ -114,6 +114,7 @@ def test_positions_and_velocities_are_mujocos(seed: int) -> None:
         near(velocity(place, moving[at], point), jacobian @ now.v, 1e-12)
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from([1e-9, 1e-3, 0.3, 2.0]))
 @settings(max_examples=15)
 def test_positions_follow_from_velocities_as_in_mujoco(seed: int, dt: float) -> None:
@@ -131,6 +132,7 @@ def _along(tree: Tree, geometry: Geometry, now: Moment, tau: np.ndarray, of: Cal
     return jax.jvp(of, (now.q, now.v), (rates(tree, now.q, now.v), acceleration))
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=10)
 def test_power_is_that_of_forces_and_dampers(seed: int) -> None:
@@ -153,6 +155,7 @@ def _free_floating(seed: int) -> tuple[Tree, Geometry, Moment]:
         seed += 1
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=6)
 def test_a_free_tree_falls_and_keeps_its_angular_momentum(seed: int) -> None:
@@ -168,6 +171,7 @@ def test_a_free_tree_falls_and_keeps_its_angular_momentum(seed: int) -> None:
     near(mass * drift, linear, 1e-11)
 
 
+@pytest.mark.slow
 def test_runge_and_kutta_keep_energy_and_momentum_to_fourth_order() -> None:
     tree, geometry, now = _free_floating(3)
 
@@ -207,6 +211,7 @@ def test_runge_and_kutta_keep_energy_and_momentum_to_fourth_order() -> None:
     np.testing.assert_allclose(np.log2(coarse / fine), 4.0, atol=0.2)  # 3.93, 3.98 and 4.02 here
 
 
+@pytest.mark.slow
 def test_masses_that_vary_from_row_to_row() -> None:
     xml = waist_quadruped_xml()
     tree, geometry = tree_of(xml)
@@ -240,6 +245,7 @@ def test_masses_that_vary_from_row_to_row() -> None:
         near(slopes[i], difference, 1e-7)  # the error of a difference: h^2, and rounding over h
 
 
+@pytest.mark.slow
 def test_the_quadruped_is_a_short_scalar_program() -> None:
     tree, geometry = tree_of(waist_quadruped_xml())
     toe = np.array([0.0, 0.0, -0.08])
@@ -265,6 +271,7 @@ def test_limbs_of_parallel_hinges_are_written_in_the_axes_of_what_carries_them()
     assert own == {"fore", "rear"}
 
 
+@pytest.mark.slow
 def test_quaternions_of_small_turns_are_smooth() -> None:
     for size in (0.0, 1e-7, 0.99e-6, 1.01e-6, 1e-3):
         turn = np.array([0.6, 0.0, 0.8]) * size

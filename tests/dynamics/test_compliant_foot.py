@@ -64,6 +64,7 @@ def slid(speed: float, push: float, duration: float, dt: float = 1e-3) -> tuple[
     return jax.jit(lambda s: jax.lax.scan(step, s, length=round(duration / dt))[1])(start)
 
 
+@pytest.mark.slow
 def test_a_block_slides_to_a_stop_and_stays() -> None:
     q, v = slid(1.0, 0.0, 0.6)
     # v^2 / (2 mu g), which steps of 1 ms at a speed of 1 m/s miss by half a step
@@ -72,6 +73,7 @@ def test_a_block_slides_to_a_stop_and_stays() -> None:
     np.testing.assert_allclose(q[:, 1], q[0, 1], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_block_pushed_less_than_friction_creeps_and_pushed_more_slides() -> None:
     # of the largest friction, 9.81 N, the half is reached at half the slip speed
     assert float(slid(0.0, 4.905, 0.2)[1][-1, 0]) == pytest.approx(0.005, rel=1e-9)

@@ -163,6 +163,7 @@ class Resting(Ball):
         return s.replace(lies=False, lifts=s.lifts + 1)
 
 
+@pytest.mark.slow
 def test_a_ball_rests_where_its_bounces_accumulate_until_the_force_lifts_it() -> None:
     """On a still floor for ever; on one that shakes it flies where the floor's acceleration passes -g."""
     held = gs.sweep(Resting, keeps={"values": [0.0, 0.5, 0.9]}, run=gs.FixedTime(duration=20.0)).table
@@ -266,6 +267,7 @@ class Dominoes(DeclaredModel):
         return jnp.asarray(1.0)
 
 
+@pytest.mark.slow
 def test_a_chain_of_events_is_as_long_as_the_model_says() -> None:
     end = gs.sweep(Dominoes(), run=gs.FixedTime(duration=3.5)).table.iloc[0]
     assert (end["status"], end["last_end"]) == ("complete", 30.0)
@@ -445,6 +447,7 @@ class Clocks(DeclaredModel):
         return jnp.asarray(1.0)
 
 
+@pytest.mark.slow
 def test_a_section_that_is_crossed_at_the_instant_of_another_event_is_read_at_its_own_time() -> None:
     """The closed solution: the second clock ticks at 1 - d, the section is crossed at 1."""
     k = 0.3
@@ -461,6 +464,7 @@ def test_a_section_that_is_crossed_at_the_instant_of_another_event_is_read_at_it
     np.testing.assert_allclose(mapping.jacobian(np.asarray(x)), jax.jacfwd(image)(x), rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_placed_point_is_armed_by_its_own_place() -> None:
     """Its flags do not depend on the default start's: the map of an array is that of start values."""
     mapping = gs.return_map(Twin, k=1.0)
@@ -534,6 +538,7 @@ class Saw(DeclaredModel):
         return 1.0 + 0.0 * p.c
 
 
+@pytest.mark.slow
 def test_a_threshold_on_a_ramp_is_that_of_the_event_s_time() -> None:
     table = gs.sweep(Saw, run=gs.Ramp(parameter="c", path=[1.0, 0.2], rate=0.05)).table
     (first,) = table.loc[table["crossing"] == 1, "t"]

@@ -46,6 +46,7 @@ def _onsets(u: np.ndarray, dt: float) -> np.ndarray:
     return dt * (at + 1.0 - u[at] / (u[at + 1] - u[at]))
 
 
+@pytest.mark.slow("6")
 @pytest.mark.parametrize("n", [1, 2, 4, 6])
 def test_random_networks_move_as_scipy_says(n: int) -> None:
     random = np.random.default_rng(n)
@@ -188,6 +189,7 @@ def test_the_scalar_kernel_gives_the_same_and_computes_no_link_that_is_not_there
     assert sources[0].count(" + ") == sources[1].count(" + ")
 
 
+@pytest.mark.slow
 def test_steps_over_kinks_are_of_second_order() -> None:
     start = _starts(np.random.default_rng(4), 32, 4)
     ends = {

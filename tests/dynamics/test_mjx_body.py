@@ -113,6 +113,7 @@ def both(request: pytest.FixtureRequest) -> tuple[dict[str, Any], mujoco.MjModel
 
 
 # The two sides round alike but for the order of sums; a wrong term of any size shows at random states.
+@pytest.mark.slow("0")
 def test_kinematics(both: Any) -> None:
     found, model, data = both
     at, speed = feet_of(model, data)
@@ -251,6 +252,7 @@ TOUCHING = """<mujoco><option timestep="0.002"/><worldbody>
   </worldbody><actuator><general joint="j" dyntype="filter" dynprm=".1" gainprm="2"/></actuator></mujoco>"""
 
 
+@pytest.mark.slow
 def test_mujocos_own_contact_and_actuators() -> None:
     touching = MjxBody(TOUCHING, contact=True)
     model = touching.mj_model
@@ -279,6 +281,7 @@ def test_contact_is_off_unless_asked_for() -> None:
     assert MjxBody(TOUCHING).start(jnp.zeros(8), jnp.zeros(7)).warm.shape == (0,)
 
 
+@pytest.mark.slow
 def test_precision_is_that_of_the_state() -> None:
     q, v, tau, forces, _ = (jnp.asarray(a, jnp.float32) for a in at_random(0))
     state = body().start(q, v)

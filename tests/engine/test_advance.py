@@ -24,6 +24,7 @@ def crossing_times(model, starts, count, **options):
     return result, result.samples[:, 1].reshape(len(result.status), count + 1)[:, 1:]
 
 
+@pytest.mark.slow
 def test_order_of_convergence_with_events() -> None:
     """Fourth order through ten events, within 0.2: events at a step's end would give first order."""
     random = np.random.default_rng(3)
@@ -42,6 +43,7 @@ def test_order_of_convergence_with_events() -> None:
     assert abs(slope - 4.0) < 0.2, (slope, errors)
 
 
+@pytest.mark.slow
 def test_located_event_times_are_exact() -> None:
     """With steps too small to matter the event times are right to the event tolerance, not to the step."""
     first = np.array([0.3, 1.0, 2.0, 5.0])
@@ -52,6 +54,7 @@ def test_located_event_times_are_exact() -> None:
         np.testing.assert_allclose(t[row], exact, rtol=0.0, atol=3e-11)
 
 
+@pytest.mark.slow
 def test_location_takes_few_attempts() -> None:
     """Secant location costs some 6 attempts an event; bisection to 1e-12 s would take 30."""
     model, numerics = Toy(), Numerics(dt=1e-3, method="rk4")
@@ -69,6 +72,7 @@ def test_location_takes_few_attempts() -> None:
     assert max(located) <= 10, located
 
 
+@pytest.mark.slow
 def test_an_event_that_rounding_hides_is_let_go() -> None:
     """A step that fired from further back need not fire again from a state a few ulps before the event.
 
@@ -110,6 +114,7 @@ def test_a_guard_that_rises_too_slowly_for_rounding_fires() -> None:
     assert result.attempts[0] < 1000
 
 
+@pytest.mark.slow
 def test_ties_fire_together() -> None:
     """Two masses launched alike land at one instant, one after the other, and stay equal to the last bit."""
     model = Toy(N=2)
@@ -121,6 +126,7 @@ def test_ties_fire_together() -> None:
     np.testing.assert_allclose(t, t_alone, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_endless_events_stall_one_row_only() -> None:
     """A reset at the threshold fires again at once, without end: that row stalls, its neighbours go on."""
     reset = np.array([-1.0, 2.5, -2.0])
@@ -128,6 +134,7 @@ def test_endless_events_stall_one_row_only() -> None:
     assert [Status(code).name for code in result.status] == ["settled", "event_stall", "settled"]
 
 
+@pytest.mark.slow("1", "5")
 @pytest.mark.parametrize("crossings", [1, 3, 5, 40])
 def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
     """A row whose section is crossed again and again at one instant has not recorded what was asked."""
@@ -140,6 +147,7 @@ def test_crossings_of_a_stall_are_not_complete(crossings: int) -> None:
     assert result.cycles[0] == crossings
 
 
+@pytest.mark.slow
 def test_rows_that_fail_harm_no_other() -> None:
     """Falling, diverging and NaN end their own rows; the others are as in a run of their own, to the bit."""
     model = Toy()
@@ -161,6 +169,7 @@ def test_rows_that_fail_harm_no_other() -> None:
     np.testing.assert_array_equal(result.last[sound], alone.last)
 
 
+@pytest.mark.slow
 def test_a_row_without_crossings_comes_to_rest() -> None:
     """Below its rheobase a neuron never fires: its potential tends to a fixed point of the flow."""
     model = Neuron()
@@ -170,6 +179,7 @@ def test_a_row_without_crossings_comes_to_rest() -> None:
     assert result.t_end[0] < 4.0 * 30 * np.pi, "before its limit of time"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("launch", [0.4, 1.0, 3.0])
 def test_derivative_of_a_landing_time(launch: float) -> None:
     """d T/d u = 2 d/(w^2 d^2 + u^2) of the flight time, w and d as in the toy's closed form."""

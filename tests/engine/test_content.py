@@ -163,6 +163,7 @@ class Loops(Spring):
         return {"x": s.v, "v": -(p.q**2) * jax.lax.scan(body, s.x, None, length=1)[0]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "engine"), [(Spring, "kernel"), (Loops, "xla")])
 def test_a_sweep_after_a_change_has_the_numbers_of_now(
     model: type[gs.DeclaredModel], engine: str, monkeypatch: pytest.MonkeyPatch
@@ -180,6 +181,7 @@ def test_a_sweep_after_a_change_has_the_numbers_of_now(
     assert turn() == pytest.approx(np.pi, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_return_map_and_a_simulation_follow_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
     mapping = gs.return_map(Loops())
     along = mapping.mapping.images(mapping.settled(cycles=1), {}).observed["time"][0]

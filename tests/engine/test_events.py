@@ -46,6 +46,7 @@ def crossings(model: HybridModel, count: int, starts: dict[str, Any], **options:
 # Sections by a plane
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_crossings_of_lorenz_are_scipys(engine: str) -> None:
     """The first ten crossings downwards: DOP853 at 1e-13 is right to 1e-11 there, as a step of .25 ms is."""
@@ -64,6 +65,7 @@ def test_crossings_of_lorenz_are_scipys(engine: str) -> None:
     np.testing.assert_allclose(at[1:, 2:], true.y_events[0][:10], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_van_der_pol_crosses_once_a_cycle(engine: str) -> None:
     """The period at mu = 1 is 6.6632868593 (Andersen and Geer 1982, SIAM J. Appl. Math. 42:678).
@@ -82,6 +84,7 @@ def test_van_der_pol_crosses_once_a_cycle(engine: str) -> None:
     np.testing.assert_allclose(t[[3, 4], 1], t[0, 1], rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_van_der_pol_settles_on_its_cycle() -> None:
     model = VanDerPol()
     found = run_rows(model, SettleRecorder(model), {"x_0": [0.5, 3.0]}, params={"mu": [1.0, 5.0]})
@@ -91,6 +94,7 @@ def test_van_der_pol_settles_on_its_cycle() -> None:
     assert abs(found.last[0, 0] + 2.00862) < 1e-4
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(
     size=st.sampled_from([1e-8, 1.0, 1e8]),
@@ -124,6 +128,7 @@ def test_a_surface_that_misses_zero_tells_rounding_from_the_far_side() -> None:
 # No events at all
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_flow_without_guards_runs(engine: str) -> None:
     model, options = Spring(), {"numerics": Numerics(dt=2e-3), "engine": engine}
@@ -139,6 +144,7 @@ def test_a_flow_without_guards_runs(engine: str) -> None:
     assert Status(never.status[0]).name == "time_limit"
 
 
+@pytest.mark.slow
 def test_a_job_of_a_flow_without_guards(tmp_path: Path) -> None:
     job = {
         "name": "spring",
@@ -177,6 +183,7 @@ def stalls(model: str, **fields: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_stall_tells_its_guards_and_its_time(engine: str, tmp_path: Path) -> None:
     job = stalls(
@@ -198,6 +205,7 @@ def test_a_stall_tells_its_guards_and_its_time(engine: str, tmp_path: Path) -> N
     assert "mass 1 lands and mass 2 lands" in show.directory(Snapshot.of(out))
 
 
+@pytest.mark.slow
 def test_guards_without_names_are_told_by_their_numbers(tmp_path: Path) -> None:
     """In every kind of table."""
     runs = {
@@ -232,6 +240,7 @@ class Alternating(Neuron):
         return fired[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_all_guards_of_a_chain_of_jumps_are_told(engine: str) -> None:
     """A reset to where another guard takes it back: both fire at the instant, never in one jump."""
@@ -271,6 +280,7 @@ def test_names_that_are_too_few_are_refused() -> None:
     assert fault(Few()) == "but its function guard_names gives 2 names, but guards gives 3 numbers."
 
 
+@pytest.mark.slow
 def test_a_row_that_makes_too_many_steps_is_not_stalled() -> None:
     """Attempts come to their end where steps are cut short for ever, without a jump at one instant."""
 

@@ -77,6 +77,7 @@ def test_a_foot_at_its_anchor_oscillates_along_all_axes() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_compliant_foot_is_pushed_up_and_loses_energy() -> None:
     """The vertical motion in closed form while it is deep; friction against the slip, mu times the load."""
     ground = {"K": K, "D": D, "mu": 0.4, "v_slip": 1e-3}

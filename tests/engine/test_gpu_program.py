@@ -175,6 +175,7 @@ def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(card.last, cpu.last, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow("False")
 @pytest.mark.parametrize("contraction", [True, False])
 def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(3)
@@ -212,6 +213,7 @@ def test_constants_that_differ_between_rows(on_card: Any) -> None:
     assert np.any(alike.last[19] != mixed.last[19])
 
 
+@pytest.mark.slow
 def test_sweeps_that_vary_the_same_constants_share_a_kernel(
     on_card: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,6 +58,15 @@ METHODS = {
 }
 
 
+@pytest.mark.slow(
+    "propagator-kernel",
+    "propagator-xla",
+    "propagator6-xla",
+    "rk4-kernel",
+    "rk4-xla",
+    "tsit5-kernel",
+    "tsit5-xla",
+)
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str) -> None:
@@ -80,6 +89,7 @@ def test_a_peak_shorter_than_a_step_is_met_at_its_time(method: str, engine: str)
     assert numerics.dt > 3.0 * early.min()
 
 
+@pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_a_peak_that_stays_below_is_no_event_and_ends_the_search(engine: str) -> None:
     """At 1e-10 below the height the steps are halved some fifteen times, then they pass."""
@@ -95,6 +105,7 @@ def test_a_peak_that_stays_below_is_no_event_and_ends_the_search(engine: str) ->
     assert [Status(status).name for status in found.status] == ["time_limit"] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "propagator"])
 def test_derivatives_go_through_them(method: str) -> None:
     """A section map that meets a hidden peak has the flow's own derivative: the period does not change."""

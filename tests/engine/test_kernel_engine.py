@@ -63,6 +63,7 @@ def agree(kernel, xla, tolerance: float) -> None:
     np.testing.assert_allclose(kernel.samples, xla.samples, rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_settling_with_kernels_as_with_xla() -> None:
     kernel, xla = both(SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
     agree(kernel, xla, 1e-12)
@@ -83,6 +84,7 @@ def test_a_row_depends_on_itself_alone() -> None:
     np.testing.assert_array_equal(one.last[order], other.last)
 
 
+@pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["kernel", "xla"])
 def test_fewer_rows_than_devices(engine: str) -> None:
     options = {"numerics": NUMERICS, "engine": engine, "lanes": 4}
@@ -93,6 +95,7 @@ def test_fewer_rows_than_devices(engine: str) -> None:
     same(one, two)
 
 
+@pytest.mark.slow
 def test_rows_that_fail_harm_no_other() -> None:
     """A fall, a start that is no number, and one that diverges, among rows that are well."""
     launch = np.array([1.0, np.nan, 2.0, 1e200, 40.0, 0.5])
@@ -114,6 +117,7 @@ def test_rows_that_fail_harm_no_other() -> None:
     np.testing.assert_array_equal(kernel.last[well], alone.last)
 
 
+@pytest.mark.slow
 def test_traces_and_ramps() -> None:
     trace = TraceRecorder(Toy(), duration=5.0, every=0.05, after_cycles=1)
     kernel, xla = both(trace, {"launch_1": LAUNCH[:5]}, lanes=4)
@@ -133,6 +137,7 @@ def test_traces_and_ramps() -> None:
     agree(kernel, xla, 1e-9)
 
 
+@pytest.mark.slow
 def test_a_neuron_that_fires() -> None:
     model = Neuron()
     kernel, xla = both(
@@ -141,6 +146,7 @@ def test_a_neuron_that_fires() -> None:
     agree(kernel, xla, 1e-10)
 
 
+@pytest.mark.slow
 def test_single_precision() -> None:
     numerics = Numerics(dt=1e-2, precision="float32")
     kernel, xla = both(
@@ -150,6 +156,7 @@ def test_single_precision() -> None:
     np.testing.assert_allclose(kernel.last, xla.last, atol=1e-3)
 
 
+@pytest.mark.slow("propagator6-0.032")
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("propagator6", 32e-3)])
 def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
     """1e-9 over ten crossings is what is promised; rounding alone grows to some 1e-11 on the way."""
@@ -184,6 +191,7 @@ def test_lanes_run_in_vector_registers() -> None:
     assert re.search(rf"\tandq\t\$-{8 * cpu_program.TILE}, %rsp", assembly)
 
 
+@pytest.mark.slow
 def test_a_second_process_finds_the_kernel(kernels: Path) -> None:
     """Compiled once for the machine: the second process loads what the first has left."""
     script = (

@@ -40,6 +40,7 @@ def _compare(function: Callable[..., Any], args: tuple[Any, ...]) -> None:
         np.testing.assert_allclose(mine, theirs, rtol=near, atol=near / 100)
 
 
+@pytest.mark.slow("backward derivative")
 @pytest.mark.parametrize("name", CASES)
 def test_a_program_gives_what_jax_gives(name: str) -> None:
     _compare(*CASES[name])
@@ -138,6 +139,7 @@ _leaves = st.one_of(
 _inputs = st.lists(st.floats(-3, 3).map(lambda x: round(x, 3)), min_size=6, max_size=6)
 
 
+@pytest.mark.slow
 @hypothesis.settings(max_examples=60)
 @hypothesis.given(st.recursive(_leaves, _grown, max_leaves=12), _inputs)
 def test_random_programs_give_what_jax_gives(tree: Any, numbers: list[float]) -> None:

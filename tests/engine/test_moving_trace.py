@@ -24,6 +24,7 @@ def _table(tmp_path: Path, name: str, run: dict[str, Any]) -> Any:
     return gs.load(gs.run(job, tmp_path / name).path)
 
 
+@pytest.mark.slow
 def test_a_trace_moves_as_the_ramp_does(tmp_path: Path) -> None:
     ramp = _table(tmp_path, "ramp", {"kind": "ramp", **WAY})
     trace = _table(tmp_path, "trace", {"kind": "trace", "duration": 30, "every": 0.01, **WAY})

@@ -49,6 +49,7 @@ def test_tsitouras_coefficients_meet_the_order_conditions() -> None:
     assert abs(d @ c**4) > 1e-4, "the estimate sees errors of order 5"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_a_model_that_says_nothing_is_integrated_to_its_tolerance(engine: str) -> None:
     """A neuron that fires and a mass that bounces, both in closed form; tolerances 1e-8, 1e-10."""
@@ -73,6 +74,7 @@ def test_a_model_that_says_nothing_is_integrated_to_its_tolerance(engine: str) -
         np.testing.assert_allclose(t[row], bounce_times(launch, 2.0, 0.5, 0.5, 0.5, 12), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_errors_follow_the_tolerance() -> None:
     """A hundred times finer tolerances make errors far smaller, with more attempts."""
     v_0 = np.linspace(-0.9, 1.5, 16)
@@ -92,6 +94,7 @@ def test_errors_follow_the_tolerance() -> None:
     assert attempts[0] < attempts[1] < attempts[2]
 
 
+@pytest.mark.slow
 def test_the_chains_rates_bound_the_eigenvalues_of_every_mode() -> None:
     """Over masses, springs and grounds far from the paper's: never below, and within a third of them."""
     random = np.random.default_rng(0)
@@ -113,6 +116,7 @@ def test_the_chains_rates_bound_the_eigenvalues_of_every_mode() -> None:
         assert found > 0.66 * bound, given
 
 
+@pytest.mark.slow
 def test_eigenvalues_of_a_flow_are_found_by_its_flags() -> None:
     """The chain's flow, differentiated, has the eigenvalues of its matrices; the slowest limit follows."""
     model = Multilegged()
@@ -172,6 +176,7 @@ def test_a_ramp_has_the_step_of_its_whole_path() -> None:
     assert ramp == pytest.approx(least)
 
 
+@pytest.mark.slow("numerics0-sentences0")
 @pytest.mark.parametrize(
     ("numerics", "sentences"),
     [
@@ -229,6 +234,7 @@ def _growth(name: str, z: complex) -> complex:
     return total
 
 
+@pytest.mark.slow
 def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
     """In float32 an adaptive step cannot meet 1e-8: rows still come to their end."""
     numerics = Numerics(precision="float32", rtol=1e-5, atol=1e-6)
@@ -239,6 +245,7 @@ def test_float32_rows_are_not_given_tolerances_below_their_resolution() -> None:
     assert jax.config.jax_enable_x64
 
 
+@pytest.mark.slow
 def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
     """JAX counts its devices at its first computation, which is that of a job's steps."""
     (tmp_path / "job.yaml").write_text(

@@ -92,6 +92,7 @@ def _in_a_fork(call: Callable[[], object]) -> str:
     return said
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork:RuntimeWarning", "ignore:.*fork:DeprecationWarning")
 def test_a_fork_refuses_to_compute() -> None:
     jnp.zeros(1).block_until_ready()

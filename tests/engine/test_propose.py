@@ -151,6 +151,7 @@ def test_labels_do_not_depend_on_the_method() -> None:
     assert np.sum(gaits["propagator"] != gaits["rk4"]) <= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, method in METHODS.items() if method.step is not None])
 def test_derivatives_go_through_every_method(name: str) -> None:
     """Of a landing time over the launch speed u: 2 d/(w^2 d^2 + u^2), the toy's closed form."""

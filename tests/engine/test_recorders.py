@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from sweeping import run_rows
 from toy_model import Toy, bounce_times, launches
 
@@ -17,6 +18,7 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
 
 
+@pytest.mark.slow
 def test_trace_samples_stand_at_their_times() -> None:
     """Heights at given times, through bounces, against the closed form."""
     launch = 1.3
@@ -36,6 +38,7 @@ def test_trace_samples_stand_at_their_times() -> None:
     np.testing.assert_allclose(height, exact, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_trace_counts_from_the_crossing_that_it_waits_for() -> None:
     result = run_rows(Toy(), TraceRecorder(Toy(), duration=0.2, every=0.1, after_cycles=4), {"launch_1": 1.3})
     np.testing.assert_allclose(result.samples[:, 0], [0.0, 0.1, 0.2], atol=1e-12)
@@ -56,6 +59,7 @@ def test_a_hold_ends_on_time_at_its_last_crossing() -> None:
     assert np.all(result.labels["gait"] >= 0)
 
 
+@pytest.mark.slow
 def test_full_buffers_lose_no_crossing() -> None:
     """More crossings come between two visits of the host than a buffer holds: the row waits, none is lost."""
     count = 700
@@ -72,6 +76,7 @@ def test_full_buffers_lose_no_crossing() -> None:
         np.testing.assert_array_equal(crossing, np.arange(count + 1))
 
 
+@pytest.mark.slow
 def test_crossings_after_some_cycles() -> None:
     result = run_rows(Toy(), CrossingRecorder(Toy(), crossings=3, after_cycles=5), {"launch_1": 1.3})
     np.testing.assert_array_equal(result.samples[:, 0], [5, 6, 7, 8])
@@ -87,6 +92,7 @@ def test_path_of_a_ramp() -> None:
     np.testing.assert_array_equal(path.passes(t), [0, 0, 0, 1, 1, 1, 1])
 
 
+@pytest.mark.slow
 def test_a_slow_ramp_follows_the_fixed_point() -> None:
     """The launch speed follows kick/(1 - restitution) as the kick moves up and down; starts are forgotten."""
     model = Toy()

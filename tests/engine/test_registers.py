@@ -73,6 +73,7 @@ def test_fewer_registers_mean_more_loads() -> None:
     assert stores[0] == 0 < stores[1] < stores[2]
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Equal to the bit, also alone, with shorter vectors, and beside rows whose events come earlier."""
     model = Multilegged()
@@ -88,6 +89,7 @@ def test_rows_are_the_same_with_few_registers(monkeypatch: pytest.MonkeyPatch) -
     same(found[0], found[2])
 
 
+@pytest.mark.slow
 def test_rows_that_wait_alone_are_polled_as_beside_others() -> None:
     """With tsit5 every attempt may end a row, so that the reason to wait is there twice."""
     model = Multilegged()

@@ -32,6 +32,7 @@ def found(**changes: float) -> Found:
     return Found("complete", {**SOMEWHERE, **changes})
 
 
+@pytest.mark.slow
 def test_the_chain_with_numerics_left_out() -> None:
     """Parameters over the ranges of the guarantee; the location of events alone is left of the error."""
     verdicts, steps = compared(multilegged_sets.subject, sets=12, seed=1, crossings=2, workers=1)
@@ -51,6 +52,7 @@ GRAZING = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_touches_shorter_than_a_step_are_seen() -> None:
     """Steps of 18 to 35 ms meet touches of a few ms, as the reference does."""
     names = ("m_B", "kappa", "beta", "omega", "psi_1", "psi_2", "psi_3")
@@ -71,6 +73,7 @@ def stiffer(crossings: int) -> Subject:
     return dataclasses.replace(CHAIN, reference=reference)
 
 
+@pytest.mark.slow
 def test_other_physics_is_told() -> None:
     """A job whose springs differ from the reference's by 5 % does not pass for right."""
     verdicts, _ = compared(stiffer, sets=6, seed=1, crossings=2, workers=1)
@@ -78,6 +81,7 @@ def test_other_physics_is_told() -> None:
     assert not holds(verdicts)
 
 
+@pytest.mark.slow
 def test_the_planar_quadruped_with_numerics_left_out() -> None:
     """The same steps on MuJoCo's body: what is left is rounding."""
     verdicts, steps = compared(planar_quadruped_sets.subject, sets=5, seed=4, crossings=2, workers=1)

@@ -64,6 +64,7 @@ def settled(chain: BatchedReturnMap) -> Points:
     return points
 
 
+@pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ["xla", "kernel"])
 def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     """Two masses bounce, the section is mass 1's landing: all entries in closed form.
@@ -94,6 +95,7 @@ def test_saltation_of_a_bouncing_mass(engine: str) -> None:
     np.testing.assert_allclose(found.d_parameter[0, 2], 0.25 * 0.5 / w, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_fixed_point_of_a_bouncing_mass() -> None:
     """u* = kick/(1 - r), multiplier r, and zeros for what the landing forgets."""
     mapping = BatchedReturnMap(Toy(), numerics=Numerics(dt=1e-3))
@@ -106,6 +108,7 @@ def test_fixed_point_of_a_bouncing_mass() -> None:
     np.testing.assert_allclose(found_multipliers[:, 1:], 0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_stages_of_a_step_are_those_of_an_attempt() -> None:
     """Worked out one by one, a step of rk4 ends where the attempt as a whole does, events included."""
     model, numerics = Multilegged(), Numerics(dt=4e-3, method="rk4")
@@ -182,6 +185,7 @@ def test_place_and_read_are_each_others_inverse(chain: BatchedReturnMap, settled
         np.testing.assert_allclose(np.asarray(state.x), np.asarray(like.x), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_coordinates_of_the_quadruped_leave_out_where_it_stands() -> None:
     """46 numbers that another place and heading do not change, and from which the state follows."""
     model = WaistQuadruped()
@@ -221,6 +225,7 @@ def test_coordinates_of_the_quadruped_leave_out_where_it_stands() -> None:
     np.testing.assert_allclose(np.asarray(chart.read(params, away)), np.asarray(at), atol=1e-13)
 
 
+@pytest.mark.slow
 def test_multipliers_of_the_reduced_chain_are_the_theorys() -> None:
     """Eq. (22), (26): {1, 2/3, 2/3} of the direct and the retrograde gait, {1, 2/3, 1/2} of a source wave.
 
@@ -233,6 +238,7 @@ def test_multipliers_of_the_reduced_chain_are_the_theorys() -> None:
         np.testing.assert_allclose(np.poly(row), np.poly(theory), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_multipliers_of_the_chain_tend_to_the_theorys(chain: BatchedReturnMap) -> None:
     """The full model's small parameter is omega: at fixed E the slow multipliers tend to the reduced ones.
 

@@ -38,6 +38,7 @@ def found(run: Runner) -> Found:
     return run(Starts.of(Parameters(), true[:, 0]), CROSSINGS, 4e-3)
 
 
+@pytest.mark.slow("by_numba")
 @pytest.mark.parametrize("rival", ["by_numba", "by_c"])
 def test_crossings_agree_with_solve_ivp(rival: str, request: pytest.FixtureRequest) -> None:
     """1e-7 rad: RK4 with steps of 4 ms and located events comes to 1e-8; an event missed or late, to 1e-3."""
@@ -49,6 +50,7 @@ def test_crossings_agree_with_solve_ivp(rival: str, request: pytest.FixtureReque
     assert np.all((result.attempts > ATTEMPTS[0] * CROSSINGS) & (result.attempts < ATTEMPTS[1] * CROSSINGS))
 
 
+@pytest.mark.slow
 def test_both_make_the_same_attempts(by_numba: Found, by_c: Found) -> None:
     """One algorithm, twice: rounding may cost an attempt here and there, one in a thousand at most."""
     assert np.all(np.abs(by_numba.attempts / by_c.attempts - 1.0) < 1e-3)

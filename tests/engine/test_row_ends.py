@@ -113,6 +113,7 @@ def test_an_angle_that_turns_by_less_does_not_settle() -> None:
     assert names(found) == ["cycle_limit"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_time_of_settling_has_its_limit(engine: str) -> None:
     """Rows end at `max_time`, to the bit, unless they settle before it."""
@@ -142,6 +143,7 @@ def test_the_time_of_settling_has_its_limit(engine: str) -> None:
     assert free.t_end[0] > 11.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_number_of_cycles_has_its_limit(engine: str) -> None:
     found = run_rows(
@@ -175,6 +177,7 @@ RECORDERS = {
 }
 
 
+@pytest.mark.slow("crossings-kernel", "trace-kernel")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("kind", RECORDERS)
 def test_numbers_that_leave_all_bounds_end_a_row(kind: str, engine: str) -> None:
@@ -201,6 +204,7 @@ def test_divergence_is_told_from_far_to_near_the_bound(engine: str) -> None:
     assert np.all(found.labels["gait"][:2] >= 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_row_that_falls_keeps_what_it_had_before(engine: str) -> None:
     """The last crossing of a row that fell is one from before the fall, and no gait is read from it."""
@@ -219,6 +223,7 @@ def test_a_row_that_falls_keeps_what_it_had_before(engine: str) -> None:
     assert found.cycles[0] == len(mine) - 1 == 1
 
 
+@pytest.mark.slow("1-0-kernel", "101-0-kernel")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("count", "after"), [(1, 0), (BUFFER, 3), (3 * BUFFER + 5, 0)])
 def test_every_crossing_is_kept_once(count: int, after: int, engine: str) -> None:
@@ -240,6 +245,7 @@ def test_every_crossing_is_kept_once(count: int, after: int, engine: str) -> Non
         assert found.cycles[row] == after + count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_crossings_that_do_not_come_end_at_their_limit(engine: str) -> None:
     """`time_limit` at four nominal periods for each crossing asked for, those let pass and ten to spare."""
@@ -264,6 +270,7 @@ def test_crossings_that_do_not_come_end_at_their_limit(engine: str) -> None:
     assert (names(ramp), ramp.t_end[0]) == (["complete"], 9.0)
 
 
+@pytest.mark.slow("0.1-0-xla", "0.3-2-xla")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("every", "after"), [(0.1, 0), (0.3, 2)])
 def test_a_trace_has_all_of_its_samples(every: float, after: int, engine: str) -> None:
@@ -295,6 +302,7 @@ class Watched(Toy):
         return {"launch_1": state.speed[0]}
 
 
+@pytest.mark.slow("crossings", "settle")
 @pytest.mark.parametrize("kind", ["settle", "hold", "crossings"])
 def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
     """Not of the moment at which the row's time is over, in flight."""
@@ -311,6 +319,7 @@ def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
     np.testing.assert_allclose(found.last[0, 0], speeds[found.cycles[0]], atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", RECORDERS)
 def test_what_left_all_bounds_is_not_told_as_the_last_crossing(kind: str) -> None:
     """x grows by half each crossing: the last one told is below 1e9, or before the NaN beyond 1e3."""

@@ -46,6 +46,7 @@ def true_periods(r: np.ndarray, x: np.ndarray) -> np.ndarray:
     return period
 
 
+@pytest.mark.slow("xla")
 @pytest.mark.parametrize("engine", ENGINES)
 def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> None:
     """The cascade at 3, 3.4495, 3.5441, 3.5644 and the window of period 3 at 3.8284 (May 1976)."""
@@ -63,6 +64,7 @@ def test_orbits_of_the_logistic_map_settle_with_their_period(engine: str) -> Non
         assert p == 0 or abs(y - x[row]) < 1e-2 * (1.0 if p == 1 else p / 150)
 
 
+@pytest.mark.slow
 def test_no_period_is_found_that_is_not_there() -> None:
     """3 000 orbits, chaotic ones and slow ones near bifurcations among them, against 200 000 steps of NumPy.
 
@@ -78,6 +80,7 @@ def test_no_period_is_found_that_is_not_there() -> None:
         assert np.mean(found[there] == true[there]) > (0.88 if cycles == 150 else 0.97)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cycles", [150, 1000])
 def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
     """Turns near k/p of a circle, shorter by 1e-5 to .3 a step: every p-th point nearly comes back."""
@@ -99,6 +102,7 @@ def test_spirals_into_a_fixed_point_are_no_orbits(cycles: int) -> None:
     assert set(found.period.tolist()) == {0, 1}
 
 
+@pytest.mark.slow
 def test_observables_settle_by_their_own_size() -> None:
     """500 N, 1 N and 1e-3 N of the same row settle at the same crossing; the tolerance is a share of each."""
     starts, ends = {"x_0": [1.5, 2.0, 0.9]}, []
@@ -137,6 +141,7 @@ class Scaleless(Declining):
         return Quantity("x", "m/s", "x"), Quantity("y", "1", "y")
 
 
+@pytest.mark.slow
 def test_a_scale_of_the_models_own_counts_for_what_tends_to_0() -> None:
     starts, given = {"x_0": 2.0, "y_0": 1.0}, {"ratio": 0.9, "angle": 0.0}
     found = run_rows(Declining(), SettleRecorder(Declining()), starts, params=given, numerics=ONE)
@@ -157,6 +162,7 @@ class Shifted(Logistic):
         return {"x": state.x + self.zero, "y": state.y + self.zero}
 
 
+@pytest.mark.slow
 def test_the_zero_of_an_observable_does_not_matter() -> None:
     """Attractors some tenths wide: from 1000 on they are less than the tolerance of their magnitude."""
     r = [2.8, 3.2, 3.5, 3.83, 3.7, 3.9]
@@ -185,6 +191,7 @@ def test_a_row_that_starts_at_its_fixed_point_settles() -> None:
     assert found.cycles.tolist() == [11, 11, 11]
 
 
+@pytest.mark.slow("0.5")
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 def test_bounces_that_accumulate_never_settle(restitution: float) -> None:
     """The launch speed shrinks to nothing, as do the times between bounces; with a kick both have a limit."""
@@ -266,6 +273,7 @@ def test_what_is_at_rest_and_what_is_not() -> None:
     np.testing.assert_allclose(np.cos(table["theta_end"].to_numpy()[rests]), 1.0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_slowest_observable_is_named(engine: str) -> None:
     model = Logistic()
@@ -288,6 +296,7 @@ def job(**fields: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_the_table_of_orbits(tmp_path: Path) -> None:
     table = gs.run(gs.Job.model_validate(job()), tmp_path / "out").table
     assert table["attractor_period"].dtype == np.int8
@@ -321,6 +330,7 @@ def test_a_tolerance_of_what_is_not_observed_is_refused() -> None:
         gs.Job.model_validate(job(run={"kind": "settle", "tolerance": {}}))
 
 
+@pytest.mark.slow
 def test_names_that_a_tolerance_leaves_out_keep_the_default(tmp_path: Path) -> None:
     """.9^n (.9^-10 - 1) y < 10 tolerance: each observable waits for its own."""
 
@@ -337,6 +347,7 @@ def test_names_that_a_tolerance_leaves_out_keep_the_default(tmp_path: Path) -> N
     assert cycles({"y": 1e-4}) == cycles(1e-4) == cycles(1e-3) + round(np.log(0.1) / np.log(0.9))
 
 
+@pytest.mark.slow
 def test_a_row_of_period_1_ends_where_it_did(tmp_path: Path) -> None:
     """The rule for angles, written again in NumPy: |x_n - x_(n-j)| < 10 tolerance for j = 1 to 10."""
 

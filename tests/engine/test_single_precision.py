@@ -67,6 +67,7 @@ def test_mixed_precision_is_for_steps_of_fixed_length() -> None:
     assert "mixed" not in WaistQuadruped("mjx").precisions + Multilegged().precisions
 
 
+@pytest.mark.slow
 def test_a_foot_is_placed_to_single_precision() -> None:
     """A micrometre sunk into the ground is .04 N of some 6 N that a foot bears: feet are wanted to 1e-7 m."""
     model = WaistQuadruped()

@@ -52,6 +52,7 @@ def test_each_pass_has_equal_stairs_and_holds_its_turning_value_once() -> None:
     assert len(fine.value(jnp.arange(25.0))) == fine.count
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     values=st.lists(st.floats(-9, 9), min_size=2, max_size=4, unique=True),
@@ -99,6 +100,7 @@ def piecewise(launch: float, stairs: StepSchedule) -> np.ndarray:
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
     """The stiffness changes in mid-flight: the energy then depends on when it did, and on what it was."""
     stairs = StepSchedule((4.0, 9.0, 3.0), step=1.7, dwell=3.3, first_dwell=4.1)
@@ -121,6 +123,7 @@ def test_the_parameter_is_held_on_each_stair_with_both_engines() -> None:
         np.testing.assert_allclose(last, expected[:, 1], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_more_stairs_than_a_buffer_holds() -> None:
     """Each look finds another stair's end: the row waits until the host has read its buffer."""
     stairs = StepSchedule((1.0, 3.0), step=0.01, dwell=0.05)
@@ -130,6 +133,7 @@ def test_more_stairs_than_a_buffer_holds() -> None:
         np.testing.assert_array_equal(result.samples[result.owner == row, 0], np.arange(201))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crossings", [(9, 10), (10, 9)])
 def test_settled_takes_ten_crossings_of_its_own(crossings: tuple[int, int]) -> None:
     """Without restitution each launch is the kick, whatever the preload: only the crossings' number tells."""
@@ -145,6 +149,7 @@ def test_settled_takes_ten_crossings_of_its_own(crossings: tuple[int, int]) -> N
     assert result.samples[:, 3].tolist() == [n >= 10 for n in crossings]
 
 
+@pytest.mark.slow
 def test_an_observable_that_still_moves_is_not_settled() -> None:
     stairs = StepSchedule((0.5, 1.0, 0.5), step=0.25, dwell=25.0)
     slow = climb(stairs, "kick", {"launch_1": 0.5}, params={"restitution": 0.9})
@@ -152,6 +157,7 @@ def test_an_observable_that_still_moves_is_not_settled() -> None:
     assert climb(stairs, "kick", {"launch_1": 0.5}).samples[:, 3].tolist() == [1.0] * 5
 
 
+@pytest.mark.slow
 def test_what_a_new_value_fires_is_fired_at_the_change() -> None:
     """The threshold falls below the potential: the neuron fires there and then."""
     model, first = Neuron(), 21.85
@@ -225,6 +231,7 @@ class Turning(SteppedModel):
         return jnp.ones_like(params["rate"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dwell", [3.0, 2.6137, 0.004])
 def test_a_simulator_of_fixed_steps_changes_at_the_nearest_step_end(dwell: float) -> None:
     stairs, dt, model = StepSchedule((1.0, 2.0, 1.0), step=0.3, dwell=dwell), 0.01, Turning()

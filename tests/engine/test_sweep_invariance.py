@@ -24,6 +24,7 @@ def whole():
     return run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(block=st.integers(1, 30), devices=st.integers(1, 2))
 def test_blocks_refilling_and_devices(whole, block: int, devices: int) -> None:
@@ -48,6 +49,7 @@ def test_order_of_rows(whole) -> None:
     np.testing.assert_array_equal(whole.last[order], other.last)
 
 
+@pytest.mark.slow
 def test_multilegged_rows_over_blocks_and_devices() -> None:
     random = np.random.default_rng(5)
     starts = {f"psi_{i}": random.uniform(0, 2 * np.pi, 11) for i in (1, 2, 3)}

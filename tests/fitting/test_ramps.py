@@ -57,6 +57,7 @@ def transition(**fields: Any) -> dict[str, Any]:
     return {"kind": "transition", "run": RAMP, "gait": "right", "to": "left", "at": {"x_0": 1.0}, **fields}
 
 
+@pytest.mark.slow
 def test_a_ramp_leaves_a_gait_past_its_fold() -> None:
     """A search for a, by one transition and its mirror image, beside rows at rest.
 
@@ -145,6 +146,7 @@ def test_sets_without_the_transition_say_so() -> None:
     assert set(table["why"]) == {"down: no left after right"}
 
 
+@pytest.mark.slow
 def test_workers_of_a_client_measure_ramps_too(tmp_path: Path) -> None:
     """Rows whose conditions set different names go in several jobs."""
     distributed = pytest.importorskip("distributed")

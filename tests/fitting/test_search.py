@@ -203,6 +203,7 @@ def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
     assert verdicts == {"kick": "too few sets to say", "stiffness": "free"}
 
 
+@pytest.mark.slow
 def test_multipliers_and_points_of_the_return_map(tmp_path: Path) -> None:
     # launch speeds are u_n+1 = restitution u_n + kick: the multiplier is the restitution
     targets = {
@@ -265,6 +266,7 @@ def test_a_front_keeps_what_no_other_set_beats(tmp_path: Path) -> None:
     assert np.mean(beaten) < np.mean([(misses < each).all(axis=1).any() for each in misses[:80]])
 
 
+@pytest.mark.slow
 def test_structure_is_chosen_too(tmp_path: Path) -> None:
     free = {**TOY["search"]["free"], "N": {"choices": [1, 2]}}
     table = gs.search(job(free=free, method="sobol", budget=32, population=16), tmp_path / "out").table
@@ -531,6 +533,7 @@ def test_a_full_disk_loses_one_batch(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert_frame_equal(gs.search(asked, tmp_path / "parts").table, whole, check_exact=True)
 
 
+@pytest.mark.slow
 def test_the_shipped_search_asks_for_its_planted_constants() -> None:
     """What it wants is what the chain does at kappa = 100, beta = 0.8."""
     shipped = load_search(SWEEPS / "multilegged_search.yaml")
@@ -539,6 +542,7 @@ def test_the_shipped_search_asks_for_its_planted_constants() -> None:
         assert measured.values % (2 * np.pi) == pytest.approx(shipped.targets[name].aim.wanted[0], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_estimate_counts_sets_and_rows() -> None:
     needs = estimate_search(load_search(SWEEPS / "multilegged_search.yaml"))
     assert (needs.sets, needs.together, needs.rows_of_a_set) == (1280, 32, 2)
@@ -553,6 +557,7 @@ def test_a_search_has_no_axes_and_no_figures(tmp_path: Path) -> None:
         read_search({**TOY, "vary": {"mass": [1, 2]}}, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["cma", "nsga3"])
 def test_batches_side_by_side_learn_too(method: str, tmp_path: Path) -> None:
     asked = job(method=method, budget=400, population=20, start=40, side_by_side=4)
@@ -688,6 +693,7 @@ def test_the_shipped_phases_are_a_set_of_the_shipped_search() -> None:
         assert float(column[0]) == pytest.approx(shipped.get(name, 0), rel=1e-4), name
 
 
+@pytest.mark.slow
 def test_known_sets_are_measured_first(tmp_path: Path) -> None:
     """From a set near the planted one a strategy needs fewer sets than from Sobol points alone."""
     known = [{"kick": 0.79, "stiffness": 6.1}, {"kick": KICK}]

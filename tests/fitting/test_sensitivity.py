@@ -422,6 +422,7 @@ def test_effects_on_the_chains_lag_are_those_of_the_papers_formula() -> None:
     assert abs(mu["omega"]) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_fixed_point_is_an_output_too() -> None:
     """It takes no row of the run; the linear function there has its coefficients as effects."""
     found = gs.sensitivity(

@@ -593,6 +593,7 @@ FIELDS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @given(st.sampled_from(FIELDS), JUNK)
 def test_whatever_stands_in_a_field_is_read_or_refused(field: str, junk: Any) -> None:
     """No other exception ever leaves a job, in whichever field whatever is written."""

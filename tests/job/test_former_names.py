@@ -39,6 +39,7 @@ def test_a_former_name_is_refused_with_the_name_of_today(
     assert main(["check", str(file)]) == 2
 
 
+@pytest.mark.slow
 def test_a_directory_of_an_older_version_opens(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figures = [{"kind": "hysteresis", "y": "launch_1"}]
     run = {**STAIRS, "dwell": 8.0, "first_dwell": 9.0}

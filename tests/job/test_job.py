@@ -187,6 +187,7 @@ def test_lists_of_groups_multiply() -> None:
     assert [axis.length for axis in rows.axes] == [2, 3, 2]
 
 
+@pytest.mark.slow
 @given(st.floats(0.1, 10), st.floats(0.1, 10), st.integers(2, 40))
 def test_spread_axes_are_numpys(low: float, high: float, count: int) -> None:
     def points(axis: dict[str, Any]) -> np.ndarray:
@@ -203,6 +204,7 @@ def test_spread_axes_are_numpys(low: float, high: float, count: int) -> None:
     assert (ratios[0], ratios[-1]) == (low, high)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(["random", "sobol"]), st.integers(0, 1000), st.integers(1, 300))
 def test_drawn_points_fill_their_box(method: str, seed: int, count: int) -> None:
     of = {"mass": [1, 2], "preload": [3, 7]}
@@ -420,6 +422,7 @@ DECIDING = {
 }
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_hash_does_not_see_the_order_of_keys(data: st.DataObject) -> None:
     assert Job(**_shuffled(DECIDING, data)).hash() == Job(**DECIDING).hash()

@@ -19,6 +19,7 @@ from gaitsweep.job.vary import MOST_DRAWN
 HEAD = "name: a\nmodel: multilegged\nrun: {kind: settle}\nstart: {psi_1: 1, psi_2: 1, psi_3: 1}\n"
 
 
+@pytest.mark.slow
 def test_damaged_jobs_are_answered(tmp_path: Path) -> None:
     # the peak is that of the whole process, in which other tests have run
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
@@ -48,6 +49,7 @@ FLOODS = {
 }
 
 
+@pytest.mark.slow("axes", "expressions")
 @pytest.mark.parametrize("name", FLOODS)
 def test_floods_are_refused_soon(name: str, tmp_path: Path) -> None:
     path = tmp_path / "job.yaml"

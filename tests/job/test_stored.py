@@ -81,6 +81,7 @@ def test_no_code_in_a_result_directory_is_run(
         stored_job(attrs, trust=True)
 
 
+@pytest.mark.slow
 def test_the_papers_models_have_no_folder() -> None:
     table = gs.sweep(
         "multilegged", psi_1=[1.0], psi_2=1.0, psi_3=1.0, run=gs.FixedTime(duration=0.5), verify=0

@@ -71,6 +71,7 @@ def job(figures: list[dict[str, Any]] | None = None, **run: Any) -> Job:
     return Job(name="x", model="toy_model:Toy", vary=vary, run=run, verify=2, figures=figures or [])  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("registered")
 def test_a_kind_and_a_figure_from_outside_run(tmp_path: Path) -> None:
     figures = [{"kind": "times", "y": "twice"}, {"kind": "cycles", "y": ["launch_1"]}]

@@ -116,6 +116,7 @@ def test_models_are_values(model: Model) -> None:
         model.anything = 1  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow("multilegged", "multilegged_reduced", "planar_quadruped", "waist_quadruped")
 def test_functions_give_what_they_promise(model: Model) -> None:
     params, state = begun(model)
     observed = model.observe(params, state)
@@ -132,6 +133,7 @@ def test_functions_give_what_they_promise(model: Model) -> None:
     assert float(model.period(params)) > 0.0
 
 
+@pytest.mark.slow("multilegged", "planar_quadruped", "waist_quadruped")
 def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
     """`flow` gives rates of the state's fields; `jump` keeps shapes, types and, without events, values."""
     params, state = begun(model)
@@ -158,6 +160,7 @@ def test_dynamics_keep_shapes_and_modes(model: Model) -> None:
     assert not bool(model.section(params, state, jnp.zeros(guards.shape, bool)))
 
 
+@pytest.mark.slow("planar_quadruped", "waist_quadruped")
 def test_functions_are_pure_and_batchable(model: Model) -> None:
     """Under jit and vmap they give what they give alone: no Python branch on a value, no hidden state."""
     params, state = begun(model)

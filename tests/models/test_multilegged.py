@@ -26,6 +26,7 @@ from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
 
 # The page allows grazing starts to differ: 95 % of the random starts of each set within 1e-6. The starts of
 # `wraps` are no random ones, but those whose legs 1 to 3 swing together: 1e-5, and every wrap found.
+@pytest.mark.slow("clamp", "legs10", "legs5", "wraps")
 @pytest.mark.parametrize("name", ["base", "clamp", "legs5", "legs10", "masses", "beta", "kappa", "wraps"])
 def test_crossings_agree_with_solve_ivp(name: str) -> None:
     """Times, psi and landings of the first crossings against DOP853 with terminal events, rtol 1e-11."""
@@ -54,6 +55,7 @@ TIED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TIED)
 def test_legs_in_phase_are_the_limit_of_legs_that_are_nearly_so(case: str) -> None:
     """Legs 1 and 4 in phase have all events together. SciPy's solver gets them 1e-7 rad apart, one by one.
@@ -78,6 +80,7 @@ def test_legs_in_phase_are_the_limit_of_legs_that_are_nearly_so(case: str) -> No
             assert abs(got[1] - crossing.t) < 1e-6
 
 
+@pytest.mark.slow("point0-direct-end0")
 @pytest.mark.parametrize(
     ("point", "gait", "end"),
     [
@@ -127,6 +130,7 @@ def test_labels_agree_with_the_exact_propagator() -> None:
     assert np.quantile(wrapped(result.last[:, :3] - np.asarray(ends)).max(axis=1), 0.95) < 0.03
 
 
+@pytest.mark.slow
 def test_traces_agree_with_solve_ivp() -> None:
     """Heights, phases and contacts at 50 times of three starts; x to 2e-7 m, phi to 1e-7 rad."""
     table = pd.read_csv(FILE.with_name("multilegged_traces.csv"), comment="#")
@@ -167,6 +171,7 @@ REVERSED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", REVERSED)
 def test_reversing_the_legs_reverses_the_motion(case: str) -> None:
     """Leg i of one chain does what leg N + 2 - i of the reversed one does: direct is retrograde reversed."""
@@ -208,6 +213,7 @@ def test_reversing_the_legs_reverses_the_motion(case: str) -> None:
     np.testing.assert_allclose(forth[:, 5:9], back[:, 8:4:-1], rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_starts_are_angles() -> None:
     """Whole turns added to the start's relative phases change nothing but rounding."""
     model = Multilegged()

@@ -101,6 +101,7 @@ def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, j
     return jax.lax.map(change, rules), hold, direct.landing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("N", [3, 4])
 def test_waves_are_motions_of_the_chain_where_their_conditions_hold(N: int) -> None:
     """Fixed points of the map of the reduced chain, or not, in every one of 400 chains."""
@@ -132,6 +133,7 @@ HEAVY = 1.1
 GROUPS = ((36.0, 100.0, 80.0, 40.0 / 1.5), (0.4, 0.4, 0.5, 1.5))  # kappa, N/m; a, m
 
 
+@pytest.mark.slow
 def test_above_m_a_leg_is_in_the_air_when_its_neighbour_touches(settled: tuple) -> None:
     """Heavier ends than inner legs, N = 3: the waves in a soft chain; in a stiff one legs 2 and 3 follow one
     another by (2 m - m_B) b instead of 2 (1-beta) pi - (3 m_B - m) b, and are called none."""
@@ -155,6 +157,7 @@ def test_above_m_a_leg_is_in_the_air_when_its_neighbour_touches(settled: tuple) 
     assert np.mean(away["stiff"][:, 2] < 1e-4) > 0.35
 
 
+@pytest.mark.slow
 def test_amplitudes_beyond_the_legs_length_change_nothing(settled: tuple) -> None:
     """No equation knows a < L: phases depend on kappa a alone, at half the length as at one and a half."""
     (*_, short, too_short), psi, gaits = settled

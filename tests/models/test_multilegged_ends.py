@@ -66,6 +66,7 @@ def _chains(n: int) -> st.SearchStrategy:
     return st.tuples(lists(0.5, 1.5, n), lists(0.05, 3.0, n), lists(20.0, 2000.0, n - 1))
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.sampled_from([2, 3, 5, 8]).flatmap(_chains))
 def test_the_chain_at_rest_with_a_spring_for_each_pair(case: tuple[list[float], ...]) -> None:
@@ -89,6 +90,7 @@ def test_the_chain_at_rest_with_a_spring_for_each_pair(case: tuple[list[float], 
     assert (found[x - legs > 1e-10] < 0.0).all()
 
 
+@pytest.mark.slow
 def test_E_drifts_by_what_the_ends_reset() -> None:
     """Eqs. (31), (32) with an own spring and amplitude of each end, while their neighbours stand."""
     model, chains, n = MultileggedReduced(), (SOFT_TAIL, SHORT_HEAD, UNLIKE, MATCHED), 24
@@ -105,6 +107,7 @@ def test_E_drifts_by_what_the_ends_reset() -> None:
         assert np.mean(np.abs(found - by_hand) < 1e-12) > 0.8
 
 
+@pytest.mark.slow("chain1-5", "chain2-4")
 @pytest.mark.parametrize(("chain", "N"), [(MATCHED, 3), (MATCHED, 5), (UNLIKE._replace(a_end=0.5), 4)])
 def test_ends_that_touch_alike_keep_the_lines_of_solutions(chain: Chain, N: int) -> None:
     """The lags of eq. (12) beside the ends; against touchdowns searched for in the obstacle problem."""
@@ -118,6 +121,7 @@ def test_ends_that_touch_alike_keep_the_lines_of_solutions(chain: Chain, N: int)
             assert np.abs(wrapped(after - psi)).max() < 1e-12, branch
 
 
+@pytest.mark.slow
 def test_the_linear_map_knows_the_ends() -> None:
     """Product of touchdowns against differences of the searched map, which is linear between jumps."""
     step, rules = 1e-4, lag_rules(3, MATCHED)

@@ -28,6 +28,7 @@ labels = jax.jit(jax.vmap(lambda psi: classify(psi.shape[0], psi)))
 away = jax.jit(lambda psi: distances(3, Chain(), psi))
 
 
+@pytest.mark.slow
 def test_known_points_of_the_full_model_take_their_gait() -> None:
     a, b, c = [1.1301, 0.9842, 1.4960], [3.959, 5.300, 5.291], [1.130, 1.102, 5.282]
     psi = [a, b, c, [5.209, 0.0, 1.074], [3.0, 3.0, 3.0]]
@@ -69,6 +70,7 @@ def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
 angles = st.lists(st.floats(0, TURN), min_size=3, max_size=3)
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(angles, st.lists(st.integers(-2, 2), min_size=3, max_size=3))
 def test_labels_do_not_change_with_whole_turns(psi: list[float], turns: list[int]) -> None:
@@ -92,6 +94,7 @@ def test_distances_are_those_from_densely_sampled_sets(psi: list[float]) -> None
     assert (exact > nearest - 6e-3)[near].all()  # half the distance between samples
 
 
+@pytest.mark.slow
 def test_unequal_ends_keep_their_end_points_gait() -> None:
     tail = {"m_1": 0.6, "m_end": 0.95}
     psi = solution_set(3, Branch("B", 2), Chain(**tail), section=1)[-1]
@@ -103,6 +106,7 @@ def test_unequal_ends_keep_their_end_points_gait() -> None:
     assert (GAITS[int(gait)], float(distance) < 1e-9) == ("direct", True)
 
 
+@pytest.mark.slow
 def test_rows_may_differ_in_every_parameter() -> None:
     chains = (Chain(), Chain(beta=0.72, kappa=140.0, m=1.1, m_1=0.8, m_end=0.8, a=0.35, g=9.81))
     psi = jnp.stack([solution_set(4, Branch("B", 3), chain, section=1)[20] for chain in chains])

@@ -58,6 +58,7 @@ def profile(N: int, seed: int = 3) -> tuple[Chain, dict[str, float]]:
     return chain, values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Multilegged, MultileggedReduced])
 def test_equal_values_are_no_profile(kind: type[Multilegged]) -> None:
     """The very numbers: starts, crossings and labels."""
@@ -73,6 +74,7 @@ def test_equal_values_are_no_profile(kind: type[Multilegged]) -> None:
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("N", [3, 6])
 def test_solutions_of_a_profile_are_fixed_points_of_the_reduced_chain(N: int) -> None:
     """Where its conditions hold: neither the model nor its obstacle problem knows eqs. (12) to (20)."""
@@ -105,6 +107,7 @@ def test_solutions_of_a_profile_are_fixed_points_of_the_reduced_chain(N: int) ->
         assert np.abs(jacobians[row, 1] - expected).max() < 1e-9, branch
 
 
+@pytest.mark.slow("6")
 @pytest.mark.parametrize("N", [3, 6])
 def test_every_point_of_a_profiles_set_takes_the_sets_label(N: int) -> None:
     chain, _ = profile(N)
@@ -116,6 +119,7 @@ def test_every_point_of_a_profiles_set_takes_the_sets_label(N: int) -> None:
     assert np.array_equal(np.asarray(k), np.broadcast_to(np.array(own)[:, None], k.shape))
 
 
+@pytest.mark.slow
 def test_the_full_model_settles_on_the_profiles_solutions() -> None:
     """Nearer to them than to those of equal legs, and within the .11 rad of sec. 3.6."""
     N = 5
@@ -134,6 +138,7 @@ def test_the_full_model_settles_on_the_profiles_solutions() -> None:
     assert np.median(even) > 1.5 * np.median(run.labels["distance"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Multilegged, MultileggedReduced])
 def test_kernels_and_xla_agree(kind: type[Multilegged]) -> None:
     _, values = profile(4)
@@ -147,6 +152,7 @@ def test_kernels_and_xla_agree(kind: type[Multilegged]) -> None:
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_no_profile_of_the_inner_legs_moves_the_source() -> None:
     """E is kept to rounding wherever the source is; the leg with the largest own reset is an end."""
     N = 7
@@ -165,6 +171,7 @@ def test_no_profile_of_the_inner_legs_moves_the_source() -> None:
     assert np.abs(wrapped(E[:, 1:] - E[:, :1])).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_a_heavy_inner_leg_takes_the_source_away() -> None:
     """Its own reset exceeds the ends': both waves run to it, and nothing is free any more."""
     N, heavy = 4, 2
@@ -179,6 +186,7 @@ def test_a_heavy_inner_leg_takes_the_source_away() -> None:
     assert np.ptp(psi, axis=0).max() < 1e-6  # one state from all starts
 
 
+@pytest.mark.slow
 def test_the_grounds_compliance_breaks_the_tie() -> None:
     """On a soft ground the full model drifts by what the ends' neighbours sink, wherever the source is."""
     N, K = 5, 1.0e4

@@ -77,6 +77,7 @@ legs = st.sampled_from([2, 3, 5, 9]).flatmap(
 balanced, solved = jax.jit(balance), jax.jit(obstacle_problem)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(legs)
 def test_balance_is_the_load_with_a_sign(case: tuple[list[float], list[float], float]) -> None:
@@ -90,6 +91,7 @@ def test_balance_is_the_load_with_a_sign(case: tuple[list[float], list[float], f
     assert np.abs(found - back).max() < 1e-12 * scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("N", [3, 5])
 def test_a_cycle_is_that_of_the_obstacle_problem(N: int) -> None:
     """Against touchdowns searched for in the obstacle problem, which knows neither secants nor balances.
@@ -104,18 +106,21 @@ def test_a_cycle_is_that_of_the_obstacle_problem(N: int) -> None:
     assert np.mean(apart < 1e-11) >= 0.9, np.sort(apart)[-6:]
 
 
+@pytest.mark.slow
 def test_located_events_have_the_same_fixed_points() -> None:
     psi = np.asarray(solution_sets(3, samples=8, section=1))[:, 1:-1].reshape(-1, 3)
     after = jax.jit(jax.vmap(cycle(3, LOCATED)))(psi)
     assert np.abs(wrapped(after - psi)).max() < 5e-12  # events are located to 1e-12 s
 
 
+@pytest.mark.slow
 def test_the_locked_state_stays() -> None:
     psi = np.asarray(locked_state(Chain()))[None]
     state = run_rows(MultileggedReduced(), SettleRecorder(MultileggedReduced()), columns(psi), numerics=STEPS)
     assert GAITS[state.labels["gait"][0]] == "locked"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("N", LEGS)
 def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> None:
     """The map is linear between jumps, so central differences are right to rounding over the step, 1e-11."""
@@ -138,6 +143,7 @@ def test_analytic_solutions_are_fixed_points_with_their_multipliers(N: int) -> N
             assert np.abs(characteristic_polynomial(found) - np.poly(multipliers(N, branch))).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_derivatives_through_located_events_are_those_of_the_theory() -> None:
     jacobian = jax.jit(jax.jacfwd(cycle(3, LOCATED)))
     rules = lag_rules(3, Chain())
@@ -170,6 +176,7 @@ def test_engines_and_methods_give_the_same_ends() -> None:
     assert set(ends[0].labels["gait"]) == {0, 1, 2}
 
 
+@pytest.mark.slow
 def test_the_conserved_quantity_and_its_drift() -> None:
     """E stands still in a symmetric chain, and moves by (m_end - m_1) b a cycle in others; eqs. (29)-(32)."""
     model, tail = MultileggedReduced(), Chain(m_1=0.8, m_end=0.95)
@@ -238,6 +245,7 @@ def test_the_sections_coordinates_put_a_state_back() -> None:
         np.testing.assert_allclose(np.asarray(back.phi), np.asarray(state.phi), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_no_touchdown_outside_the_conditions() -> None:
     model = MultileggedReduced()
     run = run_rows(model, SettleRecorder(model), columns(starts(4)), params={"a": 0.05}, numerics=STEPS)

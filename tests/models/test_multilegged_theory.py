@@ -49,6 +49,7 @@ def own_legs(N: int) -> np.ndarray:
     return np.array([branch.k for branch in branches(N)])
 
 
+@pytest.mark.slow("4-table 1", "6-table 1", "9-other", "9-table 1")
 @pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
 @pytest.mark.parametrize("N", LEGS)
 def test_solutions_on_section_1_are_fixed_points_of_the_reduced_map(N: int, chain: Chain) -> None:
@@ -125,6 +126,7 @@ def test_order_sets_come_into_play_for_more_legs() -> None:
     assert np.ptp(psi[:, 2]) < 1e-12
 
 
+@pytest.mark.slow("9")
 @pytest.mark.parametrize("N", LEGS)
 def test_transport_between_sections_is_exact_and_undone_by_going_back(N: int) -> None:
     circle = touchdown_phase(TABLE_1)
@@ -148,6 +150,7 @@ def test_numbers_of_the_models_page() -> None:
     assert float(wavelength(OTHER)) == pytest.approx(equation_27, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("N", [3, 6])
 def test_pieces_are_the_whole_of_the_sets_and_join_but_for_resets(N: int) -> None:
     lines = segments(N)
@@ -190,6 +193,7 @@ def test_a_boundary_leg_outside_the_chain_is_refused(branch: Branch) -> None:
         branches(1)
 
 
+@pytest.mark.slow("9-table 1")
 @pytest.mark.parametrize("chain", [TABLE_1, OTHER], ids=["table 1", "other"])
 @pytest.mark.parametrize("N", LEGS)
 def test_multipliers_are_the_papers(N: int, chain: Chain) -> None:
@@ -229,6 +233,7 @@ def test_orders_of_touchdown_are_those_of_the_figure(N: int) -> None:
     assert touchdown_order(9, Branch("B", 2), 4.0)[:5] == (2, 9, 3, 10, 4)
 
 
+@pytest.mark.slow("3", "6", "9")
 @pytest.mark.parametrize("N", LEGS)
 def test_sets_jump_by_the_resets_phase_where_the_order_changes(N: int) -> None:
     """Fig. 11: each jump is m_B b, up in one relative phase of the leg that passes and down in the other."""
@@ -257,6 +262,7 @@ def test_early_legs_are_those_that_jumped() -> None:
     assert order_sets(9, Branch("B", 2), 4.0)[1] == {9}
 
 
+@pytest.mark.slow
 def test_the_conserved_quantity() -> None:
     """Eqs. (29)-(32): E tells the solutions of the line apart, and drifts where head and tail differ."""
     psi = np.asarray(solution_sets(3, samples=33, section=2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
@@ -22,6 +23,7 @@ def _cases(n: int) -> st.SearchStrategy[Case]:
     return st.tuples(*(st.lists(one, min_size=n, max_size=n) for one in (lengths, masses)), stiffness)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(st.integers(2, 13).flatmap(_cases))
 def test_obstacle_problem_is_the_least_height_above_the_legs(case: Case) -> None:

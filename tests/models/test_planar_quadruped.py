@@ -161,6 +161,7 @@ def test_the_ends_of_the_path_move_what_lies_between(sigma: float) -> None:
     assert found["s"] == pytest.approx(np.interp(sigma, at, [1.18, 1.71, 1.40]), rel=1e-12)
 
 
+@pytest.mark.slow("0")
 @pytest.mark.parametrize("row", [0, 1])
 def test_the_tree_follows_mujoco_c_under_the_same_forces(traces: list[pd.DataFrame], row: int) -> None:
     """Network, motors, body and feet in the kernel, against dense linear algebra on MuJoCo's matrices."""
@@ -177,6 +178,7 @@ def test_the_tree_follows_mujoco_c_under_the_same_forces(traces: list[pd.DataFra
     assert wanted["load"].max() > 50.0
 
 
+@pytest.mark.slow("0")
 @pytest.mark.parametrize("row", [0, 1])
 def test_crossings_tell_what_a_trace_shows(
     traces: list[pd.DataFrame], crossings: pd.DataFrame, row: int

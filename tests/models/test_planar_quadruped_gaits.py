@@ -59,6 +59,7 @@ def fed_back() -> pd.DataFrame:
     return gaits([0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 0.95, 1.0], [20, 21])
 
 
+@pytest.mark.slow
 def test_walk_trot_canter_gallop_in_the_papers_order_of_speed(fed_back: pd.DataFrame) -> None:
     named = {sigma: set(part["gait"]) for sigma, part in fed_back.groupby("sigma")}
     for sigma in (0.0, 0.2, 0.4):

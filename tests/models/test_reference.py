@@ -104,6 +104,7 @@ def test_clamped_ground_never_pulls() -> None:
     assert pulls[1] >= -1e-6
 
 
+@pytest.mark.slow
 def test_crossings_file_is_whole_and_what_the_propagator_gives() -> None:
     table = rows("multilegged_crossings.csv")
     for chosen in CROSSING_SETS:

@@ -49,6 +49,7 @@ def gaits() -> dict[tuple[float, float], np.ndarray]:
     return dict(zip(pairs, crossings(starts, params={"f": f})[:, -1], strict=True))
 
 
+@pytest.mark.slow("2.0-2.2-2.87")
 @pytest.mark.parametrize(
     ("f", "start", "delta_13"),
     [
@@ -73,6 +74,7 @@ def test_it_walks_as_fast_as_the_paper_says(gaits) -> None:
     np.testing.assert_allclose(last[:, 4], 0.4, atol=0.002)
 
 
+@pytest.mark.slow
 def test_gaits_are_labelled_and_rows_settle() -> None:
     recorder = SettleRecorder(MODEL, max_cycles=200, tolerance=1e-3)
     starts = {"delta_13": np.array([2.2, 3.0])}
@@ -81,6 +83,7 @@ def test_gaits_are_labelled_and_rows_settle() -> None:
     np.testing.assert_array_equal(result.status, Status.settled)
 
 
+@pytest.mark.slow
 def test_no_row_settles_while_its_start_holds_it() -> None:
     """At beta = .6 a start at 2.0 stands still until it is let go of, and then leaves for a pace."""
     recorder = SettleRecorder(MODEL, max_cycles=200, tolerance=1e-3)
@@ -187,6 +190,7 @@ def test_the_ground_holds_a_foot_by_a_spring_and_a_damper() -> None:
     assert not np.any(anchored_force(at, speed, anchor, jnp.asarray(False), *ground))
 
 
+@pytest.mark.slow
 def test_the_foots_path_has_no_steps_in_it() -> None:
     """From segment to segment it goes on where it was; a swing begins at rest on its path."""
     path = FootPath(*(jnp.asarray(v) for v in (0.5 * math.pi, -0.0008, 0.056, 0.133, 0.0393, 0.009, 1.0)))

@@ -116,6 +116,7 @@ def test_masses_that_vary_from_row_to_row() -> None:
     assert np.ptp(tree.last[:, 0]) > 1e-3  # the rows do differ
 
 
+@pytest.mark.slow
 def test_a_mass_that_moves_while_a_row_runs_becomes_nan_instead_of_stale() -> None:
     model = WaistQuadruped("mjx")
     columns = model.on_host(complete(model, {}, 1))

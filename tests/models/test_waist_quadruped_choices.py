@@ -310,6 +310,7 @@ def test_a_foot_that_is_pulled_down_has_no_friction() -> None:
     assert all(force.force[2] < 0.0 for force in forces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("push", [2.0, 18.0])
 def test_a_block_slips_where_it_is_pushed_by_more_than_its_friction(push: float) -> None:
     """Coulomb's law for a mass on a foot with 5 N of load and mu = 1, by SciPy's integrator."""
@@ -429,6 +430,7 @@ def test_hips_of_mjx_are_at_the_same_places(heights: dict[str, float]) -> None:
     np.testing.assert_allclose(found.v, wanted.v, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_heights_of_a_level_body_change_nothing() -> None:
     """Default heights are those of the level body: the same landings, but for rounding."""
     level, given = (observed(kind, QUICK, 3, STEPS) for kind in (MODEL, HIGH))

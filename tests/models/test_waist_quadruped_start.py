@@ -69,6 +69,7 @@ def in_steps(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
     return left(end), end.held
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("found", "dt", "order"), [(located, [1e-3, 5e-4], 4), (in_steps, [5e-4, 2.5e-4], 1)]
 )

@@ -70,6 +70,7 @@ def test_the_shock_is_drawn_as_it_is_measured() -> None:
     assert "smallest" in figure.axes[-1].get_ylabel()
 
 
+@pytest.mark.slow("shock")
 @pytest.mark.parametrize("kind", ["basin_measures", "shock"])
 def test_poor_tables(kind: str) -> None:
     named = {"x": "psi_1", "y": "psi_2"} if kind == "shock" else {"axes": ["psi_1", "psi_2"]}
@@ -122,6 +123,7 @@ def test_a_job_is_told_of_several_rows_in_a_logarithmic_cell() -> None:
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_jobs_ask_for_them(tmp_path: Path) -> None:
     angle = {"linspace": [0, TURN, 12], "at": "centre"}
     given = {

@@ -106,6 +106,7 @@ def test_the_example_is_the_one_farthest_from_other_gaits() -> None:
     assert "2.00 m/s" in words
 
 
+@pytest.mark.slow
 def test_series() -> None:
     table = traces(["trot", "L-walk"])
     figure = plot.draw("gait_series", table, loads=True, window=[0.0, 1.5])

@@ -211,6 +211,7 @@ def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
     assert faces[(0.1, 0.9)] != "white"
 
 
+@pytest.mark.slow
 def test_cells_that_are_not_there_stay_white_at_their_own_size() -> None:
     """Two of five columns are missing in one panel, and one row in all: their neighbours do not grow."""
     table = settle_table(5)

@@ -92,6 +92,7 @@ def test_movies_stand_with_the_figures_and_follow_the_cycle(chain: Path, capsys:
     assert movie.usual_speed(1.6) == 1.0
 
 
+@pytest.mark.slow
 def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: Path, capsys: Capture) -> None:
     for directory in (quadruped, chain):
         assert main(["animate", str(directory), "--still", "0.1", "--size", "801x301", *LINES]) == 0
@@ -196,6 +197,7 @@ def test_an_mp4_goes_through_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: py
     assert int(out.read_text()) == 5 * 320 * 180 * 3
 
 
+@pytest.mark.slow
 def test_mujoco_renders_where_there_is_opengl(quadruped: Path, tmp_path: Path) -> None:
     out = tmp_path / "trot.gif"
     options = {"seconds": 0.05, "fps": 10.0, "size": (320, 240)}

@@ -28,6 +28,7 @@ def job(**changes) -> Job:
     return Job(**{**fields, **changes})
 
 
+@pytest.mark.slow
 def test_table_of_branches(tmp_path: Path) -> None:
     """The toy's launch speed u* = kick/(1 - r), kick = w/4 of the stiffness w^2, with multiplier r."""
     table = gs.load(gs.run(job(), out=tmp_path).path)
@@ -64,6 +65,7 @@ def test_where_branches_begin_is_compared_with_the_stored_points(
     assert (found["stored_differs"], found["status_differs"], found["verdict"]) == (1, 0, "warned")
 
 
+@pytest.mark.slow
 def test_blocks_without_a_fixed_point() -> None:
     """A block in which no row has one fits to a block whose row does; Newton fails from x = 1e4."""
     run = gs.Continuation(parameter="r", path=[-0.3, -0.2], settle=5, longest=0.5, step=0.5)

@@ -32,6 +32,7 @@ KINDS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow("continuation", "ramp", "return map", "staircase", "trace that moves", "trace")
 @pytest.mark.parametrize("name", KINDS)
 def test_records_and_disk_within_a_factor_of_three(name: str, tmp_path: Path) -> None:
     run, vary = KINDS[name]

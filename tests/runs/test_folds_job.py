@@ -34,6 +34,7 @@ def job(**changes: Any) -> Job:
     return Job(**{**fields, **changes})
 
 
+@pytest.mark.slow
 def test_both_folds_and_their_cusp(tmp_path: Path) -> None:
     """27 r^2 = 4 a^3, x^2 = a/3, and a cusp at 0; to what Newton leaves, as the equilibria are exact."""
     asked = job()
@@ -61,6 +62,7 @@ def test_both_folds_and_their_cusp(tmp_path: Path) -> None:
     assert_frame_equal(gs.load(gs.run(job(), out=tmp_path).path), table, check_exact=True)
 
 
+@pytest.mark.slow
 def test_no_fold_and_no_fixed_point(tmp_path: Path) -> None:
     table = gs.run(job(vary={"a": [-0.2], "x_0": [0.5, 1e4]}), out=tmp_path).table
     assert table["status"].tolist() == ["complete", "no_fixed_point"]

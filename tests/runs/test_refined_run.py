@@ -51,6 +51,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return gs.run(job(), tmp_path_factory.mktemp("refined") / "out").path
 
 
+@pytest.mark.slow
 def test_the_picture_is_that_of_the_full_grid(full: pd.DataFrame, whole: Path) -> None:
     """Every label is the full grid's and the closed form's; simulated rows are equal to the last bit."""
     table = gs.load(whole)
@@ -85,6 +86,7 @@ def test_counts_add_up_and_figures_and_report_are_made(whole: Path) -> None:
     assert before == {path: path.stat().st_mtime_ns for path in whole.rglob("*.parquet")}
 
 
+@pytest.mark.slow
 def test_stopped_after_any_part_it_goes_on_to_the_same_table(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -128,6 +130,7 @@ def test_parts_that_are_lost_or_damaged_are_made_again(whole: Path, tmp_path: Pa
     pd.testing.assert_frame_equal(gs.load(out), expected, check_exact=True)
 
 
+@pytest.mark.slow("engine1")
 @pytest.mark.parametrize("engine", [{"devices": 1}, {"block": 70}])
 def test_neither_devices_nor_blocks_count(whole: Path, tmp_path: Path, engine: dict) -> None:
     other = job(engine={**job().engine.model_dump(), **engine})
@@ -137,6 +140,7 @@ def test_neither_devices_nor_blocks_count(whole: Path, tmp_path: Path, engine: d
     np.testing.assert_allclose(table["away"], gs.load(whole)["away"], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_rows_that_fall_lend_nothing(tmp_path: Path) -> None:
     """All that falls is simulated, and so is the edge of where it does."""
     fallen = job(params={"cliff": 0.5}, vary={**job().vary, "shift": [0.3]})

@@ -99,6 +99,7 @@ def test_a_whole_run_and_a_share_exclude_each_other(
     whole.release()
 
 
+@pytest.mark.slow
 def test_one_of_two_processes_completes_the_table(tmp_path: Path) -> None:
     file = tmp_path / "hops.yaml"
     file.write_text(JOB)

@@ -67,6 +67,7 @@ def finish(job_file: Path, out: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_run_goes_on_and_gives_the_same_table(
     job_file: Path, tmp_path: Path, sent: signal.Signals
@@ -91,6 +92,7 @@ def test_a_stopped_run_goes_on_and_gives_the_same_table(
     assert not [path for path in out.rglob(".*") if path.name != ".lock"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "run",
     [
@@ -139,6 +141,7 @@ def test_finished_rows_of_a_block_of_all_rows_are_kept(
     assert not list(out.glob("table/open-*"))
 
 
+@pytest.mark.slow
 def test_a_run_killed_after_its_last_part_is_completed(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -205,6 +208,7 @@ def test_the_table_is_right(job_file: Path, tmp_path: Path) -> None:
     assert set(table["gait"]) == {"hop"}
 
 
+@pytest.mark.slow
 def test_ramp_and_return_map_tables(job_file: Path, tmp_path: Path) -> None:
     """Crossing tables carry crossing, time and pass; a formula that uses a moving parameter moves with it."""
     few = "vary.launch_1=[0.5, 2.0]"

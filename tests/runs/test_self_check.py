@@ -69,6 +69,7 @@ def test_a_row_on_a_boundary_says_nothing_of_the_step(tmp_path: Path) -> None:
     assert "1 of them on a boundary" in sentence(found)
 
 
+@pytest.mark.slow
 def test_a_settled_row_that_moves_is_told(tmp_path: Path) -> None:
     """The well's bottom moves by 0.62 lean dt / 2, 0.0156 m: more than ten tolerances."""
     fields: dict[str, Any] = {"vary": {"x_0": [0.5, 0.8]}, "params": {"lean": 1.0}}
@@ -283,6 +284,7 @@ def test_whole_numbers_are_counts() -> None:
     assert judged(Wheel, gs.ReturnMap(crossings=3), teeth=[3.0, 30.0])["verdict"] == "passed"
 
 
+@pytest.mark.slow
 def test_an_observable_of_any_unit_is_judged_by_its_size() -> None:
     """Steps of 0.39 s of Runge and Kutta's method lose a phase of some tenths in 200 s."""
     found = judged(Spring, gs.FixedTime(duration=200.0), numerics={"method": "rk4", "dt": 0.39})
@@ -307,6 +309,7 @@ def test_what_all_steps_of_a_run_leap_over_is_found_by_others() -> None:
     assert found["largest"]["u"] > 0.1  # the run's own is 0
 
 
+@pytest.mark.slow("ramp", "staircase", "trace")
 @pytest.mark.parametrize(
     "run",
     [

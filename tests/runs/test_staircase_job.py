@@ -23,6 +23,7 @@ def job(**fields: Any) -> Job:
     return Job(**{**plain, "vary": {"launch_1": [0.5, 1.0, 2.0]}, **fields})
 
 
+@pytest.mark.slow
 def test_the_table_of_a_staircase(tmp_path: Path) -> None:
     """Formulas follow the moving parameter, labels are those at each stair's value."""
     table = gs.run(job(run={**STAIRS, "dwell": 25.0}), tmp_path / "out").table
@@ -46,6 +47,7 @@ def test_the_table_of_a_staircase(tmp_path: Path) -> None:
     np.testing.assert_allclose(table["apex"], apex, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_rows_that_fall_keep_the_stairs_that_they_ended(tmp_path: Path) -> None:
     """One falls at once and has one record without numbers, one when the kick grows, one not at all."""
     run = {**STAIRS, "parameter": "kick", "path": [0.5, 2.0], "step": 0.5}
@@ -59,6 +61,7 @@ def test_rows_that_fall_keep_the_stairs_that_they_ended(tmp_path: Path) -> None:
     assert rows[1][["kick", "t", "launch_1_n", "gait", "apex"]].notna().to_numpy().all()
 
 
+@pytest.mark.slow
 def test_a_stair_without_a_crossing_has_no_gait(tmp_path: Path) -> None:
     """The observables stand still where nothing crosses; what they were before is no gait of this stair."""
     table = gs.run(job(run={**STAIRS, "dwell": 0.1, "step": 0.5}), tmp_path / "out").table
@@ -68,6 +71,7 @@ def test_a_stair_without_a_crossing_has_no_gait(tmp_path: Path) -> None:
     assert not table["settled"].any()
 
 
+@pytest.mark.slow
 def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> None:
     asked = job(vary={"launch_1": {"linspace": [0.3, 2.0, 9]}}, engine={"block": 2, "lanes": 3})
     whole = gs.run(asked, tmp_path / "whole").table
@@ -88,6 +92,7 @@ def test_an_interrupted_staircase_goes_on_to_the_same_table(tmp_path: Path) -> N
     pd.testing.assert_frame_equal(gs.load(tmp_path / "stopped"), whole, check_exact=True)
 
 
+@pytest.mark.slow
 def test_what_a_staircase_would_need() -> None:
     needs = estimate(job(run={**STAIRS, "step": 0.05}))
     assert needs.rows == 3

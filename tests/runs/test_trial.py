@@ -52,6 +52,7 @@ class Swings(gs.DeclaredModel):
         return {"gait": jnp.where(at["x"] < -1.5, 2, jnp.where(at["x"] < -0.75, -1, 0))}
 
 
+@pytest.mark.slow
 def test_a_run_remarks_labels_that_are_no_gait_and_starts_beyond_a_surface() -> None:
     with pytest.warns(UserWarning, match="label gave gait 2") as said:
         result = gs.sweep(Swings, x_0=[0.5, 1.0, 2.0, 12.0], run=gs.Settle(max_cycles=20), verify=0)
@@ -72,6 +73,7 @@ class Unlabelled(Swings):
         return {"gait": jnp.asarray(0)}
 
 
+@pytest.mark.slow
 def test_a_model_without_labels_counts_no_gaits() -> None:
     result = gs.sweep(Unlabelled, x_0=[0.5, 1.0], run=gs.Settle(max_cycles=20), verify=0)
     assert result.manifest["counts"] == {"settled": 2}
@@ -207,6 +209,7 @@ def test_of_a_large_job_the_corners_of_the_axes_are_looked_at() -> None:
     assert told.startswith("The model is swing:Timed, but its function period gives")
 
 
+@pytest.mark.slow
 def test_check_model_tries_the_ranges_and_looks_at_energies() -> None:
     tried = trial(Swings)
     assert [("gives gait 2" in each or "gives gait -1" in each) for each in tried.faults] == [True, True]

@@ -463,6 +463,7 @@ WRITER = textwrap.dedent("""
 """)
 
 
+@pytest.mark.slow
 def test_a_killed_writer_loses_nothing_that_was_written(tmp_path: Path) -> None:
     """SIGKILL, at moments that do not depend on what the writer is doing, until the table is whole."""
     root = Path(__file__).parents[2]

@@ -188,6 +188,7 @@ def _until_no_task(client: Any) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_no_task_behind(client: Any, tmp_path: Path) -> None:
     job = gs.Job(**{**JOB, "vary": {"launch_1": {"linspace": [0.2, 3.0, 480]}}})  # longer than a look
     whole = gs.run(job, tmp_path / "whole").table
@@ -271,6 +272,7 @@ def test_a_file_that_is_none_of_a_scheduler_is_refused(text: str, said: str, tmp
     connection_to(str(file))
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_told_and_costs_no_threads(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
