@@ -21,13 +21,6 @@ FOLDER = Path(__file__).parents[2] / "notebooks"
 MOST_BYTES = 300_000  # outputs included
 SECONDS_OF_A_CELL = 300
 # half a minute to a minute each; the default suite runs the first tour
-SLOW = (
-    "waist_quadruped_tour.ipynb",
-    "planar_quadruped_tour.ipynb",
-    "which_constants.ipynb",
-    "your_own_model.ipynb",
-)
-
 # What a notebook's text says, over the names that its cells leave behind.
 CLAIMS = {
     # Each limit is the text's, a trace's sampling (0.04 rad), or by how much the full model's legs and ground
@@ -167,9 +160,8 @@ def test_a_notebook_as_it_is_kept(name: str) -> None:
         assert "/tmp/" not in str(output)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in sorted(CLAIMS)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(CLAIMS))
 def test_a_notebook_runs_and_its_claims_hold(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
