@@ -20,7 +20,6 @@ from gaitsweep.shipped import EXAMPLES
 FOLDER = Path(__file__).parents[2] / "notebooks"
 MOST_BYTES = 300_000  # outputs included
 SECONDS_OF_A_CELL = 300
-# half a minute to a minute each; the default suite runs the first tour
 # What a notebook's text says, over the names that its cells leave behind.
 CLAIMS = {
     # Each limit is the text's, a trace's sampling (0.04 rad), or by how much the full model's legs and ground
