@@ -1,0 +1,17 @@
+"""Goswami, Thuilot and Espiau 1998, "A study of the passive gait of a compass-like biped robot: symmetry and chaos"."""
+
+from pathlib import Path
+
+from gaitsweep.extension import Extension
+
+_HERE = Path(__file__).parent
+extension = Extension(
+    models={"goswami1998": "goswami1998.model:CompassGait"},
+    figures=("goswami1998.figures",),
+    analyses=("goswami1998.analyses",),
+    functions={"steps_over_slope": "goswami1998.analyses:steps_over_slope"},
+    measures=("goswami1998.measures",),
+    jobs=_HERE / "jobs",
+    configs=_HERE / "configs",
+    claims=_HERE / "claims",
+)
