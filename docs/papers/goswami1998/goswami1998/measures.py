@@ -32,6 +32,16 @@ def goswami1998_energy_error(table: pd.DataFrame, *, mass: float, g: float) -> f
 
 
 @measure
+def goswami1998_steps_differ_from(table: pd.DataFrame, *, apart: float = 1e-3) -> float:
+    """The least slope (deg) on which the periods of a row's steps differ by more than `apart` (s)."""
+    rows = table.groupby("phi")["T_n"].agg(["min", "max"])
+    differ = rows.index[np.asarray(rows["max"] - rows["min"] > apart)]
+    if not len(differ):
+        raise gs.UserError(f"No row has steps whose periods differ by more than {apart:g} s.")
+    return float(differ.min())
+
+
+@measure
 def goswami1998_doublings(*tables: pd.DataFrame) -> list[float]:
     """The slope (deg) of the first flip of each branch."""
     return [_first_flip(table) for table in tables]
