@@ -1,4 +1,4 @@
-"""Goswami, Thuilot and Espiau 1998, "A study of the passive gait of a compass-like biped robot: symmetry and chaos"."""
+"""Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17(12):1282: the compass gait, symmetry and chaos."""
 
 from pathlib import Path
 

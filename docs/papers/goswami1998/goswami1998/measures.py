@@ -49,16 +49,17 @@ def goswami1998_doublings(*tables: pd.DataFrame) -> list[float]:
 
 @measure
 def goswami1998_last_ratio(*tables: pd.DataFrame) -> float:
-    """The ratio of the last two distances between successive doublings, those of the first flip of each branch (1)."""
+    """The ratio of the last two distances between successive doublings, first flips of branches (1)."""
     before, between = np.diff([_first_flip(table) for table in tables])[-2:]
     return float(before / between)
 
 
 @measure
 def goswami1998_gaits_at_most(table: pd.DataFrame, *, below: float = 90.0, apart: float = 1e-3) -> float:
-    """The number of gaits on the slope that has most: settled rows whose step periods differ by more than `apart` (s).
+    """The number of gaits on the slope that has most, among slopes below `below` (deg).
 
-    Rows that neither fell nor settled count as one more gait. Only gaits of one step are told apart by their periods.
+    Gaits of one step differ if their periods do, by more than `apart` (s); others if they repeat after another
+    number of steps. Rows that neither fell nor settled count as one more gait.
     """
     most = 0
     for _, rows in table.loc[table["phi"] < below].groupby("phi"):
@@ -73,7 +74,7 @@ def goswami1998_gaits_at_most(table: pd.DataFrame, *, below: float = 90.0, apart
 
 @measure
 def goswami1998_closest_steps(table: pd.DataFrame, *, phi: float) -> float:
-    """The least distance between two steps of a row, the largest difference of three coordinates (rad, rad/s)."""
+    """The least distance of two steps of a row: the largest difference of coordinates (rad, rad/s)."""
     at = _points(table, phi)
     return min(float(np.abs(at[k + 1 :] - at[k]).max(axis=1).min()) for k in range(len(at) - 1))
 
@@ -92,7 +93,7 @@ def goswami1998_exponent(table: pd.DataFrame, *, phi: float) -> float:
 
 @measure
 def goswami1998_contraction(table: pd.DataFrame, *, phi: float) -> float:
-    """The factor by which a step changes a small volume of the section, the mean (geometric) along a row (1)."""
+    """The factor by which a step changes a small volume of the section, the geometric mean of a row (1)."""
     jacobians = _jacobians(_points(table, phi)[:400].tobytes(), phi)
     return float(np.exp(np.mean(np.log(np.abs(np.linalg.det(jacobians))))))
 

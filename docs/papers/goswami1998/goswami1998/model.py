@@ -1,8 +1,8 @@
 """The compass gait: two stiff legs with point masses and a hip, which walk down a slope by gravity alone.
 
 Symbols are the paper's. Angles are those of the legs from the vertical, counterclockwise, while the walker
-goes to the right: theta_s is positive where the hip is behind the stance foot. The swing foot passes through the
-ground while the legs pass each other, as in the paper.
+goes to the right: theta_s is positive where the hip is behind the stance foot. The swing foot passes
+through the ground while the legs pass each other, as in the paper.
 
 Source: Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17(12):1282.
 """
@@ -21,8 +21,8 @@ _THETA_NS_DOT = "sqrt(g/(9.81*l))*(-1.1469*phi**(1/3) + 0.3976*phi**(2/3) + 0.14
 class CompassGait(gs.DeclaredModel):
     """The compass gait; the section is a heel strike, just after it.
 
-    With `steps` = 2 every second strike is one of the section: a gait whose two steps differ is then a fixed point
-    of the return map, which run kind `continuation` follows.
+    With `steps` = 2 every second strike is one of the section: a gait whose two steps differ is then a fixed
+    point of the return map, which run kind `continuation` follows.
     """
 
     source = "Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17(12):1282"
@@ -138,8 +138,8 @@ def swing_foot_below(p, s):
 def exchanged(p, s):
     """The state after a heel strike: the legs change their roles, Q+ theta_dot+ = Q- theta_dot-.
 
-    The first row keeps the angular momentum of all masses about the new stance foot, the second that of the leg
-    that leaves the ground about the hip.
+    The first row keeps the angular momentum of all masses about the new stance foot, the second that of the
+    leg that leaves the ground about the hip.
     """
     length, c = p.a + p.b, jnp.cos(s.theta_s - s.theta_ns)
     mab = p.m * p.a * p.b
