@@ -58,12 +58,13 @@ class Fault(NamedTuple):
         file.write_text(text.replace(self.right, self.wrong))
 
 
-_CHAIN, _PLANAR, _WAIST = "models/multilegged/", "models/planar_quadruped/", "models/waist_quadruped/"
+_CHAIN, _WAIST = "papers/ambe2021/multilegged/", "papers/aoi2011/waist_quadruped/"
+_PLANAR = "papers/fukuoka2015/planar_quadruped/"
 FAULTS = {
     "ambe2021": (
         Fault("reset backwards", "dynamics/phase_oscillator.py",
               "(TWO_PI - phi) / tau", "(phi - TWO_PI) / tau"),
-        Fault("springs doubled", "dynamics/spring_chain.py", "pull = kappa * (", "pull = 2.0 * kappa * ("),
+        Fault("springs doubled", "papers/ambe2021/spring_chain.py", "pull = kappa * (", "pull = 2.0 * kappa * ("),
         Fault("swing doubled", _CHAIN + "model.py", "slope = p.a / (", "slope = 2.0 * p.a / ("),
         Fault("head as heavy as inner legs", _CHAIN + "model.py",
               '"mass of the head\'s segment", "m_B"', '"mass of the head\'s segment", "m"'),

@@ -1,4 +1,4 @@
-"""Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17(12):1282: the compass gait, symmetry and chaos."""
+"""Goswami, Thuilot and Espiau 1998, Int. J. Robotics Research 17(12):1282: the compass gait and its chaos."""
 
 from pathlib import Path
 

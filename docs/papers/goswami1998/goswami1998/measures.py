@@ -58,8 +58,8 @@ def goswami1998_last_ratio(*tables: pd.DataFrame) -> float:
 def goswami1998_gaits_at_most(table: pd.DataFrame, *, below: float = 90.0, apart: float = 1e-3) -> float:
     """The number of gaits on the slope that has most, among slopes below `below` (deg).
 
-    Gaits of one step differ if their periods do, by more than `apart` (s); others if they repeat after another
-    number of steps. Rows that neither fell nor settled count as one more gait.
+    Gaits of one step differ if their periods do, by more than `apart` (s); others if they repeat after
+    another number of steps. Rows that neither fell nor settled count as one more gait.
     """
     most = 0
     for _, rows in table.loc[table["phi"] < below].groupby("phi"):
