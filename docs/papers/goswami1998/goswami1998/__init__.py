@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from gaitsweep.extension import Extension
+import gaitsweep as gs
 
 _HERE = Path(__file__).parent
-extension = Extension(
+extension = gs.Extension(
     models={"goswami1998": "goswami1998.model:CompassGait"},
     figures=("goswami1998.figures",),
     analyses=("goswami1998.analyses",),
