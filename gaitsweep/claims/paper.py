@@ -28,7 +28,9 @@ _Words = list[str]
 class PaperJob(Part):
     """A sweep that claims are measured from."""
 
-    job: Stem = Field(description="file of the job, in sweeps/ or beside the table of claims")
+    job: Stem = Field(
+        description="file of the job, among those of an extension or beside the table of claims"
+    )
     set_: dict[str, Any] = Field(
         default={}, alias="set", description="fields of the job that are replaced, dotted, such as its config"
     )
@@ -235,7 +237,9 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
             yield Diagnostic(("jobs", name), str(error))
         if not paper.job_file(name).is_file():
             yield Diagnostic(
-                ("jobs", name, "job"), f"is {paper.jobs[name].job}, which is no file in sweeps/."
+                ("jobs", name, "job"),
+                f"is {paper.jobs[name].job}, which is no job of gaitsweep or of an extension, and no file "
+                "beside the table of claims.",
             )
 
 

@@ -51,7 +51,7 @@ def models(
     if name is None:
         show.model_list([(known, registry.find(known)) for known in registry.names()])
     else:
-        show.model(registry.find(name))
+        show.model(name, registry.find(name))
 
 
 def new_model(

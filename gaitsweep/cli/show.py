@@ -176,12 +176,12 @@ def extent_of(model: Model) -> str:
     return ", ".join(f"{len(each)} {name}{'s' * (len(each) != 1)}" for name, each in counts.items())
 
 
-def model(kind: type[Model]) -> None:
-    """Print the fields of a model that a job can set, and its outputs."""
+def model(name: str, kind: type[Model]) -> None:
+    """Print the fields of a model that a job can set, and its outputs, under the name that jobs use."""
     instance = kind()
     doc = (kind.__doc__ or "").strip().splitlines()
     console = _console()
-    console.print(f"{kind.name}: {doc[0] if doc else ''}\n{kind.source}", highlight=False, markup=False)
+    console.print(f"{name}: {doc[0] if doc else ''}\n{kind.source}", highlight=False, markup=False)
     fields = dataclasses.fields(kind)  # pyright: ignore[reportArgumentType] (each is a dataclass)
     structure = [structure_field(field) for field in fields]
     if structure:

@@ -410,7 +410,12 @@ class DeclaredModel(Declared, HybridModel):
         return closed
 
     def _is_beyond(self, event: Event, params: Any, state: Any) -> jax.Array:
-        return ~_at(state.arming, self._armed().index(event)).armed
+        passed = ~_at(state.arming, self._armed().index(event)).armed
+        if not (event.is_section and self.section_coordinates):
+            return passed
+        # coordinates of the section describe states just after its event, which are on its surface
+        surface = _Surfaces(self, params, state).of(event)
+        return passed & (surface.height > surface.rounding)
 
     def energies(self, params: Any, state: Any, /) -> dict[str, jax.Array]:
         readings = self._named(Reading)

@@ -17,7 +17,9 @@ class ReturnMap(RunKind):
     """Record successive section values of each row."""
 
     kind: Literal["return_map"] = Field(init=False, description="return_map: successive section values")
-    crossings: Count = Field(description="section crossings to record")
+    crossings: Count = Field(
+        description="section crossings to record, after the one (crossing 0: the start) that they begin with"
+    )
     after_cycles: CountOrZero = Field(default=0, description="section crossings to let pass first")
 
     def recorder(self, model: Model) -> CrossingRecorder:

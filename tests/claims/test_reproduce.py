@@ -130,7 +130,7 @@ def test_a_job_whose_config_is_gone_harms_no_other(table_of_claims: Path, tmp_pa
         ("of: [lost]", "of: [lsot]", "which is no job here"),
         ("with: {column: nothing}", "with: {colum: nothing}", "does not fit the measure texts"),
         ("id: far_off", "id: all_settle", "the name of claims[0] too"),
-        ("bad.yaml", "worse.yaml", "no file in sweeps/"),
+        ("bad.yaml", "worse.yaml", "no job of gaitsweep or of an extension"),
         ("paper: 0, tolerance: 0.1", "paper: 0", "needs a tolerance"),
         ("paper: Nobody (2026)", "papers: Nobody (2026)", "papers is not a field"),
         ("because: exact, tried", "tried", "because is missing"),

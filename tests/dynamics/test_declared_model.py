@@ -17,6 +17,7 @@ import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
 from gaitsweep.contract import Status
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.models.conformity import fault, faults
 from gaitsweep.skeleton import LimbLook
@@ -378,6 +379,8 @@ def test_starts_beyond_a_surface_are_those_that_its_jump_cannot_turn() -> None:
     assert beyond(Ground(), z_0=-0.1, v_0=0.0) == {"lands": True}
     assert beyond(Ground(), z_0=0.1, v_0=-1.0) == {"lands": False}
     assert beyond(VanDerPol(), x_0=2.0, v_0=1.0) == {}  # a section without a jump
+    started = {"stance_0": -0.2187, "stance_rate_0": 1.0918, "swing_rate_0": 0.3772}
+    assert beyond(CompassWalker(), **started) == {"heel strikes": False}  # it starts just after its section
 
 
 def test_a_subclass_may_define_what_was_declared() -> None:

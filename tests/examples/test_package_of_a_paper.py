@@ -1,0 +1,55 @@
+"""The package of a fourth paper, docs/papers/goswami1998, as those get it who install it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def at(folder: Path, *command: str, also: str = "") -> str:
+    """What a module of Python prints in a folder; `also` is one more folder of installed packages."""
+    places = os.pathsep.join(filter(None, [str(ROOT), also]))
+    done = subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": places},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path) -> None:
+    """Installed by pip it is found, its claims are judged, and the gait doubles at 4.39 degrees."""
+    site, package = str(tmp_path / "site"), str(ROOT / "docs/papers/goswami1998")
+    at(
+        tmp_path,
+        *("pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index", "--target", site),
+        package,
+    )
+    assert at(tmp_path, "gaitsweep", "models", "goswami1998", also=site).startswith("goswami1998: ")
+    told = at(tmp_path, "gaitsweep", "reproduce", "goswami1998", "--quick", also=site)
+    assert "21 claims: 14 reproduced, 1 not, 3 definition, 1 answered, 2 not run" in told
+    results = tmp_path / "results/reproduce_goswami1998"
+    claims = pd.read_parquet(results / "claims.parquet").set_index("id")
+    # Goswami, Thuilot and Espiau 1998, as quoted: 4.37 to 4.39 degrees
+    assert claims.loc["first_doubling", "value"] == pytest.approx(4.39, abs=0.02)
+    assert claims.loc["steps_differ", "value"] == pytest.approx(4.39, abs=0.02)
+    drawn = {each.stem for each in (results / "quick/crossings/figures").glob("*.png")}
+    assert drawn == {"goswami1998_bifurcations", "bifurcations_alpha"}
+    steps = at(
+        tmp_path, "gaitsweep", "analyse", "goswami1998-steps", str(results / "quick/cascade"), also=site
+    )
+    assert [line.split()[0] for line in steps.splitlines() if "settled" in line][:4] == ["1", "2", "4", "8"]
+    tests = at(tmp_path, "pytest", "-q", "-p", "no:cacheprovider", "-c", f"{package}/pyproject.toml",
+               f"{package}/tests", also=site)  # fmt: skip
+    assert "8 passed" in tests
