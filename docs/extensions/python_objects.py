@@ -16,10 +16,14 @@ from sphinx.domains.python import PythonDomain
 from sphinx.util.nodes import make_refnode
 
 
+# Modules with figures, whose arguments are described in their annotations.
+_FIGURES = ("gaitsweep.plot", "gaitsweep.papers")
+
+
 def _plain_annotations(app: Sphinx, documented: Any, bound_method: bool) -> None:
     """Show an argument's type without what `Annotated` adds: descriptions stand among the arguments."""
     function = inspect.unwrap(documented)
-    if not inspect.isfunction(function) or not function.__module__.startswith("gaitsweep.plot"):
+    if not inspect.isfunction(function) or not function.__module__.startswith(_FIGURES):
         return
     documented.__annotations__ = function.__annotations__ = typing.get_type_hints(function)
 
