@@ -164,6 +164,7 @@ def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.Monk
     assert min(launched) < 8
 
 
+@pytest.mark.slow
 def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a CPU, whose compiler contracts other sums."""
     options: dict[str, Any] = {"numerics": NUMERICS, "lanes": 16}
@@ -175,7 +176,7 @@ def test_settling_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(card.last, cpu.last, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow("False")
+@pytest.mark.slow
 @pytest.mark.parametrize("contraction", [True, False])
 def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(3)

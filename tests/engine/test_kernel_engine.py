@@ -156,7 +156,7 @@ def test_single_precision() -> None:
     np.testing.assert_allclose(kernel.last, xla.last, atol=1e-3)
 
 
-@pytest.mark.slow("propagator6-0.032")
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 4e-3), ("propagator6", 32e-3)])
 def test_the_chain_with_kernels_as_with_xla(method: str, dt: float) -> None:
     """1e-9 over ten crossings is what is promised; rounding alone grows to some 1e-11 on the way."""

@@ -154,6 +154,7 @@ def test_engines_agree() -> None:
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_jacobian_of_the_chain(chain: BatchedReturnMap, settled: Points) -> None:
     """15 x 15 at the fixed points of all three gaits: differentiation against central differences, 1e-6."""
     assert len(chain.coordinates) == 15

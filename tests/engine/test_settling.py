@@ -239,6 +239,7 @@ class Unforced(gs.DeclaredModel):
         return 2.0 * jnp.pi + 0.0 * p.damping
 
 
+@pytest.mark.slow
 def test_a_fixed_point_of_the_flow_is_an_attractor_beside_a_cycle() -> None:
     table = gs.sweep(
         Pendulum, theta_0=[-2.0, 0.0, 2.0], omega_0=[-1.0, 0.0, 4.0], run=gs.Settle(), verify=0

@@ -220,6 +220,7 @@ def test_ten_legs_keep_their_gaits() -> None:
     assert [GAITS[g] for g in run.labels["gait"]] == expected
 
 
+@pytest.mark.slow
 def test_signals_are_the_chain_at_rest() -> None:
     model = MultileggedReduced()
     params = scalars(model)

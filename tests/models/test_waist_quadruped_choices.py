@@ -206,6 +206,7 @@ def landed(phase: float, **params: float) -> tuple[Any, Any, Any]:
     return p, s, MODEL.jump(p, s, jnp.zeros(10, bool).at[6].set(True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gate", "lands"), [(0.5, False), (0.3, True)])
 def test_a_touchdown_is_a_landing_from_the_gate_on(gate: float, lands: bool) -> None:
     p, before, after = landed(0.4, gate=gate)
