@@ -65,7 +65,7 @@ def extensions() -> Mapping[str, Extension]:
     """
     found: dict[str, Extension] = {}
     models: dict[str, str] = {}
-    for entry, owner in (*_own(), *_others()):
+    for entry, owner in _entries():
         try:
             extension = entry.load()
         except Exception as error:  # another package's code may raise anything
@@ -119,22 +119,23 @@ def folders(kind: str) -> list[Path]:
 Entries = list[tuple[importlib.metadata.EntryPoint, str]]
 
 
-def _own() -> Entries:
-    """The extensions of gaitsweep itself, by name; those of a checkout where it runs from one."""
-    if _CHECKOUT.is_file():
-        project = tomllib.loads(_CHECKOUT.read_text(encoding="utf-8")).get("project", {})
-        if project.get("name") == "gaitsweep":
-            given = project["entry-points"][GROUP]
-            entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in given.items())
-            return [(entry, "gaitsweep") for entry in entries]
-    return [(entry, owner) for entry, owner in _installed() if owner == "gaitsweep"]
+def _entries() -> Entries:
+    """Entry points, and the package of each, gaitsweep's own first; those of a checkout where it is one."""
+    installed = _installed()
+    own = _of_checkout() or [each for each in installed if each[1] == "gaitsweep"]
+    return [*own, *(each for each in installed if each[1] != "gaitsweep")]
 
 
-def _others() -> Entries:
-    return [(entry, owner) for entry, owner in _installed() if owner != "gaitsweep"]
+def _of_checkout() -> Entries:
+    """The entry points of the checkout from which gaitsweep runs; none elsewhere."""
+    if not _CHECKOUT.is_file():
+        return []
+    project = tomllib.loads(_CHECKOUT.read_text(encoding="utf-8")).get("project", {})
+    given = project["entry-points"][GROUP] if project.get("name") == "gaitsweep" else {}
+    entries = (importlib.metadata.EntryPoint(name, value, GROUP) for name, value in given.items())
+    return [(entry, "gaitsweep") for entry in entries]
 
 
-@functools.cache
 def _installed() -> Entries:
     entries = sorted(importlib.metadata.entry_points(group=GROUP), key=lambda entry: entry.name)
     return [(entry, "?" if entry.dist is None else entry.dist.name) for entry in entries]

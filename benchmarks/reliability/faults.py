@@ -188,7 +188,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--claims", type=int, default=20, help="claims drawn from each paper")
-    parser.add_argument("--faults", help="names of faults, with commas; else all")
+    names = [fault.name for each in FAULTS.values() for fault in each]
+    parser.add_argument("--fault", action="append", choices=names, help="one of them; may be repeated")
     parser.add_argument("--workers", type=int, help=f"runs at a time; else one for {CORES} cores")
     parser.add_argument(
         "--out", type=Path, help="folder of the copies and their results; else a temporary one"
@@ -208,7 +209,6 @@ def _measured(papers: Sequence[str], given: argparse.Namespace, folder: Path) ->
     free: SimpleQueue[set[int]] = SimpleQueue()
     for i in range(workers):
         free.put(set(cores[i::workers]))
-    wanted = None if given.faults is None else {each.strip() for each in given.faults.split(",")}
     order = {paper: candidates(read_paper(paper), given.seed) for paper in papers}
 
     def run(paper: str, fault: Fault | None) -> dict[str, str]:
@@ -227,7 +227,7 @@ def _measured(papers: Sequence[str], given: argparse.Namespace, folder: Path) ->
             paper: {
                 fault.name if fault else AS_IS: pool.submit(run, paper, fault)
                 for fault in (None, *FAULTS[paper])
-                if fault is None or wanted is None or fault.name in wanted
+                if fault is None or given.fault is None or fault.name in given.fault
             }
             for paper in papers
         }

@@ -15,7 +15,6 @@ from sphinx.application import Sphinx
 from sphinx.domains.python import PythonDomain
 from sphinx.util.nodes import make_refnode
 
-
 # Modules with figures, whose arguments are described in their annotations.
 _FIGURES = ("gaitsweep.plot", "gaitsweep.papers")
 

@@ -61,11 +61,7 @@ def new_model(
     ] = Path(),
 ) -> None:
     """Write a model of your own to begin with, a hopper: model, job, test and README in a folder NAME."""
-    _refuse_name(name)
-    files = _named_after(name, {Path(each).name: each for each in _FILES})
-    write_folder(to / name, files)
-    for file in files:
-        print(to / name / file)
+    _write(to / name, name, {Path(each).name: each for each in _FILES})
     print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
 
 
@@ -76,29 +72,28 @@ def new_paper(
     ] = Path(),
 ) -> None:
     """Write the package of a paper to begin with: model, jobs, figures, analyses, measures, claims, test."""
-    _refuse_name(name)
-    files = _named_after(name, _PAPER)
-    write_folder(to / name, files)
-    for file in files:
-        print(to / name / file)
+    _write(to / name, name, _PAPER)
     print(f"Try it: pip install -e {to / name} && gaitsweep reproduce {name} --quick")
 
 
-def _named_after(name: str, files: Mapping[str, str]) -> dict[str, str]:
-    """The texts of example files with another name in the place of the template's.
+def _write(folder: Path, name: str, files: Mapping[str, str]) -> None:
+    """Write example files with another name in the place of the template's, and print their paths.
 
     Args:
+        folder: the new folder.
         name: of the model or the paper.
         files: paths in `EXAMPLES` by the paths of the new files.
     """
+    _refuse_name(name)
     texts = {}
     for file, example in files.items():
         text = (EXAMPLES / example).read_text(encoding="utf-8")
-        # the measures of a paper compare with the example's own closed form
-        text = text.replace("gaitsweep.examples.hopper", f"{name}.model")
-        text = text.replace(_TEMPLATE, name).replace(_class_name(_TEMPLATE), _class_name(name))
-        texts[file.replace(_TEMPLATE, name)] = text
-    return texts
+        texts[file.replace(_TEMPLATE, name)] = text.replace(_TEMPLATE, name).replace(
+            _class_name(_TEMPLATE), _class_name(name)
+        )
+    write_folder(folder, texts)
+    for file in texts:
+        print(folder / file)
 
 
 def _class_name(name: str) -> str:

@@ -233,16 +233,16 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         wrong.append(unknown_field(("search", str(key)), "search", allowed))
         del rest[key]
     choice = read_part(Choice, rest, ("search",), wrong)
+    every = targets
     if choice is not None and choice.robust is not None:
         wrong.extend(wrong_robust(choice.robust, free, targets))
-        targets = {**targets, ROBUST: robust_target(choice.robust)}
-    read = Search(free, targets, Choice(budget=1) if choice is None else choice)
+        every = {**targets, ROBUST: robust_target(choice.robust)}
+    read = Search(free, every, Choice(budget=1) if choice is None else choice)
     if targets and not read.counted:
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
     for place, name in enumerate(read.choice.first):
-        rows_of = [each for each in targets if each != ROBUST]
-        if name not in rows_of:
-            text = f"is {name}, which is no target{near_miss.suggestion(name, rows_of)}"
+        if name not in targets:
+            text = f"is {name}, which is no target{near_miss.suggestion(name, targets)}"
             wrong.append(Diagnostic(("search", "first", place), text))
     if read.choice.first_within is not None and not read.choice.first:
         text = "has no meaning without search.first, the targets that are measured first."

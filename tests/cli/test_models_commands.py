@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from installed_packages import at, install
 
 from gaitsweep.cli import main
 
@@ -68,20 +66,6 @@ def test_nothing_is_left_where_it_cannot_be_written(capsys: Capture) -> None:
     Path("file").write_text("")
     assert "could not be written" in refused(capsys, "new-model", "mine", "--to", "file")
     assert [each.name for each in Path().iterdir()] == ["file"]
-
-
-def at(folder: Path, *command: str, also: str = "") -> str:
-    """What a module of Python prints in a folder; `also` is one more folder of installed packages."""
-    places = os.pathsep.join(filter(None, [str(Path(__file__).parents[2]), also]))
-    done = subprocess.run(
-        [sys.executable, "-m", *command],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": places},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 @pytest.mark.slow
@@ -178,9 +162,7 @@ def test_check_warns_of_a_jobs_own_rows(tmp_path: Path, capsys: Capture) -> None
 @pytest.mark.slow
 def test_a_new_paper_is_an_extension_like_any_other(tmp_path: Path) -> None:
     at(tmp_path, "gaitsweep", "new-paper", "my_paper")
-    pip = ("pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index")
-    site = str(tmp_path / "site")
-    at(tmp_path, *pip, "--target", site, "./my_paper")
+    site = install(tmp_path, "./my_paper")
     assert "my_paper" in at(tmp_path, "gaitsweep", "models", also=site)
     told = at(tmp_path, "gaitsweep", "reproduce", "my_paper", "--quick", also=site)
     assert "3 claims: 2 reproduced, 1 not" in told

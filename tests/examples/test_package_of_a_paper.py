@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
-
-ROOT = Path(__file__).parents[2]
-
-
-def at(folder: Path, *command: str, also: str = "") -> str:
-    """What a module of Python prints in a folder; `also` is one more folder of installed packages."""
-    places = os.pathsep.join(filter(None, [str(ROOT), also]))
-    done = subprocess.run(
-        [sys.executable, "-m", *command],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": places},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+from installed_packages import ROOT, at, install
 
 
 @pytest.mark.slow
 def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path) -> None:
     """Installed by pip it is found, its claims are judged, and the gait doubles at 4.39 degrees."""
-    site, package = str(tmp_path / "site"), str(ROOT / "docs/papers/goswami1998")
-    at(
-        tmp_path,
-        *("pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index", "--target", site),
-        package,
-    )
+    package = str(ROOT / "docs/papers/goswami1998")
+    site = install(tmp_path, package)
     assert at(tmp_path, "gaitsweep", "models", "goswami1998", also=site).startswith("goswami1998: ")
     told = at(tmp_path, "gaitsweep", "reproduce", "goswami1998", "--quick", also=site)
     assert "21 claims: 14 reproduced, 1 not, 3 definition, 1 answered, 2 not run" in told
