@@ -12,7 +12,20 @@ text is the output's own, `*` is any word and `...` any text. Equal is what roun
 prints the fraction.
 
 Commands run in a temporary folder, one after another and each once. One that takes longer than `--limit` is
-stopped, and those of `<!-- numbers, 240 s: ` do not begin where this time is above it.
+stopped, and those of `<!-- numbers, 240 s: ` do not begin where this time is above it. `--folder DIR` keeps
+their results: what is complete there is not run again.
+
+Two more comments say where a number comes from that no command prints here: a setting of a file or a value of
+a publication, and a measurement on another machine, with its command.
+
+    <!-- numbers given, sweeps/quick_basins.yaml: {0.7} {300} -->
+    <!-- numbers given, Ambe 2021, Fig. 4: {0.51} -->
+    <!-- numbers recorded, one H100, 5248054: python -m benchmarks.card_alone
+    {1.29e10} {8.30e9}
+    -->
+
+Each has to stand in the section, and those of a file in that file too. `--missing` lists the numbers that
+look measured (three digits, a point, an exponent, %) and have no comment.
 """
 
 from __future__ import annotations
@@ -33,6 +46,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 _COMMENT = re.compile(r"^<!-- numbers(?:, (\d+) s)?: (.*?)^-->$", re.MULTILINE | re.DOTALL)
+_SOURCED = re.compile(r"^<!-- numbers (given|recorded), ([^:\n]*): (.*?)-->$", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#+ .*$", re.MULTILINE)
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
 _GROUPED = r"-?\d{1,3}(?:[ \n]\d{3})+(?![\d.])"
@@ -40,7 +54,7 @@ _BRACES = re.compile(rf"\{{(<?) ?({_GROUPED}|{_NUMBER})(?: \+- ({_NUMBER}))?( %)
 # Not measured: code, addresses of links, and what a number only names.
 _UNMEASURED = re.compile(
     r"```.*?```|`[^`]*`|\]\([^)]*\)|(?:Figs?\.|Tables?|Sec\.|eqs?\.|Eqs?\.|et al\.) ?\(?\d[\d., a-z()]*"
-    r"|\$[^$]*\$|[\w:]*:\d+\b",
+    r"|\$[^$]*\$|[\w:]*:\d+\b|95 %(?= (?:confidence )?intervals?)",
     re.DOTALL,
 )
 _WRITTEN = re.compile(rf"(?<![\w.:/-])(?:{_GROUPED}|{_NUMBER})(?![\w/])")
@@ -96,27 +110,51 @@ def checks(text: str) -> Iterator[Check]:
         ValueError: for a command that is not allowed, and a line without a number of the section before it.
     """
     for comment in _COMMENT.finditer(text):
-        before = text[: comment.start()]
-        headings = [heading.end() for heading in _HEADING.finditer(_without_code(before))]
-        section = _COMMENT.sub("", before[headings[-1] if headings else 0 :])
+        before, section = text[: comment.start()], _section(text, comment.start())
         first, *rest = comment[2].replace("\\\n", " ").splitlines()
         begin = before.count("\n") + 2 + comment[2].count("\\\n")
         lines = tuple(_line(begin + i, line, section) for i, line in enumerate(rest))
         yield Check(tuple(map(_command, first.split(" && "))), int(comment[1] or 0), lines)
 
 
-def unstated(text: str) -> int:
-    """How many numbers of a page look measured (three digits, a point, an exponent, %) and have none."""
-    count = 0
+def sourced(text: str) -> Iterator[tuple[str, str]]:
+    """The numbers of a page whose comment names a source: its kind, `given` or `recorded`, and the digits.
+
+    Raises:
+        ValueError: a number is not in the section, or not in the file that is its source.
+    """
+    for comment in _SOURCED.finditer(text):
+        kind, source, numbers = comment.groups()
+        line = text.count("\n", 0, comment.start()) + 1
+        section = _section(text, comment.start())
+        if kind == "recorded":
+            _command(numbers.replace("\\\n", " ").splitlines()[0])
+        found = [" ".join(braces[2].split()) for braces in _BRACES.finditer(numbers)]
+        if not found:
+            raise ValueError(f"line {line}: no number in braces")
+        file = ROOT / source
+        held = {float(_plain(n)) for n in re.findall(_NUMBER, file.read_text())} if file.is_file() else None
+        for digits in found:
+            _must_stand(digits, section, line)
+            if held is not None and float(_plain(digits)) not in held:
+                raise ValueError(f"line {line}: {digits} is not in {source}")
+            yield kind, digits
+
+
+def unsourced(text: str) -> Iterator[tuple[int, str]]:
+    """The numbers of a page that look measured and have no comment, with their lines."""
     known = {stated.digits for check in checks(text) for line in check.lines for stated in line.stated}
-    prose = _UNMEASURED.sub(" ", _COMMENT.sub(" ", text))
+    known |= {digits for _, digits in sourced(text)}
+    prose = text
+    for pattern in (_SOURCED, _COMMENT, _UNMEASURED):
+        prose = pattern.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), prose)
     for found in _WRITTEN.finditer(prose):
         digits = " ".join(found[0].split())
         year = re.fullmatch(r"(19|20)\d\d", digits)
         measured = len(re.sub(r"\D", "", digits)) > 2 or re.search(r"[.e]", digits)
         measured = measured or prose[found.end() : found.end() + 2] == " %"
-        count += bool(measured and not year and digits not in known)
-    return count
+        if measured and not year and digits not in known:
+            yield prose.count("\n", 0, found.start()) + 1, digits
 
 
 class Outputs:
@@ -126,7 +164,8 @@ class Outputs:
         self.folder, self.limit = folder, limit
         self.known: dict[tuple[str, ...], str | OSError] = {}
         for name in ("sweeps", "configs"):
-            (folder / name).symlink_to(ROOT / name)
+            if not (folder / name).exists():
+                (folder / name).symlink_to(ROOT / name)
 
     def of(self, commands: tuple[tuple[str, ...], ...]) -> str:
         """What commands print, one after the other.
@@ -148,8 +187,9 @@ class Outputs:
         words = [sys.executable, "-m", *(command[2:] if command[0] == "python" else command)]
         path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         environment = os.environ | {"PYTHONPATH": path, "COLUMNS": "200"}
+        place = ROOT if words[2] == "pytest" else self.folder
         with subprocess.Popen(
-            words, cwd=self.folder, env=environment, text=True, start_new_session=True,
+            words, cwd=place, env=environment, text=True, start_new_session=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
         ) as process:  # fmt: skip
             try:
@@ -192,27 +232,41 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--page", type=Path, action="append", help="only this page; may be repeated")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds of a command (60)")
+    parser.add_argument("--folder", type=Path, help="keep the results there (a temporary folder)")
+    parser.add_argument("--missing", action="store_true", help="run nothing; list numbers without a comment")
     parser.add_argument("--list", action="store_true", help="run nothing; count what has a command")
     asked = parser.parse_args()
     outcomes: list[str] = []
     began = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        outputs = Outputs(Path(folder), asked.limit)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder: Path = asked.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        outputs = Outputs(folder.resolve(), asked.limit)
         for page in asked.page or pages():
             text, name = page.read_text(encoding="utf-8"), os.path.relpath(page, ROOT)
             try:
-                named = list(checks(text))
+                named, sources = list(checks(text)), [kind for kind, _ in sourced(text)]
+                missing = list(unsourced(text))
             except ValueError as error:
                 parser.error(f"{name}, {error}")
+            if asked.missing:
+                lines = text.splitlines()
+                for line, digits in missing:
+                    print(f"{name}:{line}: {digits} in {lines[line - 1].strip()}")
+                continue
             if asked.list:
                 stated = sum(len(line.stated) for check in named for line in check.lines)
-                print(f"{name:28} {stated:4} with a command, {unstated(text):4} no command")
+                given, recorded = sources.count("given"), sources.count("recorded")
+                print(
+                    f"{name:28} {stated:4} by a command, {given:4} given, {recorded:4} recorded, "
+                    f"{len(missing):4} without a comment"
+                )
                 continue
             for check in named:
                 for number, digits, outcome in compared(check, outputs):
                     print(f"{name}:{number}: {digits} {outcome}", flush=True)
                     outcomes.append(outcome.partition(":")[0])
-    if not asked.list:
+    if not (asked.list or asked.missing):
         counts = ", ".join(f"{outcomes.count(kind)} {kind}" for kind in ("equal", "differs", "not run"))
         print(f"{len(outcomes)} numbers: {counts}, in {time.perf_counter() - began:.0f} s")
     return int("differs" in outcomes)
@@ -227,16 +281,32 @@ def _without_code(text: str) -> str:
     return re.sub(r"```.*?```", lambda block: " " * len(block[0]), text, flags=re.DOTALL)
 
 
+def _section(text: str, end: int) -> str:
+    """The text between the last heading before a comment and the comment, without other comments."""
+    before = text[:end]
+    headings = [heading.end() for heading in _HEADING.finditer(_without_code(before))]
+    return _SOURCED.sub("", _COMMENT.sub("", before[headings[-1] if headings else 0 :]))
+
+
+def _must_stand(digits: str, section: str, line: int) -> None:
+    written = rf"(?<![\d.]){re.escape(digits)}(?!\.?\d)".replace("\\ ", r"\s")
+    if not re.search(written, section):
+        raise ValueError(f"line {line}: {digits} does not stand between the heading and the comment")
+
+
 def _command(text: str) -> tuple[str, ...]:
     """The words of a command.
 
     Raises:
-        ValueError: neither gaitsweep nor a module of benchmarks/.
+        ValueError: neither gaitsweep nor a module of benchmarks/ nor a file of tests.
     """
     words = tuple(shlex.split(text))
     module = words[2] if words[:2] == ("python", "-m") and len(words) > 2 else ""
-    if words[:1] != ("gaitsweep",) and not re.fullmatch(r"benchmarks(\.[a-z_]+)+", module):
-        raise ValueError(f"{text}: only `gaitsweep ...` and `python -m benchmarks...` are run")
+    tested = module == "pytest" and re.fullmatch(r"tests(/[a-z_]+)+\.py", words[-1])
+    if words[:1] != ("gaitsweep",) and not tested and not re.fullmatch(r"benchmarks(\.[a-z_]+)+", module):
+        raise ValueError(
+            f"{text}: only `gaitsweep ...`, `python -m benchmarks...` and `python -m pytest ... FILE` are run"
+        )
     return words
 
 
@@ -244,9 +314,7 @@ def _line(number: int, text: str, section: str) -> Line:
     stated, pattern, end = [], "", 0
     for braces in _BRACES.finditer(text):
         bound, digits, tolerance, percent = braces.groups()
-        written = rf"(?<![\d.]){re.escape(digits)}(?!\.?\d)".replace("\\ ", r"\s")
-        if not re.search(written, section):
-            raise ValueError(f"line {number}: {digits} does not stand between the heading and the comment")
+        _must_stand(digits, section, number)
         stated.append(Stated(digits, tolerance or "", bool(bound), bool(percent)))
         number_there = rf"({_GROUPED}|{_NUMBER})" if " " in digits else f"({_NUMBER})"
         pattern += _literal(text[end : braces.start()]) + number_there
