@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.api.fitting import search as search
     from gaitsweep.api.maps import PoincareMap as PoincareMap
     from gaitsweep.api.maps import return_map as return_map
+    from gaitsweep.api.result import Result as Result
+    from gaitsweep.api.result import run as run
     from gaitsweep.api.sensitivity import sensitivity as sensitivity
     from gaitsweep.api.trajectories import simulate as simulate
     from gaitsweep.api.trajectories import sweep as sweep
@@ -55,14 +57,12 @@ if TYPE_CHECKING:  # the names of this package; `as` says to type checkers that 
     from gaitsweep.kinds import Settle as Settle
     from gaitsweep.kinds import Staircase as Staircase
     from gaitsweep.kinds import Trace as Trace
-    from gaitsweep.runs.movie import write_movie as write_movie
-    from gaitsweep.runs.movie import write_still as write_still
     from gaitsweep.runs.prepare import RunError as RunError
-    from gaitsweep.runs.result import Result as Result
-    from gaitsweep.runs.result import run as run
     from gaitsweep.runs.self_check import SelfCheckError as SelfCheckError
     from gaitsweep.table import TableError as TableError
     from gaitsweep.table import load as load
+    from gaitsweep.view.movie.row_movie import write_movie as write_movie
+    from gaitsweep.view.movie.row_movie import write_still as write_still
 
     __version__: str
 
@@ -92,9 +92,9 @@ if not TYPE_CHECKING:  # a type checker would take any name for one of ours
         "extension": ("Extension",),
         "job": ("Job", "JobError", "load_job"),
         "kinds": ("Continuation", "FixedTime", "Folds", "Ramp", "ReturnMap", "Settle", "Staircase", "Trace"),
-        "runs.movie": ("write_movie", "write_still"),
+        "view.movie.row_movie": ("write_movie", "write_still"),
         "runs.prepare": ("RunError",),
-        "runs.result": ("Result", "run"),
+        "api.result": ("Result", "run"),
         "runs.self_check": ("SelfCheckError",),
         "table": ("TableError", "load"),
     }

@@ -20,8 +20,8 @@ import numpy as np
 import pandas as pd
 
 import gaitsweep as gs
-from gaitsweep.runs.report import write_report
 from gaitsweep.table import Snapshot, TableError
+from gaitsweep.view.report import write_report
 
 TURN = 2 * np.pi
 KINDS = ("flip", "truncate", "swap within", "swap between", "flip elsewhere")

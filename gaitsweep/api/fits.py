@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from gaitsweep.api.result import cluster_of, warn
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.search import Found
 from gaitsweep.fitting.sensitivity import Sensitivity
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.result import cluster_of, warn
 
 if TYPE_CHECKING:
     from distributed import Client

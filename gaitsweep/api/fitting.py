@@ -11,13 +11,13 @@ from pydantic import BaseModel
 
 from gaitsweep.api.fits import given_job, in_directory, in_memory
 from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job, refuse_beside_a_job
+from gaitsweep.api.result import refuse_of_session
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.search import Found, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.kinds import Settle
 from gaitsweep.kinds.part import plain
 from gaitsweep.runs.progress import Progress, progress_lines
-from gaitsweep.runs.result import refuse_of_session
 
 if TYPE_CHECKING:
     from distributed import Client

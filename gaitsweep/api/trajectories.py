@@ -12,12 +12,12 @@ import pandas as pd
 from pydantic import BaseModel
 
 from gaitsweep.api.keywords import AnyModel, job_of
+from gaitsweep.api.result import Result, run_in_memory
+from gaitsweep.api.result import run as run_job
 from gaitsweep.contract import Status, Verdict
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import Settle, Trace
-from gaitsweep.runs.result import Result, run_in_memory
-from gaitsweep.runs.result import run as run_job
 
 if TYPE_CHECKING:
     from distributed import Client  # pyright: ignore[reportMissingImports]

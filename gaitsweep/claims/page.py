@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from gaitsweep.claims.verdict import ClaimVerdict
-from gaitsweep.runs.report import SCHEMES, document, figure_of
 from gaitsweep.version import version
+from gaitsweep.view.report import SCHEMES, document, figure_of
 
 if TYPE_CHECKING:
     from gaitsweep.claims.reproduce import JobRun

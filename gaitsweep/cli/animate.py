@@ -54,7 +54,7 @@ def animate(
     """Show one row of a trace walking: a movie, or a strip of poses."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.plot import PlotError
-    from gaitsweep.runs import movie
+    from gaitsweep.view.movie import row_movie as movie
 
     if still is not None:
         moving = {"--start": start, "--seconds": seconds, "--speed": speed, "--fps": fps}

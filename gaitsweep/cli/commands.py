@@ -326,7 +326,7 @@ def _size_of(job_file: Path) -> str:
 @app.command()
 def report(directory: Directory) -> None:
     """Write report.html into a result directory: job, counts, figures and provenance in one file."""
-    from gaitsweep.runs.report import write_report
+    from gaitsweep.view.report import write_report
 
     print(write_report(directory))
 

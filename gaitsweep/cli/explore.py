@@ -36,7 +36,7 @@ def explore(
 ) -> None:
     """Write explore.html into a result directory: click a start, and it walks."""
     from gaitsweep.cli.progress import shown_progress
-    from gaitsweep.runs.explorer.explorer import MAX_SIZE, MOST_WALKS, write_explorer
+    from gaitsweep.view.explorer.explorer import write_explorer
 
     with shown_progress("starts") as shown:
 
@@ -48,8 +48,8 @@ def explore(
             out,
             x=x,
             y=y,
-            walks=MOST_WALKS if walks is None else walks,
-            max_size=MAX_SIZE if max_size is None else max_size,
+            walks=walks,
+            max_size=max_size,
             trust=trust,
             progress=progress,
             tell=lambda sentence: print(sentence, file=sys.stderr),

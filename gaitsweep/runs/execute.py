@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import tempfile
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from gaitsweep.engine.sweep.block import BlockResult, EndedRows
 from gaitsweep.engine.sweep.sweep import Timings, sweep
@@ -107,6 +110,26 @@ def run_job(
             raise SelfCheckError(text)
         tell(f"Warning: {text}")
     return path
+
+
+def table_in_memory(
+    job: Job,
+    *,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+    cluster: Cluster | None = None,
+) -> pd.DataFrame:
+    """Run a job in a temporary directory and return its table, with units and manifest in `.attrs`.
+
+    The code of `run_job` writes the table, so values and types are the same. An interrupt loses all rows.
+
+    Raises:
+        RunError, TableError: as `run_job`.
+    """
+    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
+        table = load(run_job(job, folder, progress=progress, tell=tell, figures=False, cluster=cluster))
+    del table.attrs["path"]
+    return table
 
 
 def _rows_leave_the_host_idle(ready: Prepared) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Model, Quantity, State, Status
@@ -18,7 +19,7 @@ from gaitsweep.job import Job
 from gaitsweep.kinds import FixedTime, ReturnMap, Settle, Trace
 from gaitsweep.kinds.columns import UNKNOWN_GAIT
 from gaitsweep.models.conformity import sample, written
-from gaitsweep.runs.result import Result, run_in_memory
+from gaitsweep.runs.execute import table_in_memory
 from gaitsweep.runs.summary import MISLABELLED, remarks
 
 # Rows and cycles of the trial, and samples of a cycle in which an energy's rate is looked at.
@@ -49,22 +50,23 @@ def trial(kind: type[Model]) -> Trial:
     parameters, starts = sample(model, ROWS // 8 if costly else ROWS)
     values = {**parameters, **starts}
     try:
-        result = _run(kind, values, Settle(max_cycles=CYCLES))
+        table = _run(kind, values, Settle(max_cycles=CYCLES))
         energies = _energies(model, kind, values) if isinstance(model, HybridModel) else []
     except UserError as error:
         return Trial([f"of which no row can be run: {error}"], [])
+    manifest = table.attrs["manifest"]
     faults = [
         f"but its function label gives gait {name.removeprefix(UNKNOWN_GAIT).strip(' ()')}"
         f"{written(values, found['row'])}, where it gives an index into its gaits: "
         f"0 to {len(model.gaits) - 1}."
-        for name, found in result.manifest.get(MISLABELLED, {}).items()
+        for name, found in manifest.get(MISLABELLED, {}).items()
     ]
-    if set(result.manifest["counts"]) == {Status.not_a_number.name}:
-        faults.append(f"of which all {result.manifest['rows']} rows that were tried ended as not_a_number.")
-    counts = ", ".join(f"{number} {status}" for status, number in result.manifest["counts"].items())
-    rows = result.manifest["rows"]
+    if set(manifest["counts"]) == {Status.not_a_number.name}:
+        faults.append(f"of which all {manifest['rows']} rows that were tried ended as not_a_number.")
+    counts = ", ".join(f"{number} {status}" for status, number in manifest["counts"].items())
+    rows = manifest["rows"]
     tried = f"Tried {rows} rows of {CYCLES} cycles over the ranges of parameters and starts: {counts}."
-    begun = remarks({**result.manifest, MISLABELLED: {}})
+    begun = remarks({**manifest, MISLABELLED: {}})
     return Trial(faults, [tried, *begun, *energies])
 
 
@@ -82,13 +84,13 @@ def _clashing_columns(model: Model) -> list[str]:
     ]
 
 
-def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> Result:
+def _run(kind: type[Model], values: Mapping[str, np.ndarray], run: Settle | Trace) -> pd.DataFrame:
     """The rows of these values in memory, without a self-check."""
     varied = {name: each.tolist() for name, each in values.items() if np.ptp(each) > 0.0}
     job = Job(name="trial", model=models.name_of(kind), vary={"zip": varied}, run=run, verify=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what a run has to remark is said in the trial's own words
-        return run_in_memory(job)
+        return table_in_memory(job)
 
 
 def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.ndarray]) -> list[str]:
@@ -104,7 +106,7 @@ def _energies(model: HybridModel, kind: type[Model], values: Mapping[str, np.nda
         return []
     known = {q.name: float(values[q.name][0]) for q in model.parameters}
     cycle = float(model.period(model.params({k: jnp.asarray(v) for k, v in known.items()})))
-    table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES)).table
+    table = _run(watched, values, Trace(duration=3 * cycle, every=cycle / SAMPLES))
     said = []
     for name in names:
         rates = table[name + _RATE].to_numpy(float)

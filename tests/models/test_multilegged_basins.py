@@ -12,8 +12,8 @@ import gaitsweep as gs
 from gaitsweep.analysis.attractors.attractors import agreement, attractors
 from gaitsweep.analysis.basins.fractions import fractions
 from gaitsweep.analysis.basins.measures import basins
+from gaitsweep.api.result import run
 from gaitsweep.job import load_job
-from gaitsweep.runs.result import run
 
 pytestmark = pytest.mark.slow
 SWEEPS = Path(__file__).parents[2] / "sweeps"

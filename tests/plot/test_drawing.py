@@ -15,10 +15,10 @@ from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleto
 from gaitsweep import models
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours, limbs_of
-from gaitsweep.plot.movie.animation import Clip, frames
-from gaitsweep.plot.movie.side_view import bounds, heading, turned
-from gaitsweep.runs.movie import read_motion
 from gaitsweep.skeleton import Skeleton
+from gaitsweep.view.movie.animation import Clip, frames
+from gaitsweep.view.movie.row_movie import read_motion
+from gaitsweep.view.movie.side_view import bounds, heading, turned
 
 
 @pytest.mark.parametrize("name", models.names())

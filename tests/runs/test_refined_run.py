@@ -15,8 +15,8 @@ import gaitsweep as gs
 from gaitsweep.job import JobError
 from gaitsweep.runs import refined as refinement
 from gaitsweep.runs.estimate import estimate
-from gaitsweep.runs.report import write_report
 from gaitsweep.table import EncodedPart, ResultDirectory
+from gaitsweep.view.report import write_report
 
 TURN = 2 * np.pi
 REFINED = {"kind": "settle", "max_cycles": 60, "refine": "boundary"}

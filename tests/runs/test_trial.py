@@ -253,7 +253,7 @@ def test_a_model_of_which_no_row_runs_is_not_good(monkeypatch: pytest.MonkeyPatc
     def refuse(*_: object) -> None:
         raise gs.UserError("vary is refused.")
 
-    monkeypatch.setattr("gaitsweep.runs.trial.run_in_memory", refuse)
+    monkeypatch.setattr("gaitsweep.runs.trial.table_in_memory", refuse)
     assert trial(Unlabelled).faults == ["of which no row can be run: vary is refused."]
 
 

@@ -18,10 +18,10 @@ from toy_directories import block_frame, files_of, fill, open_toy
 
 from gaitsweep.cli.main import main
 from gaitsweep.runs.figures import draw_figures
-from gaitsweep.runs.report import write_report
 from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.digests import read_digests
 from gaitsweep.table.manifest import sealed
+from gaitsweep.view.report import write_report
 
 ROOT = Path(__file__).resolve().parents[2]
 

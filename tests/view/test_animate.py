@@ -24,9 +24,9 @@ from trace_directories import (
 from gaitsweep.cli import main
 from gaitsweep.job import Job
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.movie import mujoco_movie
-from gaitsweep.runs import movie
 from gaitsweep.table import Snapshot
+from gaitsweep.view.movie import mujoco_movie
+from gaitsweep.view.movie import row_movie as movie
 
 LINES = "--renderer", "matplotlib"
 SMALL = "--size", "320x180"

@@ -15,11 +15,11 @@ from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.kinds.continuation import Continuation
 from gaitsweep.kinds.run_kind import Between
 from gaitsweep.kinds.staircase import Staircase
-from gaitsweep.runs.explorer.choice import cells_to_trace, spread
-from gaitsweep.runs.explorer.section_states import states_at
-from gaitsweep.runs.explorer.start_map import CELLS, StartMap
-from gaitsweep.runs.explorer.walks import Crossings, Stretch, Walker, Watched, Windows
 from gaitsweep.runs.prepare import Prepared
+from gaitsweep.view.explorer.choice import cells_to_trace, spread
+from gaitsweep.view.explorer.section_states import states_at
+from gaitsweep.view.explorer.start_map import CELLS, StartMap
+from gaitsweep.view.explorer.walks import Crossings, Stretch, Walker, Watched, Windows
 
 FIRST_CYCLES = 3
 LAST_CYCLES = 2  # of a row that has no steady gait

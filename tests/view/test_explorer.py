@@ -21,18 +21,18 @@ from toy_model import flight_time
 from typer.testing import CliRunner
 
 import gaitsweep as gs
+from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
 from gaitsweep.plot import style
-from gaitsweep.plot.movie.animation import Clip
-from gaitsweep.plot.movie.side_view import projected
 from gaitsweep.runs.dataset import MissingPackageError
-from gaitsweep.runs.explorer.choice import boundary, spread, subgrid
-from gaitsweep.runs.explorer.encoding import RESOLUTION, motion_fields, packed
-from gaitsweep.runs.explorer.explorer import explorer_of
-from gaitsweep.runs.explorer.plotly_source import quicker
-from gaitsweep.runs.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
-from gaitsweep.runs.explorer.walks import Motion, Pictures, Stretch
-from gaitsweep.runs.result import Result
+from gaitsweep.view.explorer.choice import boundary, spread, subgrid
+from gaitsweep.view.explorer.encoding import RESOLUTION, motion_fields, packed
+from gaitsweep.view.explorer.explorer import explorer_of
+from gaitsweep.view.explorer.plotly_source import quicker
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_symbol
+from gaitsweep.view.explorer.walks import Motion, Pictures, Stretch
+from gaitsweep.view.movie.animation import Clip
+from gaitsweep.view.movie.side_view import projected
 
 SIDE = 6
 PSI_3 = (0.4 * math.pi, math.pi)

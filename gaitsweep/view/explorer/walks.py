@@ -14,9 +14,9 @@ from gaitsweep.engine.recorders.windows import WindowsRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
-from gaitsweep.plot.movie.animation import Clip
-from gaitsweep.plot.movie.side_view import bounds, heading, projected, turned
 from gaitsweep.skeleton import Skeleton
+from gaitsweep.view.movie.animation import Clip
+from gaitsweep.view.movie.side_view import bounds, heading, projected, turned
 
 # Contacts are sampled at this many instants a nominal cycle, and every second of them is a picture.
 SAMPLES_A_CYCLE = 64

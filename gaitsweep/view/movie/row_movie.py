@@ -17,11 +17,11 @@ from gaitsweep.job.stored import row_params, stored_job
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import rows_where, written
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.movie import animation, movie_file, side_view
-from gaitsweep.plot.movie.animation import Clip, Drawn, Scene
-from gaitsweep.plot.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
 from gaitsweep.table import WriteError, load, reason, replace_file
 from gaitsweep.table.manifest import FIGURES
+from gaitsweep.view.movie import animation, movie_file, side_view
+from gaitsweep.view.movie.animation import Clip, Drawn, Scene
+from gaitsweep.view.movie.mujoco_movie import NoOpenGL, Painter, Rendered, RenderedBody, pixels
 
 RENDERERS = ("auto", "mujoco", "matplotlib")
 SIZE, STILL_SIZE = (960, 540), (1600, 560)  # pixels

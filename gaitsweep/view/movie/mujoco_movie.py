@@ -20,8 +20,8 @@ from matplotlib.image import AxesImage
 
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.movie.side_view import bounds
 from gaitsweep.skeleton import Skeleton
+from gaitsweep.view.movie.side_view import bounds
 
 BACKENDS = ("egl", "osmesa")  # OpenGL without a display; the first that works is used
 _PATIENCE = 90.0  # s for a frame; the first one includes the start of Python and MuJoCo

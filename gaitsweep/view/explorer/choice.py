@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gaitsweep.runs.explorer.start_map import StartMap
+from gaitsweep.view.explorer.start_map import StartMap
 
 
 def boundary(shown: StartMap) -> np.ndarray:

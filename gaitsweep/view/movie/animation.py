@@ -18,8 +18,8 @@ from gaitsweep.mathtext import settable
 from gaitsweep.plot import style
 from gaitsweep.plot.footprints import contact_intervals
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.plot.movie.side_view import SideView, bounds
 from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.view.movie.side_view import SideView, bounds
 
 _WIDE = 8.0  # inches; width of every frame, so that its text has the same relative size
 _CYCLES_SHOWN = 2.0

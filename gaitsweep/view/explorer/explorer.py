@@ -25,17 +25,17 @@ from gaitsweep.job.stored import stored_job
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.provenance_marks import remarks
-from gaitsweep.runs.explorer.encoding import compressed, crossing_fields, motion_fields
-from gaitsweep.runs.explorer.plotly_source import plotly_source
-from gaitsweep.runs.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
-from gaitsweep.runs.explorer.walks import BodyParts, Crossings, Walker, Watched
-from gaitsweep.runs.explorer.watching import Watch, watches
 from gaitsweep.runs.prepare import Prepared, prepare
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import changes, circular
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.table import load, replace_file, writing
 from gaitsweep.version import version
+from gaitsweep.view.explorer.encoding import compressed, crossing_fields, motion_fields
+from gaitsweep.view.explorer.plotly_source import plotly_source
+from gaitsweep.view.explorer.start_map import StartMap, columns_of, html_symbol, map_of, with_next
+from gaitsweep.view.explorer.walks import BodyParts, Crossings, Walker, Watched
+from gaitsweep.view.explorer.watching import Watch, watches
 
 EXPLORE = "explore.html"
 MAX_SIZE = 10.0  # MB
@@ -63,8 +63,8 @@ def write_explorer(
     *,
     x: str | None = None,
     y: str | None = None,
-    walks: int = MOST_WALKS,
-    max_size: float = MAX_SIZE,
+    walks: int | None = None,
+    max_size: float | None = None,
     trust: bool = False,
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
@@ -76,11 +76,11 @@ def write_explorer(
             continuation.
         out: the file; `explore.html` in the directory by default.
         x, y: columns along the axes; by default those of the job's figures, or the longest axes.
-        walks: how many starts (records of a ramp or a staircase) are simulated again at most.
-        max_size: the largest size of the page, MB.
+        walks: how many starts (records of a ramp or a staircase) are simulated again at most; 400 by default.
+        max_size: the largest size of the page, MB; 10 by default.
         trust: import a user's model from the directory, or from the folder that its manifest names.
-        progress: told how far it is.
-        tell: told, in a sentence each, what the page lacks.
+        progress: called with the rows done, the rows in all, rows a second, the share done, a remark.
+        tell: called with a sentence for each thing that the page lacks.
 
     Returns:
         The file.
@@ -107,15 +107,17 @@ def explorer_of(
     *,
     x: str | None = None,
     y: str | None = None,
-    walks: int = MOST_WALKS,
-    max_size: float = MAX_SIZE,
+    walks: int | None = None,
+    max_size: float | None = None,
     trust: bool = False,
     progress: Progress | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write the page of a table, as `write_explorer` does."""
     plotly = plotly_source()
-    page = _page(table, _job_of(table, trust), plotly, (x, y), walks, max_size, progress, tell)
+    most = MOST_WALKS if walks is None else walks
+    megabytes = MAX_SIZE if max_size is None else max_size
+    page = _page(table, _job_of(table, trust), plotly, (x, y), most, megabytes, progress, tell)
     with writing(f"{target} could not be written"):
         replace_file(target, lambda file: file.write(page.encode()))
     return target
@@ -473,7 +475,7 @@ def _plain(value: Any) -> Any:
 
 def _part(ending: str) -> str:
     return (
-        resources.files("gaitsweep.runs.explorer").joinpath("page", f"explorer.{ending}").read_text("utf-8")
+        resources.files("gaitsweep.view.explorer").joinpath("page", f"explorer.{ending}").read_text("utf-8")
     )
 
 

@@ -15,8 +15,8 @@ from browser import browser, program
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.runs import provenance
-from gaitsweep.runs.report import write_report
 from gaitsweep.runs.status_sentences import status_sentence
+from gaitsweep.view.report import write_report
 
 Capture = pytest.CaptureFixture[str]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import html
-import tempfile
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,8 +18,7 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
 from gaitsweep.models import importable
 from gaitsweep.runs.dataset import dataset_of
-from gaitsweep.runs.execute import run_job
-from gaitsweep.runs.explorer.explorer import EXPLORE, MAX_SIZE, MOST_WALKS, explorer_of
+from gaitsweep.runs.execute import run_job, table_in_memory
 from gaitsweep.runs.progress import Progress, progress_lines
 from gaitsweep.runs.self_check_report import sentence
 from gaitsweep.runs.summary import remarks
@@ -143,23 +141,30 @@ class Result:
         *,
         x: str | None = None,
         y: str | None = None,
-        walks: int = MOST_WALKS,
-        max_size: float = MAX_SIZE,
+        walks: int | None = None,
+        max_size: float | None = None,
         trust: bool = False,
     ) -> Path:
         """Write a page on which a click on a start makes it walk.
 
         Args:
             out: the file; `explore.html` in the result directory by default.
-            x, y, walks, max_size, trust: as for `gaitsweep.runs.explorer.explorer.write_explorer`.
+            x, y: columns along the axes; by default those of the job's figures, or the longest axes.
+            walks: how many starts are simulated again at most; 400 by default.
+            max_size: the largest size of the page, MB; 10 by default.
+            trust: import a user's model from the directory, or from the folder that its manifest names.
 
         Returns:
             The file.
 
         Raises:
-            ArgumentError: the result is in memory, without `out`; or as there.
-            MissingPackageError, PlotError, WriteError: as there.
+            ArgumentError: the result is in memory, without `out`; its kind cannot be explored.
+            MissingPackageError: plotly is not installed.
+            PlotError: a column is not there.
+            WriteError: the file cannot be written.
         """
+        from gaitsweep.view.explorer.explorer import EXPLORE, explorer_of
+
         target = self.path / EXPLORE if out is None else Path(out)
         return explorer_of(self.table, target, x=x, y=y, walks=walks, max_size=max_size, trust=trust)
 
@@ -257,17 +262,11 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
         job: the job.
         client: a `distributed.Client`, whose workers compute the rows and send them here.
 
-    The same code as `run` writes the table, into a temporary folder that is removed afterwards, so both give
-    the same values and types. Ctrl-C loses the rows that have ended.
-
     Raises:
         TableError, RunError: the temporary disk is full, a device is missing.
     """
     cluster = None if client is None else cluster_of(client, collect=True)
-    with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
-        done = run_job(job, folder, progress=progress_lines(), tell=warn, figures=False, cluster=cluster)
-        table = load(done)
-    del table.attrs["path"]
+    table = table_in_memory(job, progress=progress_lines(), tell=warn, cluster=cluster)
     return _remarked(Result(table=table))
 
 

@@ -1,0 +1,1 @@
+"""Pages and movies of a result directory: explorer, report, animations."""
