@@ -14,9 +14,9 @@ import statistics
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from browser import Page, browser, program  # pyright: ignore[reportMissingImports]
+from tests.support.browser import Page, browser, program  # pyright: ignore[reportMissingImports]
 
 
 def opened(page: Page, file: Path) -> tuple[float, float, float]:

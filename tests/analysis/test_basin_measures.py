@@ -7,15 +7,6 @@ import functools
 import numpy as np
 import pandas as pd
 import pytest
-from basin_tables import (
-    TURN,
-    cantor_labels,
-    final_state,
-    grid_table,
-    julia,
-    newton,
-    weierstrass,
-)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,6 +20,15 @@ from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.measures import basins
 from gaitsweep.analysis.basins.wada import wada
 from gaitsweep.analysis.records import AnalysisError
+from tests.support.basin_tables import (
+    TURN,
+    cantor_labels,
+    final_state,
+    grid_table,
+    julia,
+    newton,
+    weierstrass,
+)
 
 
 @pytest.mark.slow

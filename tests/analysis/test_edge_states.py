@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from landscape_model import Landscape, curve
 
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
@@ -21,6 +20,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import locked_state
+from landscape_model import Landscape, curve
 
 
 def saddle(values, x):

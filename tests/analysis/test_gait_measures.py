@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from gait_traces import crossings_of, ends, ideal_phases, trace_of
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.gait_measures import gait_measures
@@ -14,6 +13,7 @@ from gaitsweep.papers.fukuoka2015.analysis.oscillation_along import oscillation_
 from gaitsweep.papers.fukuoka2015.analysis.speed_transitions import speed_transitions
 from gaitsweep.papers.fukuoka2015.analysis.threshold_effect import gaits_by_threshold, shift_sizes
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from tests.support.gait_traces import crossings_of, ends, ideal_phases, trace_of
 
 
 def ramp_of(up: list[tuple[str, int]], down: list[tuple[str, int]], *, row: int = 0) -> pd.DataFrame:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from gait_traces import crossings_of, ends, trace_of, traces
 
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
@@ -15,6 +14,7 @@ from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_a
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
+from tests.support.gait_traces import crossings_of, ends, trace_of, traces
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from hysteresis_tables import AREA, FOLD, SCALE, STATUSES, ramp_table, roots, settle_table, staircase_table
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.transition_points import (
@@ -15,6 +14,16 @@ from gaitsweep.analysis.transitions.transition_points import (
     loop_area,
     transition_points,
     transition_points_by_gait,
+)
+from tests.support.hysteresis_tables import (
+    AREA,
+    FOLD,
+    SCALE,
+    STATUSES,
+    ramp_table,
+    roots,
+    settle_table,
+    staircase_table,
 )
 
 JUMP = np.sqrt(3) * SCALE  # rad, at a fold: from x = -1/sqrt(3) to 2/sqrt(3)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from gait_traces import ends, trace_of
 from scipy.stats import binomtest
 
 from gaitsweep.analysis.records import AnalysisError
@@ -17,6 +16,7 @@ from gaitsweep.papers.fukuoka2015.analysis.loading_rule import (
     pairs_in,
     wilson,
 )
+from tests.support.gait_traces import ends, trace_of
 
 
 def _judged(table: pd.DataFrame, **options: object) -> pd.DataFrame:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, dressed, map_table, roots
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts, pairs
 from gaitsweep.circular import wrapped_difference
+from tests.support.hysteresis_tables import CENTRE, FOLD, SCALE, TURN, delta, dressed, map_table, roots
 
 EPS = 0.05
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hysteresis_tables import TURN, map_table
 
 from gaitsweep import plot
 from gaitsweep.analysis.transitions.return_map import branches, drift, fixed_points, ghosts
+from tests.support.hysteresis_tables import TURN, map_table
 
 LORENZ = pd.read_csv(Path(__file__).parents[1] / "reference" / "lorenz_crossings.csv")
 

@@ -15,7 +15,7 @@ from gaitsweep.analysis.circular import is_circular
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, margin, place, signs
-from tests.gait_traces import ideal_phases, onset_table
+from tests.support.gait_traces import ideal_phases, onset_table
 
 
 def _steps(

@@ -6,9 +6,9 @@ import sys
 
 import numpy as np
 import pytest
-import toy_model
 
 import gaitsweep as gs
+import toy_model
 
 TOY = toy_model.Toy()
 SETTLE = gs.Settle(max_cycles=40)

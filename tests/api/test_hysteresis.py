@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hysteresis_tables import AREA, FOLD, SCALE, ramp_table, settle_table, staircase_table
 from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
+from tests.support.hysteresis_tables import AREA, FOLD, SCALE, ramp_table, settle_table, staircase_table
 
 SETTLED = settle_table(np.linspace(-0.8, 0.8, 17).tolist(), [-1.2, 1.2])
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import toy_model
 
 import gaitsweep as gs
+import toy_model
 
 KICK, R = 0.3, 0.4
 FIXED = KICK / (1 - R)  # launch speed of the fixed point of u -> r u + kick

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import toy_model
 from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
+import toy_model
 
 AXES: dict[str, Any] = {"launch_1": np.linspace(1.0, 2.0, 4), "restitution": [0.2, 0.5]}
 KINDS = {

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from browser import browser, program
 
 from gaitsweep.claims.page import page
 from gaitsweep.claims.verdict import ClaimVerdict
+from tests.support.browser import browser, program
 
 TEXT = (
     "where", "claim", "paper", "ours", "allowed", "because", "unit", "figure", "why", "chosen", "tried",

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from gait_traces import ideal_phases
 
 from gaitsweep.claims.measures.general import MeasureError, default_values
 from gaitsweep.claims.paper import read_paper
 from gaitsweep.claims.verdict import ClaimVerdict, verdict
 from gaitsweep.papers.fukuoka2015 import measures as measures
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
+from tests.support.gait_traces import ideal_phases
 
 
 def trace(gait: str, *, period: float = 0.4, row: int = 0, nod: int = 2) -> pd.DataFrame:

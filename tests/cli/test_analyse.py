@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
-from basin_tables import grid_table
-from gait_traces import ends, traces
-from hysteresis_tables import staircase_table
 
 import gaitsweep.table
 from gaitsweep.cli import main
+from tests.support.basin_tables import grid_table
+from tests.support.gait_traces import ends, traces
+from tests.support.hysteresis_tables import staircase_table
 
 Show = Callable[..., str]
 

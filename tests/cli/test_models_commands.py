@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from installed_packages import at, install
 
 from gaitsweep.cli import main
+from tests.support.installed_packages import at, install
 
 Capture = pytest.CaptureFixture[str]
 

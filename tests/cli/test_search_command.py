@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 from gaitsweep.cli import main
+from tests.support import environment
 
 JOB = """\
 name: toy_search
@@ -156,12 +156,11 @@ def test_the_schema_takes_the_shipped_fits(capsys: Capture) -> None:
 @pytest.mark.parametrize(("stop", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
 def test_a_stopped_command_goes_on(stop: signal.Signals, code: int, capsys: Capture) -> None:
     long = ["search", "job.yaml", "--set", "search.budget=2000"]
-    modules = os.pathsep.join([str(SWEEPS.parent), str(SWEEPS.parent / "tests")])  # gaitsweep and toy_model
     process = subprocess.Popen(
         [sys.executable, "-m", "gaitsweep", *long],
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": modules},
+        env=environment(),
     )
     table = Path("results/toy_search/table")
     deadline = time.monotonic() + 120

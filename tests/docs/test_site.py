@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import typer
-from browser import browser, program
 
 import gaitsweep as gs
 from gaitsweep.cli import analyse
@@ -19,6 +18,7 @@ from gaitsweep.cli.commands import app
 from gaitsweep.fitting.schema import schema
 from gaitsweep.papers.ambe2021 import analytic
 from gaitsweep.plot import FIGURES
+from tests.support.browser import browser, program
 
 pytestmark = pytest.mark.slow  # half a minute: Sphinx reads each page and imports the package
 

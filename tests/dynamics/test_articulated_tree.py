@@ -21,9 +21,9 @@ from gaitsweep.dynamics.tree.external_force import PointForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, rates, velocity
 from gaitsweep.dynamics.tree.spatial import quaternion_exponential, solve_positive
-from tests.random_trees import Moment, moment, tree_xml, waist_quadruped_xml
-from tests.scalar_programs import outputs_of, trace
-from tests.tree_mechanics import (
+from tests.support.random_trees import Moment, moment, tree_xml, waist_quadruped_xml
+from tests.support.scalar_programs import outputs_of, trace
+from tests.support.tree_mechanics import (
     WorldForce,
     centre_of_mass,
     inverse_dynamics,

@@ -12,7 +12,7 @@ from gaitsweep.dynamics.tree.dynamics import forward_dynamics
 from gaitsweep.dynamics.tree.external_force import YieldingForce
 from gaitsweep.dynamics.tree.from_mjcf import tree_of
 from gaitsweep.dynamics.tree.kinematics import integrate, movements, places, velocity, velocity_at
-from tests.tree_mechanics import inverse_dynamics
+from tests.support.tree_mechanics import inverse_dynamics
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 GROUND = {"K": 2.0e4, "D": 200.0, "mu": 0.5, "v_slip": 0.01}

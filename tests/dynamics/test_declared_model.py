@@ -10,8 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from smooth_oscillators import VanDerPol
-from sweeping import run_rows, scalars
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
@@ -21,6 +19,8 @@ from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.models.conformity import fault, faults
 from gaitsweep.skeleton import LimbLook
+from smooth_oscillators import VanDerPol
+from tests.support.sweeping import run_rows, scalars
 
 
 @dataclasses.dataclass(frozen=True)

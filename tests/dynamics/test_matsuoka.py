@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scalar_programs import outputs_of, source_of, traced_with
 from scipy.integrate import solve_ivp
 
 from gaitsweep.dynamics.matsuoka import FLEXOR, Coupling, leg_feedback, links, rates
+from tests.support.scalar_programs import outputs_of, source_of, traced_with
 
 # Fukuoka et al. 2015, as completed from a citation of their supplement; legs LF, LH, RF, RH.
 PAGE = {"s": 1.71, "Tr": 0.0473, "Ta": 0.6, "b": 3.0, "gamma": -2.0}

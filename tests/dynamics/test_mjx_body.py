@@ -12,13 +12,13 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from random_trees import unit
 
 from gaitsweep.dynamics.mjx.body import MjxBody, refusals
 from gaitsweep.dynamics.mjx.variants import Variants, rescale
 from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import mjx_body as body
 from gaitsweep.papers.aoi2011.waist_quadruped.in_mjx import variants
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
+from tests.support.random_trees import unit
 
 DT = 2e-4
 FEET = [f"foot_{i + 1}" for i in range(4)]

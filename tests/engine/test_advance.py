@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from firing_neuron import Neuron, firing_times
-from sweeping import run_rows, scalars
-from toy_model import Toy, bounce_times, flight_time
 
+from firing_neuron import Neuron, firing_times
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import GOING, Numerics, advance, start
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from tests.support.sweeping import run_rows, scalars
+from toy_model import Toy, bounce_times, flight_time
 
 
 def crossing_times(model, starts, count, **options):

@@ -10,15 +10,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from firing_neuron import Neuron
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from smooth_oscillators import Spring, VanDerPol
-from sweeping import run_rows
-from toy_model import Toy, flight_time
 
 import gaitsweep as gs
+from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.cli import show
 from gaitsweep.contract import HybridModel, Status
@@ -32,6 +29,9 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.examples.lorenz import Lorenz
 from gaitsweep.models.conformity import fault
 from gaitsweep.table import Snapshot
+from smooth_oscillators import Spring, VanDerPol
+from tests.support.sweeping import run_rows
+from toy_model import Toy, flight_time
 
 ENGINES = ("xla", "kernel")
 

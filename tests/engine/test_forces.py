@@ -22,8 +22,8 @@ from gaitsweep.papers.ambe2021.spring_chain import neighbour_force
 from gaitsweep.papers.aoi2011.waist_quadruped import mechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
-from tests.sweeping import scalars
-from tests.tree_mechanics import WorldForce
+from tests.support.sweeping import scalars
+from tests.support.tree_mechanics import WorldForce
 
 M, K, D = 0.7, 300.0, 4.0  # kg, N/m, N s/m
 TIMES = np.linspace(0.0, 0.35, 15)

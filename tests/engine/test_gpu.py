@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from multilegged_crossings import reference, simulated, wrapped
-from sweeping import run_rows, same
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import gpu_program
@@ -18,6 +16,8 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
+from tests.support.multilegged_crossings import reference, simulated, wrapped
+from tests.support.sweeping import run_rows, same
 
 pytestmark = pytest.mark.gpu
 

@@ -13,11 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from host_card import HOST_HEAD, HostCard, compiler, library
-from multilegged_crossings import wrapped
-from scalar_programs import executable, traced_with
-from sweeping import run_rows, same
-from toy_model import Toy
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.dependence import dependences
@@ -30,6 +25,11 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep import engines
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support.host_card import HOST_HEAD, HostCard, compiler, library
+from tests.support.multilegged_crossings import wrapped
+from tests.support.scalar_programs import executable, traced_with
+from tests.support.sweeping import run_rows, same
+from toy_model import Toy
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C++ compiler")
 

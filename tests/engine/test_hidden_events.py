@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import run_rows
 
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
@@ -19,6 +18,7 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.hidden_events import may_bend, may_hide, switch_unseen
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
+from tests.support.sweeping import run_rows
 
 
 @jax.tree_util.register_dataclass

@@ -17,11 +17,8 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 import pytest
-from firing_neuron import Neuron
-from multilegged_crossings import wrapped
-from sweeping import run_rows, same
-from toy_model import Toy
 
+from firing_neuron import Neuron
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu_program, llvm_code
@@ -32,6 +29,10 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support import environment
+from tests.support.multilegged_crossings import wrapped
+from tests.support.sweeping import run_rows, same
+from toy_model import Toy
 
 LAUNCH = np.linspace(0.1, 4.0, 23)
 NUMERICS = Numerics(dt=1e-2)
@@ -204,10 +205,13 @@ def test_a_second_process_finds_the_kernel(kernels: Path) -> None:
         "(kernel,) = [m for n, m in sys.modules.items() if n.startswith('gaitsweep_kernel')]\n"
         "print(sum(kernel.run.stats.cache_hits.values()), sum(kernel.run.stats.cache_misses.values()))\n"
     )
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1]), "JAX_ENABLE_X64": "1"}
     hits = [
         subprocess.run(
-            [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+            [sys.executable, "-c", script],
+            env=environment(JAX_ENABLE_X64="1"),
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout.split()
         for _ in range(2)
     ]

@@ -16,7 +16,7 @@ from jax import lax
 
 from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.operations import OPERATIONS
-from tests.scalar_programs import executable, on_many, storing_source_of, traced_with
+from tests.support.scalar_programs import executable, on_many, storing_source_of, traced_with
 
 pytestmark = pytest.mark.skipif(
     np.finfo(np.longdouble).nmant < 63, reason="long double is no more than double here"

@@ -20,8 +20,8 @@ from jax import lax
 from gaitsweep.engine.kernel import arrays, control, llvm_code, primitives
 from gaitsweep.engine.kernel import indexing as places
 from gaitsweep.engine.kernel.trace import UnsupportedError
-from tests.scalar_programs import executable, outputs_of, source_of, storing_source_of, traced_with
-from tests.traced_cases import CASES
+from tests.support.scalar_programs import executable, outputs_of, source_of, storing_source_of, traced_with
+from tests.support.traced_cases import CASES
 
 
 def _by_jax(function: Callable[..., Any], *args: Any) -> Any:

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from job_files import refused, written
-from toy_model import Toy
 
 import gaitsweep as gs
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.job import Job
+from tests.support.job_files import refused, written
+from toy_model import Toy
 
 TOY = f"{Toy.__module__}:{Toy.__name__}"
 WAY: dict[str, Any] = {"parameter": "kick", "path": [0.5, 2.0, 0.5], "rate": 0.1, "initial_dwell": 3}

@@ -13,10 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from firing_neuron import Neuron, firing_times
-from sweeping import run_rows, scalars
-from toy_model import Toy, bounce_times
 
+from firing_neuron import Neuron, firing_times
 from gaitsweep import models
 from gaitsweep.contract import Status
 from gaitsweep.engine.flow_spectrum import flow_eigenvalues, slowest_limit
@@ -27,6 +25,8 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import row_steps
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support.sweeping import run_rows, scalars
+from toy_model import Toy, bounce_times
 
 
 def test_tsitouras_coefficients_meet_the_order_conditions() -> None:

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 import pytest
-from sweeping import run_rows
-from toy_model import Params, Toy
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose
+from tests.support.sweeping import run_rows
+from toy_model import Params, Toy
 
 LAUNCH = np.linspace(0.1, 4.0, 7)
 KICK = np.linspace(0.1, 0.9, 7)

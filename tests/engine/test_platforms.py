@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import devices_on, run_rows
-from toy_model import Toy, launches
 
 import gaitsweep as gs
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep import lane
+from tests.support.sweeping import devices_on, run_rows
+from toy_model import Toy, launches
 
 
 class Hidden:

@@ -10,11 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from firing_neuron import Neuron
 from reference import exponential_polynomial
-from sweeping import run_rows, scalars
-from toy_model import Toy, flight_time
 
+from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
 from gaitsweep.engine.advance import Numerics
@@ -24,6 +22,8 @@ from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support.sweeping import run_rows, scalars
+from toy_model import Toy, flight_time
 
 REFERENCE = Path(__file__).parents[1] / "reference" / "multilegged_crossings.csv"
 LINEAR = [cls() for cls in (*map(models.find, models.names()), Toy) if getattr(cls, "linear", False)]

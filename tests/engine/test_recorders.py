@@ -5,8 +5,6 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import run_rows
-from toy_model import Toy, bounce_times, launches
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -14,6 +12,8 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.trace import TraceRecorder
+from tests.support.sweeping import run_rows
+from toy_model import Toy, bounce_times, launches
 
 W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
 

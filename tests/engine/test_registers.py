@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sweeping import run_rows, same
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu_program
@@ -16,6 +15,7 @@ from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.registers import steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support.sweeping import run_rows, same
 
 STARTS = {f"psi_{i}": np.random.default_rng(i).uniform(0, 2 * np.pi, 11) for i in (1, 2, 3)}
 

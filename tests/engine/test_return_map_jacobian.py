@@ -10,8 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import yaml
-from sweeping import scalars
-from toy_model import Toy, flight_time
 
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
@@ -23,6 +21,8 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+from tests.support.sweeping import scalars
+from toy_model import Toy, flight_time
 
 # one start near each gait of the chain: direct, retrograde, source
 GAITS = {

@@ -10,9 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from plane_maps import Logistic, Params, Spiral, State
-from sweeping import run_rows, scalars
-from toy_model import Toy, bounce_times, launches
 
 import gaitsweep as gs
 from gaitsweep.contract import Quantity, Status
@@ -24,6 +21,9 @@ from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.engine.sweep.block import BlockResult
+from plane_maps import Logistic, Params, Spiral, State
+from tests.support.sweeping import run_rows, scalars
+from toy_model import Toy, bounce_times, launches
 
 ENGINES = ("xla", "kernel")
 ONE = Numerics(dt=1.0)  # a step is a crossing

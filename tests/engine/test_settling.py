@@ -9,10 +9,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from plane_maps import Logistic, Spiral
-from simplest_walker import ANGLE, RATE, SimplestWalker
-from sweeping import run_rows
-from toy_model import Toy
 
 import gaitsweep as gs
 from gaitsweep.analysis.attractors.attractors import attractors
@@ -21,6 +17,10 @@ from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.job import JobError
+from plane_maps import Logistic, Spiral
+from simplest_walker import ANGLE, RATE, SimplestWalker
+from tests.support.sweeping import run_rows
+from toy_model import Toy
 
 ONE = Numerics(dt=1.0)  # a step is a crossing
 ENGINES = ("xla", "kernel")

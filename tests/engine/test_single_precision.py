@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import run_rows, scalars
 
 from gaitsweep.dynamics.single_precision import worked_in
 from gaitsweep.engine.advance import Numerics
@@ -15,6 +14,7 @@ from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
+from tests.support.sweeping import run_rows, scalars
 
 TABLE = np.linspace(0.1, 0.9, 9).reshape(3, 3)  # float64, as a tree's constants are
 

@@ -10,18 +10,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from firing_neuron import Neuron
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from sweeping import run_rows
-from toy_model import Toy
 
+from firing_neuron import Neuron
 from gaitsweep.contract import Quantity, Status, SteppedModel
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.engine.sweep.block import BlockResult
+from tests.support.sweeping import run_rows
+from toy_model import Toy
 
 NUMERICS = Numerics(dt=1e-2)
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweeping import run_rows, same
-from toy_model import Toy
 
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support.sweeping import run_rows, same
+from toy_model import Toy
 
 LAUNCH = np.linspace(0.1, 4.0, 23)
 NUMERICS = Numerics(dt=1e-2)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sweeping import run_rows
-from toy_model import Toy, bounce_times, launches
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.recorders.windows import WindowsRecorder
+from tests.support.sweeping import run_rows
+from toy_model import Toy, bounce_times, launches
 
 W, D = 2.0, 0.5  # rad/s, m: the toy's defaults
 

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import scalars
 
 import gaitsweep as gs
 from gaitsweep.examples.compass_walker import CompassWalker
+from tests.support.sweeping import scalars
 
 
 def masses(p, angles):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from installed_packages import ROOT, at, install
+
+from tests.support.installed_packages import ROOT, at, install
 
 
 @pytest.mark.slow

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
 
 from gaitsweep.fitting.designs import Design, design_of
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.indices import Output, indices
+from response_model import COEFFICIENTS, A, B, ishigami, ishigami_indices
 
 NAMES = ["x_1", "x_2", "x_3"]
 RANGES = {name: Free(low=-np.pi, high=np.pi) for name in NAMES}

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import toy_model
 from pydantic import ValidationError
 
 import gaitsweep as gs
+import toy_model
 from gaitsweep.fitting.measure_kinds import MEASURES
 from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.search_job import read_search

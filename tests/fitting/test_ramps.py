@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import jax
 import numpy as np
 import pytest
-from cusp_flow import CuspFlow, State
 from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
+from cusp_flow import CuspFlow, State
 from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.ramp_measures import Crossings, GaitSequence, Transition
 from gaitsweep.fitting.search_job import read_search

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import toy_model
 import yaml
 from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
+import toy_model
 from gaitsweep.fitting.estimate import estimate_search
 from gaitsweep.fitting.free import sets_at
 from gaitsweep.fitting.optimisers import METHODS, optimiser

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import response_model
 import yaml
-from job_files import FOREIGN, written
 
 import gaitsweep as gs
+import response_model
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.sensitivity import run_sensitivity
@@ -23,6 +22,7 @@ from gaitsweep.job import JobError
 from gaitsweep.runs.cluster import task
 from gaitsweep.runs.cluster.connection import GivenClient
 from gaitsweep.runs.cluster.dispatch import Cluster
+from tests.support.job_files import FOREIGN, written
 
 JOB = """\
 name: response

@@ -11,10 +11,10 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from job_files import GOOD, MAP, RAMP, TRACE, refused, written
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, JobError, load_job
+from tests.support.job_files import GOOD, MAP, RAMP, TRACE, refused, written
 
 
 def test_a_name_that_meant_something_else_once() -> None:

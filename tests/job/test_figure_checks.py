@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from job_tables import table_of
 from matplotlib import pyplot as plt
 
 from gaitsweep.errors import UserError
 from gaitsweep.job import Job, JobError
 from gaitsweep.plot import draw
 from gaitsweep.plot.columns import PlotError
+from tests.support.job_tables import table_of
 
 GRID = {"psi_1": {"linspace": [1, 2, 4]}, "psi_2": {"linspace": [1, 1.5, 3]}}
 MASSES = {"m_B": {"values": [0.85, 0.9]}}

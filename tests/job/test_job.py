@@ -18,7 +18,6 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import qmc
-from toy_model import Toy
 
 from gaitsweep import models
 from gaitsweep.expression import evaluate
@@ -26,6 +25,8 @@ from gaitsweep.job import Job, JobError, Plan, load_job, schema
 from gaitsweep.job.numerics import rows_of_a_part
 from gaitsweep.kinds.ramp import Ramp
 from gaitsweep.kinds.settle import Settle
+from tests.support import MODELS
+from toy_model import Toy
 
 TOY = "toy_model:Toy"
 BASE: dict[str, Any] = {"name": "toy", "model": TOY, "run": {"kind": "settle"}}
@@ -373,7 +374,7 @@ def test_overrides_are_laid_over_the_file(tmp_path: Path) -> None:
 
 
 def test_a_model_beside_the_job(tmp_path: Path) -> None:
-    source = (Path(__file__).parents[1] / "toy_model.py").read_text(encoding="utf-8")
+    source = (MODELS / "toy_model.py").read_text(encoding="utf-8")
     written(tmp_path, source, "my_own_bouncer.py")
     job = load_job(written(tmp_path, "name: a\nmodel: my_own_bouncer:Toy\nrun: {kind: settle}\n"))
     assert job.plan.model.name == "toy"

@@ -9,11 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from firing_neuron import Neuron
 from matplotlib.mathtext import MathTextParser
-from sweeping import scalars
-from toy_model import Toy
 
+from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.contract import (
     RENAMED,
@@ -32,6 +30,8 @@ from gaitsweep.kinds.columns import STATUSES
 from gaitsweep.models.conformity import faults
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
+from tests.support.sweeping import scalars
+from toy_model import Toy
 
 ALL = [*(models.find(name) for name in models.names()), Toy, Neuron]
 

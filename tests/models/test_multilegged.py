@@ -10,10 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from multilegged_crossings import FILE, reference, simulated, wrapped
 from reference import multilegged_scipy
 from reference.multilegged_page import Parameters
-from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Params, State, Status
 from gaitsweep.engine.advance import GOING, advance, start
@@ -22,6 +20,8 @@ from gaitsweep.engine.poincare.poincare_return import LATEST, crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
+from tests.support.multilegged_crossings import FILE, reference, simulated, wrapped
+from tests.support.sweeping import run_rows, scalars
 
 
 # The page allows grazing starts to differ: 95 % of the random starts of each set within 1e-6. The starts of

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -21,6 +20,7 @@ from gaitsweep.papers.ambe2021.theory.chain import Chain, end_resets, touchdown_
 from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
 from gaitsweep.papers.ambe2021.theory.gaits import distances
 from gaitsweep.papers.ambe2021.theory.solution_sets import LagRule, branches, lag_rules, solution
+from tests.support.sweeping import run_rows
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi

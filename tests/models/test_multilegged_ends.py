@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
 from scipy.optimize import linprog
-from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -25,7 +24,8 @@ from gaitsweep.papers.ambe2021.theory.gaits import GAITS
 from gaitsweep.papers.ambe2021.theory.obstacle import balance, obstacle_problem
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules
 from gaitsweep.papers.ambe2021.theory.stability import linear_map
-from tests.multilegged_solutions import solution_set, solution_sets, total
+from tests.support.multilegged_solutions import solution_set, solution_sets, total
+from tests.support.sweeping import run_rows, scalars
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi

@@ -20,7 +20,7 @@ from gaitsweep.papers.ambe2021.theory.gaits import (
     gait_of,
 )
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches
-from tests.multilegged_solutions import solution_set, solution_sets
+from tests.support.multilegged_solutions import solution_set, solution_sets
 
 LEGS = (3, 4, 6, 9)
 TURN = 2.0 * np.pi

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from sweeping import run_rows, scalars
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.contract import Status
@@ -30,7 +29,8 @@ from gaitsweep.papers.ambe2021.theory.order import order_sets
 from gaitsweep.papers.ambe2021.theory.reset_sets import touchdown_residuals
 from gaitsweep.papers.ambe2021.theory.solution_sets import branches, lag_rules
 from gaitsweep.papers.ambe2021.theory.stability import linear_map
-from tests.multilegged_solutions import solution_sets, total
+from tests.support.multilegged_solutions import solution_sets, total
+from tests.support.sweeping import run_rows, scalars
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 TURN = 2.0 * np.pi

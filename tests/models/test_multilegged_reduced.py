@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import multilegged_reduced as reference
-from sweeping import run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -27,7 +26,8 @@ from gaitsweep.papers.ambe2021.theory.gaits import gait_of, locked_state
 from gaitsweep.papers.ambe2021.theory.obstacle import balance, obstacle_problem
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, branches, lag_rules
 from gaitsweep.papers.ambe2021.theory.stability import characteristic_polynomial, linear_map, multipliers
-from tests.multilegged_solutions import solution_set, solution_sets, total
+from tests.support.multilegged_solutions import solution_set, solution_sets, total
+from tests.support.sweeping import run_rows, scalars
 
 STEPS = Numerics(method="semi_implicit", dt=0.4)
 LOCATED = Numerics(method="propagator", dt=0.5)

@@ -28,7 +28,7 @@ from gaitsweep.papers.ambe2021.theory.stability import (
     linear_map,
     multipliers,
 )
-from tests.multilegged_solutions import solution_set, solution_sets, total, transport
+from tests.support.multilegged_solutions import solution_set, solution_sets, total, transport
 
 OTHER = Chain(beta=0.72, kappa=140.0, m=1.1, m_1=0.8, m_end=0.8, a=0.35, g=9.81)
 LEGS = (3, 4, 6, 9)

@@ -16,7 +16,6 @@ import pandas as pd
 import pytest
 from reference.planar_quadruped_mujoco import COLUMNS, OnCompliantFeet, begun, followed
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
-from sweeping import complete, run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -29,6 +28,7 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited, page_va
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE, joint_powers, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import perturbation
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
+from tests.support.sweeping import complete, run_rows
 
 DT = 1e-3
 SPEED = ("s", "Tr", "theta_st", "Kp_hip_st", "Kp_knee_st", "l_sw", "Kp_knee_sw")

@@ -13,10 +13,8 @@ import mujoco
 import numpy as np
 import pandas as pd
 import pytest
-from gait_traces import ideal_phases
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import onsets
-from sweeping import complete, run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -25,6 +23,8 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import gait_of, onsets_o
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped, cycle
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, signs
+from tests.support.gait_traces import ideal_phases
+from tests.support.sweeping import complete, run_rows
 
 DURATION, READ = 24.0, 15.0  # s; what is read comes after READ
 WALKS, CANTERS = {"D-walk", "L-walk"}, {"uR-canter", "uL-canter", "R-canter", "L-canter"}

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from reference.planar_quadruped_mujoco import followed
-from sweeping import complete
 
 from gaitsweep.dynamics.mjx.body import MjxBody
 from gaitsweep.papers.fukuoka2015.planar_quadruped import PlanarQuadruped
 from gaitsweep.papers.fukuoka2015.planar_quadruped.bodies import edited, page_values
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import mjcf
+from tests.support.sweeping import complete
 
 DT, STEPS = 1e-3, 1000
 HEAVY = {"com_x": 0.02, "com_z": 0.04, "torso_mass": 4.6, "torso_inertia": 0.2, "upper_mass": 0.4,

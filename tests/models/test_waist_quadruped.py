@@ -8,9 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from multilegged_crossings import wrapped
 from scipy.spatial.transform import Rotation
-from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -25,6 +23,8 @@ from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
     joint_angles,
     tilt,
 )
+from tests.support.multilegged_crossings import wrapped
+from tests.support.sweeping import run_rows
 
 MODEL = WaistQuadruped()
 STEPS = Numerics(dt=2e-4, method="semi_implicit")

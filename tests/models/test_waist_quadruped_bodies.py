@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 import pytest
 from reference.waist_quadruped_mujoco import Landing, landings
-from sweeping import complete, run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics, advance
@@ -24,6 +23,7 @@ from gaitsweep.job import Job, JobError, load_job
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.foot_path import STANCE
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import mjcf
+from tests.support.sweeping import complete, run_rows
 
 DT = 2e-4
 # A quick start: D and h full after one cycle, the gait let go of before the third.

@@ -14,7 +14,6 @@ import pytest
 from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
 from scipy.integrate import solve_ivp
-from sweeping import complete, run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -33,6 +32,7 @@ from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import (
     mjcf,
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import desired_velocities
+from tests.support.sweeping import complete, run_rows, scalars
 
 MODEL, HIGH = WaistQuadruped(), WaistQuadruped(heights="given")
 BODIES = ("front", "rear")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from reference.waist_quadruped_body import varied
 from reference.waist_quadruped_located import landings
-from sweeping import complete, run_rows, scalars
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.advance import Numerics
@@ -22,6 +21,7 @@ from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import body, mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
+from tests.support.sweeping import complete, run_rows, scalars
 
 MODEL = WaistQuadruped()
 QUICK = {"T_grow": 0.4, "T_hold": 0.7}  # D and h full after one cycle

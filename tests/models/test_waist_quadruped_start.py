@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import run_rows, scalars
 
 from gaitsweep.engine.advance import Numerics, advance, start
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
 from gaitsweep.papers.aoi2011.waist_quadruped.semi_implicit import SemiImplicit, WaistTreeBody
+from tests.support.sweeping import run_rows, scalars
 
 # How far delta_13 is from what is wanted (rad), the pull (rad/s), when it ends, and when to look (s).
 AWAY, K_HOLD, T_HOLD, END = 0.6, 20.0, np.array([0.02137, 0.0249, 0.0301]), 0.04

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from basin_tables import grid_table
-from job_tables import table_of
 from matplotlib.collections import QuadMesh
-from plot_tables import rendered
 
 import gaitsweep as gs
 from gaitsweep.job import JobError
 from gaitsweep.plot import PlotError, draw
 from gaitsweep.table import load
+from tests.support.basin_tables import grid_table
+from tests.support.job_tables import table_of
+from tests.support.plot_tables import rendered
 
 TURN = 2 * np.pi
 

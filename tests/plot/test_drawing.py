@@ -9,8 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
-from sweeping import scalars
-from trace_directories import CYCLE, SPEED, quadruped_signals, quadruped_skeleton, quadruped_table
 
 from gaitsweep import models
 from gaitsweep.job import Job
@@ -19,6 +17,14 @@ from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip, frames
 from gaitsweep.view.movie.row_movie import read_motion
 from gaitsweep.view.movie.side_view import bounds, heading, turned
+from tests.support.sweeping import scalars
+from tests.support.trace_directories import (
+    CYCLE,
+    SPEED,
+    quadruped_signals,
+    quadruped_skeleton,
+    quadruped_table,
+)
 
 
 @pytest.mark.parametrize("name", models.names())

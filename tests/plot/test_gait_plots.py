@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from gait_traces import crossings_of, ends, trace_of, traces
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from plot_tables import rendered
 
 from gaitsweep import plot
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import COLOURS, MARKERS, ORDER
 from gaitsweep.plot import PlotError
+from tests.support.gait_traces import crossings_of, ends, trace_of, traces
+from tests.support.plot_tables import rendered
 
 DELTA = np.linspace(-0.25, 0.25, 21)
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hysteresis_tables import map_table, ramp_table, staircase_table
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import plot
 from gaitsweep.plot import FIGURES
 from gaitsweep.plot.provenance_marks import remarks
+from tests.support.hysteresis_tables import map_table, ramp_table, staircase_table
+from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
 
 def corner(figure: Figure) -> list[str]:

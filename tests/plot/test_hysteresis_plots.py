@@ -7,17 +7,25 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hysteresis_tables import FOLD, delta, map_table, ramp_table, roots, settle_table, staircase_table
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
-from plot_tables import rendered
 
 from gaitsweep import plot
 from gaitsweep.extension import gait_styles
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.branches.passes import DOWN, UP
 from gaitsweep.plot.style import COLOURS, angle_ticks, in_pi
+from tests.support.hysteresis_tables import (
+    FOLD,
+    delta,
+    map_table,
+    ramp_table,
+    roots,
+    settle_table,
+    staircase_table,
+)
+from tests.support.plot_tables import rendered
 
 RISES, FALLS = "/" * 4, "\\" * 4  # hatches of the two bands
 

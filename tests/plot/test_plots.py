@@ -8,7 +8,6 @@ import pytest
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import models, plot
 from gaitsweep.extension import gait_styles
@@ -18,6 +17,7 @@ from gaitsweep.plot import PlotError
 from gaitsweep.plot.columns import axis_label, row_names, written
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.plot.style import COLOURS
+from tests.support.plot_tables import AXES, POINTS, TURN, crossing_table, rendered, settle_table, trace_table
 
 
 def texts(figure: Figure) -> list[str]:

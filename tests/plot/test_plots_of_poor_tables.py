@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
 from gaitsweep import plot
 from gaitsweep.plot import PlotError
+from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
 
 @pytest.mark.parametrize(

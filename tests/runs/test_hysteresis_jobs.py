@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from job_files import MAP, RAMP, refused, written
 
 from gaitsweep import plot
 from gaitsweep.job import Job, load_job
+from tests.support.job_files import MAP, RAMP, refused, written
 
 STAIRS = "{kind: staircase, parameter: stiffness, path: [4, 9, 4], step: 1, dwell: 5}"
 SETTLE = "{kind: settle}"

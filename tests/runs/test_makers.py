@@ -8,11 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from toy_directories import block_frame, fill, open_toy
 
 from gaitsweep.runs import provenance
 from gaitsweep.runs.makers import EARLIER, PROGRAM, continue_directory
 from gaitsweep.runs.prepare import RunError
+from tests.support.toy_directories import block_frame, fill, open_toy
 
 FUNCTIONS = {"flow": "a1", "period": "b2"}
 

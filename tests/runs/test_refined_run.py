@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from landscape_model import is_near
 
 import gaitsweep as gs
 from gaitsweep.job import JobError
@@ -17,6 +16,7 @@ from gaitsweep.runs import refined as refinement
 from gaitsweep.runs.estimate import estimate
 from gaitsweep.table import EncodedPart, ResultDirectory
 from gaitsweep.view.report import write_report
+from landscape_model import is_near
 
 TURN = 2 * np.pi
 REFINED = {"kind": "settle", "max_cycles": 60, "refine": "boundary"}

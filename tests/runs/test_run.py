@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -12,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from toy_model import launches
 
 import gaitsweep as gs
 from gaitsweep.engine.sweep import sweep
 from gaitsweep.runs import execute as runner
 from gaitsweep.table import Snapshot
+from tests.support import environment
+from toy_model import launches
 
 JOB = """
 name: hops
@@ -40,10 +40,8 @@ def job_file(tmp_path: Path) -> Path:
 
 
 def command(job_file: Path, out: Path, *more: str) -> tuple[list[str], dict[str, str]]:
-    here = Path(__file__).parents[1]
-    environment = {**os.environ, "PYTHONPATH": f"{here.parent}{os.pathsep}{here}", "JAX_PLATFORMS": "cpu"}
     line = [sys.executable, "-m", "gaitsweep", "run", str(job_file), "--out", str(out), *more]
-    return line, environment
+    return line, environment()
 
 
 def run_and_stop(job_file: Path, out: Path, sent: signal.Signals) -> subprocess.Popen[str]:

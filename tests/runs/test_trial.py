@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sweeping import scalars
 
 import gaitsweep as gs
 from gaitsweep import models
@@ -16,6 +15,7 @@ from gaitsweep.job.checks import _some_rows, remarks_on_rows
 from gaitsweep.job.plan import Plan
 from gaitsweep.models.conformity import faults
 from gaitsweep.runs.trial import _with_rates, trial
+from tests.support.sweeping import scalars
 
 
 class Swings(gs.DeclaredModel):

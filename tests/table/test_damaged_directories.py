@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from toy_directories import block_frame, files_of, fill, open_toy
 
 from gaitsweep.cli.main import main
 from gaitsweep.runs.figures import draw_figures
@@ -22,6 +21,7 @@ from gaitsweep.table import ResultDirectory, Snapshot, TableError, load
 from gaitsweep.table.digests import read_digests
 from gaitsweep.table.manifest import sealed
 from gaitsweep.view.report import write_report
+from tests.support.toy_directories import block_frame, files_of, fill, open_toy
 
 ROOT = Path(__file__).resolve().parents[2]
 

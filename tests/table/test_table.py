@@ -21,7 +21,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
 from gaitsweep.table import (
     ResultDirectory,
@@ -35,6 +34,7 @@ from gaitsweep.table import (
 )
 from gaitsweep.table.files import replace_file
 from gaitsweep.table.parts import part_bytes, readable
+from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
 
 def test_a_new_directory_is_filled_and_loaded(tmp_path: Path) -> None:
@@ -453,7 +453,7 @@ def test_arrow_reads_memory_of_its_own() -> None:
 WRITER = textwrap.dedent("""
     import sys, time
     from pathlib import Path
-    from tests.toy_directories import block_frame, open_toy
+    from tests.support.toy_directories import block_frame, open_toy
     with open_toy(Path(sys.argv[1]), rows=1000, block=10) as directory:
         print("ready", flush=True)
         for number in directory.missing_blocks():

@@ -12,14 +12,6 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
-from trace_directories import (
-    CYCLE,
-    quadruped_job,
-    quadruped_signals,
-    quadruped_skeleton,
-    quadruped_table,
-    written,
-)
 
 from gaitsweep.cli import main
 from gaitsweep.job import Job
@@ -27,6 +19,14 @@ from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.table import Snapshot
 from gaitsweep.view.movie import mujoco_movie
 from gaitsweep.view.movie import row_movie as movie
+from tests.support.trace_directories import (
+    CYCLE,
+    quadruped_job,
+    quadruped_signals,
+    quadruped_skeleton,
+    quadruped_table,
+    written,
+)
 
 LINES = "--renderer", "matplotlib"
 SMALL = "--size", "320x180"

@@ -14,10 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from browser import Page, browser, program
-from hostile_texts import ATTACK, HostileTexts
-from job_tables import table_of
-from toy_model import flight_time
 from typer.testing import CliRunner
 
 import gaitsweep as gs
@@ -33,6 +29,10 @@ from gaitsweep.view.explorer.start_map import CELLS, StartMap, columns_of, html_
 from gaitsweep.view.explorer.walks import Motion, Pictures, Stretch
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import projected
+from hostile_texts import ATTACK, HostileTexts
+from tests.support.browser import Page, browser, program
+from tests.support.job_tables import table_of
+from toy_model import flight_time
 
 SIDE = 6
 PSI_3 = (0.4 * math.pi, math.pi)

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from browser import browser, program
 
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.runs import provenance
 from gaitsweep.runs.status_sentences import status_sentence
 from gaitsweep.view.report import write_report
+from tests.support.browser import browser, program
 
 Capture = pytest.CaptureFixture[str]
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import pandas as pd
 import pytest
-import toy_model
 
 import gaitsweep as gs
+import toy_model
 from gaitsweep.runs.cluster import connection, dispatch, task
 from gaitsweep.runs.cluster.connection import GivenClient, connection_to
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster

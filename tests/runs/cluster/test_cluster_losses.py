@@ -21,11 +21,11 @@ import pandas as pd
 import psutil
 import pytest
 import yaml
-from cluster_processes import DaskProcesses, environment, until
 
 import gaitsweep as gs
 from gaitsweep.runs.cluster.connection import LocalWorkers
 from gaitsweep.table import Snapshot
+from tests.support.cluster_processes import DaskProcesses, environment, until
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow

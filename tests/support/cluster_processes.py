@@ -12,14 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).parent
+from tests.support import environment
+
 LOOPBACK = "127.0.0.1"
-
-
-def environment(**more: str) -> dict[str, str]:
-    """The environment in which this repository and its tests' models are imported."""
-    path = os.pathsep.join([str(HERE.parent), str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, "PYTHONPATH": path, "JAX_PLATFORMS": "cpu", **more}
 
 
 def until(happened: Callable[[], Any], seconds: float = 120.0) -> Any:

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from sweeping import complete
 
 from gaitsweep import models
 from gaitsweep.job import Job
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import HIP, KNEE
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.table import ResultDirectory
+from tests.support.sweeping import complete
 
 CYCLE = 0.4  # s, the quadruped's
 SPEED = 0.25  # m/s

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from toy_model import Toy
 
 from gaitsweep.contract import Quantity
+from toy_model import Toy
 
 
 @dataclasses.dataclass(frozen=True)

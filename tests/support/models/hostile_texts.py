@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from double_well import DoubleWell, State
 
+from double_well import DoubleWell, State
 from gaitsweep.contract import Quantity
 
 ATTACK = "</script><img src=x onerror=\"window.taken='yes'\">"

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from sweeping import run_rows
 
 from gaitsweep.contract import Status
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
+from tests.support import REFERENCE
+from tests.support.sweeping import run_rows
 
-FILE = Path(__file__).parent / "reference" / "multilegged_crossings.csv"
+FILE = REFERENCE / "multilegged_crossings.csv"
 
 
 def wrapped(difference):
