@@ -69,7 +69,7 @@ def kept(file: Path) -> bytes | None:
 
 
 def _unsafe(folder: Path) -> str | None:
-    """Why code from a folder may be another user's, or None."""
+    """Return why code from a folder may be another user's, or None."""
     about, user = folder.stat(), os.geteuid()
     if about.st_uid not in (user, 0):
         return f"it belongs to user {about.st_uid}, and this is user {user}; set GAITSWEEP_CACHE to your own"

@@ -176,7 +176,7 @@ class Chart(abc.ABC):
 
 
 class Jumps(abc.ABC):
-    """What events do, in a model or in a scheme of its own steps."""
+    """Jumps of events, in a model or in a scheme of its own steps."""
 
     @abc.abstractmethod
     def jump(self, params: Params, state: State, fired: jax.Array, /) -> State:
@@ -301,7 +301,7 @@ class Model(Jumps):
         return ""
 
     def caveats(self) -> list[str]:
-        """What is to be known of the accuracy of its motions, a sentence each; said before rows run."""
+        """Sentences on the accuracy of its motions, which a run prints before its rows."""
         return []
 
     def free_after(self, params: Params, /) -> jax.Array:

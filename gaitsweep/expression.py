@@ -151,7 +151,7 @@ def read_condition(text: str) -> str:
 def fulfilled(
     condition: str, columns: Mapping[str, Any], read: Callable[[Any], np.ndarray] = np.asarray
 ) -> np.ndarray:
-    """Where a condition holds, (n,) of bool.
+    """Evaluate a condition on rows, (n,) of bool.
 
     A missing number or text (NaN) is unequal to all others, and neither below nor above them.
 

@@ -29,7 +29,7 @@ class ExtensionError(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class Extension:
-    """What a package adds to gaitsweep. Modules are named, not imported, so that `--help` needs no JAX.
+    """Contribution of a package to gaitsweep. Modules are named, not imported, so that `--help` needs no JAX.
 
     Args:
         models: classes of models by the names that jobs use, each as "package.module:Class".

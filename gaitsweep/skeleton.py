@@ -1,4 +1,4 @@
-"""What a model gives to be drawn: its limbs, bodies and springs at the instants of a trace."""
+"""Drawable parts of a model: its limbs, bodies and springs at the instants of a trace."""
 
 from __future__ import annotations
 

@@ -35,8 +35,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 
-# Masses that bounce on springs, a landscape with two basins, a flow with two folds and a cusp (tests/support/models);
-# steps far too short, so that few rows take long. Blocks: of all rows, of some, of a few.
+# Masses that bounce on springs, a landscape with two basins, a flow with two folds and a cusp, all in
+# tests/support/models; steps far too short, so that few rows take long. Blocks: of all rows, of some, few.
 RUNS: dict[str, tuple[dict[str, Any], int, int, float]] = {  # run, rows, block, step (s)
     "settle": ({"kind": "settle", "max_cycles": 400, "tolerance": 1e-9}, 300, 100_000, 2.0e-5),
     "fixed_time": ({"kind": "fixed_time", "duration": 100.0}, 300, 128, 4.0e-5),

@@ -1,1 +1,1 @@
-"""What is computed from tables and models: gaits, and the theory behind them."""
+"""Analyses of tables and models: gaits, and the theory behind them."""

@@ -48,7 +48,7 @@ def axes_of(table: pd.DataFrame) -> list[str]:
 
 
 def sound(table: pd.DataFrame, *columns: str) -> np.ndarray:
-    """Which records of crossings are valid: finite in the columns, and not among the last before a fall.
+    """Mask of valid records of crossings: finite in the columns, and not among the last before a fall.
 
     Rows that failed lose their last `BEFORE_A_FALL` crossings. All records of a staircase are kept: each is
     the end of a hold that the model completed.

@@ -57,7 +57,7 @@ def _of_extensions() -> dict[str, str]:
 
 @dataclasses.dataclass(frozen=True)
 class Hysteresis:
-    """Where a state is lost as a parameter rises and falls, and the area between the branches.
+    """Find where a state is lost as a parameter rises and falls, and the area between the branches.
 
     `transition_points`: one record a pass (direction, low, high, size, rows, ...), or a gait for settled
     rows. `loops`: one record a row and pair of passes (area, signed, low, high); areas are in the parameter's

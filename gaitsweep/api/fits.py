@@ -1,4 +1,4 @@
-"""What `gs.search` and `gs.sensitivity` share: a job that is given whole, and where it is run."""
+"""Shared code of `gs.search` and `gs.sensitivity`: reading of whole jobs, and their directories."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def given_job(
 def in_directory(
     run: Callable[..., FitT], job: Any, out: str | Path | None, progress: Progress, client: Client | None
 ) -> FitT:
-    """What `run` finds of a job, with its table in a directory, `results/NAME` by default."""
+    """Return the result of `run` for a job, with its table in a directory, `results/NAME` by default."""
     cluster = None if client is None else cluster_of(client)
     return run(job, out, progress=progress, tell=warn, cluster=cluster)
 
 
 def in_memory(run: Callable[..., FitT], job: Any, progress: Progress, client: Client | None) -> FitT:
-    """What `run` finds of a job, with its table in memory; the directory that its `path` names is gone."""
+    """Return the result of `run` for a job, with its table in memory; the folder of its `path` is gone."""
     cluster = None if client is None else cluster_of(client, collect=True)
     with tempfile.TemporaryDirectory(prefix="gaitsweep_") as folder:
         found = run(job, folder, progress=progress, tell=warn, cluster=cluster)

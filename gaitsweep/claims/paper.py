@@ -40,7 +40,7 @@ class PaperJob(Part):
 
 
 class Quick(Part):
-    """What `--quick` replaces in a claim."""
+    """Fields of a claim that `--quick` replaces."""
 
     tolerance: float | None = Field(default=None, ge=0, description="absolute tolerance")
     between: tuple[float, float] | None = Field(default=None, description="allowed interval")
@@ -210,7 +210,7 @@ def _read(part: type[Any], value: Any, path: tuple[str | int, ...], wrong: list[
 
 
 def _checked(paper: Paper) -> Iterator[Diagnostic]:
-    """What no field shows by itself: names that must exist, and how each claim is judged."""
+    """Check across fields: names must exist, and each claim needs one way to be judged."""
     before: dict[str, int] = {}
     for at, claim in enumerate(paper.claims):
         path = ("claims", at)
@@ -244,7 +244,7 @@ def _checked(paper: Paper) -> Iterator[Diagnostic]:
 
 
 def _misfit(claim: Claim) -> str | None:
-    """Why a measure does not take the tables and arguments of a claim."""
+    """Return why a measure does not take the tables and arguments of a claim."""
     measure = MEASURES[claim.measure]
     try:
         inspect.signature(measure).bind(*[pd.DataFrame()] * len(claim.of), **claim.with_)
@@ -262,7 +262,7 @@ def _misfit(claim: Claim) -> str | None:
 
 
 def _unjudged(claim: Claim) -> str | None:
-    """Why no verdict could follow from a claim's fields."""
+    """Return why no verdict can follow from a claim's fields."""
     first = claim.paper[0] if isinstance(claim.paper, list) else claim.paper
     numeric = isinstance(first, float)
     bounds = [claim.between, claim.above, claim.below]

@@ -58,7 +58,7 @@ class JobRun:
 
 @dataclasses.dataclass(frozen=True)
 class Reproduction:
-    """What became of a paper's claims: `table` has a row each, `page` shows them."""
+    """Verdicts on a paper's claims: `table` has a row for each, `page` shows them."""
 
     table: pd.DataFrame
     folder: Path
@@ -182,7 +182,7 @@ def _short(file: Path) -> str:
 def _judge(
     claim: Claim | None, runs: dict[str, JobRun], table_of: Callable[[str], pd.DataFrame]
 ) -> tuple[Value | None, ClaimVerdict, str]:
-    """What a claim's measure found, the verdict, and why there is none."""
+    """Measure a claim: the value, the verdict, and the reason where there is none."""
     if claim is None:
         return None, ClaimVerdict.not_run, "left out by --quick"
     for name in claim.of:
@@ -267,7 +267,7 @@ def written(value: Value) -> str:
 
 
 def allowed(claim: Claim) -> str:
-    """What a claim allows of our value, as text."""
+    """Format the values that a claim allows."""
     if claim.tolerance is not None:
         return f"± {claim.tolerance:g}"
     parts = []

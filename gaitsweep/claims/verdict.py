@@ -12,7 +12,7 @@ from gaitsweep.claims.paper import Claim
 
 
 class ClaimVerdict(enum.StrEnum):
-    """What became of a claim."""
+    """Verdict on a claim."""
 
     reproduced = "reproduced"
     not_reproduced = "not"
@@ -23,7 +23,7 @@ class ClaimVerdict(enum.StrEnum):
 
     @property
     def sentence(self) -> str:
-        """What the verdict means, for a reader of the page."""
+        """Meaning of the verdict, for a reader of the page."""
         return _SENTENCES[self]
 
 

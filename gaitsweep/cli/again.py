@@ -1,4 +1,4 @@
-"""What a complete job said, so that the same command can say it again without loading JAX.
+"""Stored output of a complete job, which the same command prints again without loading JAX.
 
 It is kept in the user's cache, with the digests of all files on which it depends: the job and its config, the
 program, and every file of the result directory. If one of them differs, the command runs as a whole.
@@ -24,7 +24,7 @@ _LOCK = ".lock"
 
 
 def recall(command: Sequence[str]) -> tuple[str, str] | None:
-    """What the same command printed, on standard output and standard error, if nothing has changed since.
+    """Return the stored output and errors of the same command, if nothing has changed since.
 
     Args:
         command: all that the command was given.
@@ -78,7 +78,7 @@ def _memory(command: Sequence[str]) -> Path | None:
 
 
 def _program() -> str:
-    """What tells this program, its Python and its packages from others."""
+    """Identify this program, its Python and its packages."""
     root = Path(__file__).parents[1]
     stamps = [
         f"{file.relative_to(root)} {(seen := file.stat()).st_size} {seen.st_mtime_ns}"

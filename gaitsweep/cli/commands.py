@@ -191,7 +191,7 @@ def _workers(
 
 @contextlib.contextmanager
 def _shown_progress(unit: str = "rows") -> Iterator[Progress]:
-    """How the progress of a run is shown, in rows or sets, and its stop by Ctrl-C obeyed."""
+    """Show the progress of a run, in rows or sets, and stop it at Ctrl-C."""
     from gaitsweep.cli.progress import shown_progress
     from gaitsweep.cli.stop import stop_requests
 
@@ -301,7 +301,7 @@ def check(
 
 
 def _size_of(job_file: Path) -> str:
-    """How many rows a job has, or sets of constants, with warnings of its rows; JobError where it is bad."""
+    """Count a job's rows, or its sets of constants, and warn of its rows; JobError where it is bad."""
     from gaitsweep.job import load_job
     from gaitsweep.job.checks import remarks_on_rows
     from gaitsweep.job.yaml_document import read_document

@@ -28,7 +28,7 @@ _NOTES = {
 
 @dataclasses.dataclass(frozen=True)
 class Example:
-    """What `gaitsweep examples NAME` copies: files by their paths, and what they are, in a line."""
+    """Files that `gaitsweep examples NAME` copies, by their paths, and a line on what they are."""
 
     name: str
     kind: str

@@ -165,7 +165,7 @@ def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:
 
 
 def extent_of(model: Model) -> str:
-    """How much a model has of each."""
+    """Counts of a model's quantities by kind."""
     counts = {
         "parameter": model.parameters,
         "start": model.initial_conditions,

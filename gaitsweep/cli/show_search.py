@@ -19,7 +19,7 @@ _REASONS = 3
 
 
 def estimate(needs: SearchEstimate) -> str:
-    """What a search would need, as text."""
+    """Format the estimate of a search."""
     lines = {
         "sets": f"{needs.sets}, {needs.together} at a time",
         "rows of a set": str(needs.rows_of_a_set)
@@ -38,7 +38,7 @@ def estimate(needs: SearchEstimate) -> str:
 
 
 def outcome(found: Found) -> str:
-    """What a search found: sets by status, the best one, its targets, and what is known of each constant."""
+    """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
     status = [str(each) for each in found.table["status"]]
     counts = ", ".join(f"{status.count(name)} {name}" for name in ("complete", "failed"))
     lines = [f"{len(found.table)} sets: {counts}."]

@@ -31,7 +31,7 @@ class Counted:
     count: int | str | None
 
     def size(self, model: Model) -> int:
-        """How many numbers there are, 1 for a single one."""
+        """Number of components, 1 for a single one."""
         return getattr(model, self.count) if isinstance(self.count, str) else self.count or 1
 
     def shape(self, model: Model) -> tuple[int, ...]:

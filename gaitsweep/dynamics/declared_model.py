@@ -70,7 +70,7 @@ _DECLARED = (Parameter, Variable, Mode, Reading, Event)
 
 @dataclasses.dataclass(frozen=True)
 class Declared(Model):
-    """What declarations give to a model of either family: its quantities, parameters and states.
+    """Quantities, parameters and states that declarations give to a model of either family.
 
     Raises:
         TypeError: two declarations exclude each other; the message names them.

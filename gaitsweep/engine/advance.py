@@ -536,5 +536,5 @@ def _longest_chain(model: Model, guards: jax.Array) -> int:
 
 
 def fired_last(carry: Carry) -> jax.Array:
-    """Which guards fired at the last instant of an event, in any of its jumps (a bool each)."""
+    """Guards that fired at the last instant of an event, in any of its jumps (a bool each)."""
     return carry.far_guards >= 0.0

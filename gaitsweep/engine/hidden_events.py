@@ -132,7 +132,7 @@ def unresolved(
 
 
 class Switching(NamedTuple):
-    """Where a flow may switch, at one state: `levels` are constant between switches, `surfaces` smooth.
+    """Possible switches of a flow at one state: `levels` are constant between switches, `surfaces` smooth.
 
     A level (n,) is the truth of a comparison, a sign or a rounded number, which differs by 1 or more after a
     switch; a surface (m,) a difference whose sign decides a comparison, a maximum or a minimum.
@@ -143,7 +143,7 @@ class Switching(NamedTuple):
 
 
 def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
-    """Where a flow may switch as its variables move, read off its program, but for its loops and branches."""
+    """Possible switches of a flow as its variables move, from its program without loops and branches."""
     with jax.disable_jit():  # the program of a function that is jitted stands in its place
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
     program, given = closed.jaxpr, jax.tree.leaves((params, state))

@@ -55,7 +55,7 @@ class Batches(Generic[T]):
         self._under_way.append((self._threads.submit(measure, tell), done))
 
     def oldest(self) -> T:
-        """What the batch has found that began first; it is waited for."""
+        """Wait for the batch that began first, and return its result."""
         future, _ = self._under_way[0]
         while not future.done():
             wait([future], timeout=_LOOK)

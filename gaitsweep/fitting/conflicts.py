@@ -1,4 +1,4 @@
-"""Which targets of a search are met together, and which exclude each other, over all sets measured."""
+"""Conflicts between targets of a search: those met together and those that exclude each other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gaitsweep.near_miss import suggestion
 
 @dataclasses.dataclass(frozen=True)
 class Conflicts:
-    """Which targets are met together.
+    """Targets that are met together.
 
     `sets` is the number of sets; `together` (targets, targets) how many sets meet both of two targets, on the
     diagonal one; `nearest` (targets, targets) the least miss of the column's target, in reading errors, among

@@ -1,4 +1,4 @@
-"""What a search would need, before it runs: sets, rows, steps and time."""
+"""Estimate of what a search needs, before it runs: sets, rows, steps and time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FINALIST = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class SearchEstimate:
-    """What a search would need.
+    """Needs of a search.
 
     `rows_of_a_set` are those of each set, fixed points not among them, and `rows_of_neighbours` those of its
     neighbours, which only sets that keep their targets have; `steps` those of all sets, without neighbours;

@@ -139,7 +139,7 @@ class FitJob:
         return Job.model_validate(data, context={"folder": self.folder})
 
     def population(self) -> Population:
-        """What measures sets of constants."""
+        """Population that measures sets of constants."""
         return Population(self.job_of, self.structure, self.measures)
 
 
@@ -309,7 +309,7 @@ def _columns_of_run(
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
-    """What `read(data, folder)` makes of a YAML file with overrides; its errors get the file and the line.
+    """Apply `read(data, folder)` to a YAML file with overrides; its errors get the file and the line.
 
     Raises:
         JobError: what is wrong, with file and line.
@@ -329,7 +329,7 @@ def _refuse(wrong: Sequence[Diagnostic]) -> None:
 
 
 def wrong_constants(fit: FitJob) -> list[Diagnostic]:
-    """What is wrong with the free constants of a job."""
+    """Diagnostics of the free constants of a job."""
     wrong = []
     for name, each in fit.free.items():
         path = (fit.field, _free_field(fit), name)
@@ -355,7 +355,7 @@ def wrong_constants(fit: FitJob) -> list[Diagnostic]:
 
 
 def _wrong_run(fit: FitJob) -> list[Diagnostic]:
-    """What is wrong with the run kind of a job whose rows have to end in one record each."""
+    """Diagnostics of the run kind of a job whose rows have to end in one record each."""
     run = fit.config.get("run")
     kind = run.get("kind") if isinstance(run, Mapping) else None
     if not isinstance(run, Mapping) or not isinstance(kind, str) or kind not in RUN_KINDS:
@@ -385,7 +385,7 @@ def _free_field(fit: FitJob) -> str:
 
 
 def wrong_measures(fit: FitJob, listed: str) -> list[Diagnostic]:
-    """What is wrong with the conditions of measures, which stand in the field `listed`."""
+    """Diagnostics of the conditions of measures, which stand in the field `listed`."""
     wrong = []
     for name, measure in fit.measures.items():
         lacking = sorted(fit.without_default - set(measure.at))

@@ -1,4 +1,4 @@
-"""What a search may choose: constants within ranges, whole numbers, and choices of structure."""
+"""Free constants of a search: values within ranges, whole numbers, and choices of structure."""
 
 from __future__ import annotations
 

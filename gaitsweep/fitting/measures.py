@@ -1,4 +1,4 @@
-"""What is measured of a set of constants: a value, an edge, a share of starts, from rows of its own."""
+"""Measures of a set of constants: a value, an edge, a share of starts, from rows of its own."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Measure(Part):
 
     @property
     def own_run(self) -> RunKind | None:
-        """What is done with its rows; None where it is the job's own run."""
+        """Run kind of its rows; None where it is the job's own run."""
         return None
 
     def wrong(self, columns: Sequence[str], model: Model) -> tuple[str, str] | None:
@@ -209,7 +209,7 @@ class Value(RowMeasure):
 
 
 class Edge(RowMeasure):
-    """Where rows leave a gait: the middle between the last hold that has it and the first that has not.
+    """Value at which rows leave a gait: midway between the last hold that has it and the next.
 
     Holds are read in the order written; the first has to have the gait.
     """
@@ -335,7 +335,7 @@ class Order(RowMeasure):
 
 
 class Prominence(RowMeasure):
-    """How far a column falls between both ends of a list and rises again: its least value's prominence.
+    """Depth by which a column falls between both ends of a list and rises again: its minimum's prominence.
 
     It is the smaller of the largest values on the two sides of the least inner value, less that value:
     positive where the curve is large, small, large.

@@ -1,4 +1,4 @@
-"""What the sets of a search say of each constant: pinned by the targets, or free."""
+"""Identifiability of each constant from the sets of a search: pinned by the targets, or free."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PARTS = 20
 
 @dataclasses.dataclass(frozen=True)
 class Constant:
-    """What the near-best sets say of one constant.
+    """Identifiability of one constant from the near-best sets.
 
     `best` its value in the best set; `low` and `high` among the near-best sets, `spread` their distance as a
     share of its range; `profile` (PARTS,) the least score in each part of its range, NaN where no set is;

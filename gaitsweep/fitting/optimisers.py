@@ -1,4 +1,4 @@
-"""How a search chooses the next sets: Sobol points, evolution strategies, or a front of several targets.
+"""Optimisers of a search: Sobol points, evolution strategies, or a front of several targets.
 
 Each optimiser gives points of the unit cube (`ask`) and is told how they fared (`tell`). What it gives
 depends on its seed and on what it has been told, and on nothing else. So a search that was stopped goes on: a
@@ -37,7 +37,7 @@ class Optimiser(Protocol):
         ...
 
     def tell(self, scores: np.ndarray, misses: np.ndarray) -> None:
-        """How the points of the first `ask` that was not told of fared.
+        """Report the values at the points of the first `ask` that has none yet.
 
         Args:
             scores: (n,).

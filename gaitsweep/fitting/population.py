@@ -104,7 +104,7 @@ class Population:
 
     @property
     def parts(self) -> list[Population]:
-        """What runs its rows by itself: this population, and one for each run that measures have."""
+        """Populations that run rows: this one, and one for each run kind of the measures."""
         return [self, *self._of_runs]
 
     @property
@@ -131,7 +131,7 @@ class Population:
         progress: Tell = None,
         share: float = 1.0,
     ) -> dict[str, Measured]:
-        """What is measured of each set, by the name of the measure.
+        """Measure each set; values by the name of the measure.
 
         A set with a value or a structure that the model does not allow, or with steps too long for it, has no
         values.
@@ -326,7 +326,7 @@ class Population:
         return Job.model_validate({**written, "vary": {"zip": groups}, "verify": 0})
 
     def _seen(self, measure: Measure, places: Sequence[int], rows: Values, model: Model) -> Measured:
-        """What is measured of the rows of sets, of which it has those at `places`."""
+        """Measure the rows of the sets at `places`."""
         if not isinstance(measure, RampMeasure):
             return measure.of_sets({name: column[:, places] for name, column in rows.items()}, model)
         each = self.own_rows_of_a_set
@@ -346,7 +346,7 @@ class Population:
         return self._job_of_rows(self.prepared(structure), columns, places)
 
     def _on_map(self, ready: Prepared, constants: Values, measure: Measure, n: int, share: float) -> Measured:
-        """What is measured of each of n sets on the return map."""
+        """Measure each of n sets on the return map."""
         assert isinstance(measure, FixedPoint)
         (condition,) = measure.conditions
         params, starts, refused = _values(ready, constants, [tuple(sorted(condition.items()))], n)

@@ -1,4 +1,4 @@
-"""What is measured of ramps: where one gait gives way to another, and in which order gaits follow."""
+"""Measures of ramps: where one gait gives way to another, and in which order gaits follow."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class RampMeasure(Measure):
 
 
 class Transition(RampMeasure):
-    """Where one gait first gives way to another in a pass; the mean over the rows.
+    """Value at which one gait first gives way to another in a pass; the mean over the rows.
 
     It is the middle between the last crossing that has the one gait and the first that has the other. Between
     them may be what lasts shorter than `least` crossings, or is neither of the two.
@@ -100,7 +100,7 @@ class Transition(RampMeasure):
         return Measured(values, why)
 
     def _place(self, row: Crossings) -> tuple[float, str]:
-        """Where the row has its transition; NaN if it has none, and then why, in a few words."""
+        """Value of the row's transition; NaN if it has none, and then why, in a few words."""
         if row.status in FAILED:
             return np.nan, row.status
         seen = self._in_pass(row, self.pass_)
@@ -138,7 +138,7 @@ class Transition(RampMeasure):
 
 
 class GaitSequence(RampMeasure):
-    """How many of some gaits follow each other in an order: 1 where all do; the mean over the rows.
+    """Share of some gaits that follow each other in an order: 1 where all do; the mean over the rows.
 
     Of a row it is the longest part of the list that occurs in its order, as a share of the list. Others may
     stand between, unless `only` is set: then it is a share of the gaits that the row shows, if these are
@@ -209,7 +209,7 @@ def _bouts(codes: np.ndarray, least: int) -> list[tuple[int, int, int]]:
 
 
 def _in_order(seen: Sequence[str], wanted: Sequence[Sequence[str]]) -> int:
-    """How many of `wanted` occur among `seen` in their order: the longest common subsequence."""
+    """Count how many of `wanted` occur among `seen` in their order: the longest common subsequence."""
     longest = np.zeros((len(seen) + 1, len(wanted) + 1), int)
     for i, gait in enumerate(seen, start=1):
         for j, group in enumerate(wanted, start=1):

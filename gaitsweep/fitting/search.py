@@ -54,7 +54,7 @@ _DECIDING = ("numpy", "scipy", "cma", "pymoo")
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """Result of a search.
 
     `path` is its directory; `table` has a row for each set; `near` says which constants the targets pin;
     `finalists` has the best sets at half the step; `figures` are the files drawn. In memory there is no path
@@ -229,7 +229,7 @@ class _Search:
     def _measured(
         self, sets: Mapping[str, np.ndarray], tell: Callable[[SweepProgress], None]
     ) -> dict[str, Measured]:
-        """What is measured of the sets of a batch."""
+        """Measure the sets of a batch."""
         if self.job.choice.first:
             measured = self.population.measure_in_turn(sets, self.job.choice.first, self._goes_on, tell)
         else:

@@ -39,7 +39,7 @@ _SIDE_BY_SIDE = 4
 
 
 class Choice(Part):
-    """How a search chooses its sets."""
+    """Settings by which a search chooses its sets."""
 
     method: Annotated[Literal["sobol", "cma", "nsga3"], word(*METHODS)] = Field(
         default="cma",

@@ -48,7 +48,7 @@ SMALL = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class HalfStep:
-    """What some sets give at half the step, beside the table.
+    """Values of some sets at half the step, beside the table.
 
     `differ`: by output, the sets that differ by more than SMALL of its standard deviation, or that have a
     value at one of the steps only; `largest`: the largest difference, in the output's unit.
@@ -65,7 +65,7 @@ class HalfStep:
 
     @property
     def sentence(self) -> str:
-        """How many sets differ, by output, and by how much at most."""
+        """Number of sets that differ, by output, and the largest difference."""
         far = [f"{name} in {n} (at most {self.largest[name]:.2g})" for name, n in self.differ.items() if n]
         than = "by more than a tenth of the output's standard deviation"
         if not far:
@@ -75,7 +75,7 @@ class HalfStep:
 
 @dataclasses.dataclass(frozen=True)
 class Sensitivity:
-    """What a sensitivity analysis gave.
+    """Result of a sensitivity analysis.
 
     `table`: one record a set: `row`, `status` (complete, or failed where an output has no value), `why`, the
     parameters and the outputs. `indices`: one record an index, see `gaitsweep.fitting.indices.indices`.
@@ -248,7 +248,7 @@ def _at_half_the_step(
     table: pd.DataFrame,
     progress: Progress,
 ) -> HalfStep | None:
-    """What some sets give at half the step, now or when it was asked before; None where none are asked."""
+    """Return the values of some sets at half the step, from now or from before; None where none are asked."""
     n, ready = len(table), population.prepared({})
     model, asked = ready.plan.model, min(ready.job.verify, n)
     known = directory.manifest.get("half_step")

@@ -46,7 +46,7 @@ _FEWEST = {"morris": 4, "sobol": 8}  # trajectories, base points
 
 
 class Analysis(Part):
-    """How sensitivity is measured."""
+    """Settings of a sensitivity analysis."""
 
     method: Annotated[Literal["one_at_a_time", "morris", "sobol"], word(*METHODS)] = Field(
         description="one_at_a_time: each parameter at the ends and the middle of its range; morris: "
@@ -82,7 +82,7 @@ class SensitivityJob:
 
     @property
     def outputs(self) -> dict[str, Measure]:
-        """What is measured, by name."""
+        """Measures by name."""
         return self.fit.measures
 
     @property
@@ -96,7 +96,7 @@ class SensitivityJob:
         return design_of(chosen.method, chosen.n, chosen.seed, self.parameters, self.base)
 
     def population(self) -> Population:
-        """What measures the sets; parameters that are not among them keep the job's values."""
+        """Population that measures the sets; parameters that are not among them keep the job's values."""
         return _own_values(self.fit).population()
 
     def resolved(self, job: Job, engine: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a search is after: measures with the values that they should have, and how far a set is from them."""
+"""Targets of a search: measures with the values that they should have, and the misses of a set."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Wanted = Annotated[
 
 
 class Aim(Part):
-    """What a measure should come to."""
+    """Target value of a measure."""
 
     wanted: Wanted = Field(description="the value, or [low, high] between which all are right")
     error: Positive = Field(description="the reading error, by which misses are divided")
@@ -71,7 +71,7 @@ class Target:
         return middle + wrapped_difference(values - middle)
 
     def misses(self, measured: Measured, model: Model) -> np.ndarray:
-        """How far values (n,) are from what is wanted, in reading errors; at most FAILED_MISS."""
+        """Distance of values (n,) from the target, in reading errors; at most FAILED_MISS."""
         values = self.shown(measured.values, model)
         low, high = self.aim.wanted
         beyond = np.where(values < low, values - low, np.where(values > high, values - high, 0.0))

@@ -1,4 +1,4 @@
-"""What a user asks for: a job in YAML or Python, checked, and its rows."""
+"""Jobs, in YAML or Python: their fields, checks and rows."""
 
 from gaitsweep.job.load import load_job
 from gaitsweep.job.plan import Plan

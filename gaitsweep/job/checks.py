@@ -70,7 +70,7 @@ def check_ranges(plan: Plan, spec: ModelSpec, run: RunKind) -> list[Diagnostic]:
 
 
 def place(plan: Plan, spec: ModelSpec, name: str) -> Path:
-    """Where the value of a name is written, or would be."""
+    """Path of a name's value in the job, written or not."""
     for group in plan.groups:
         if name in group.paths:
             return group.paths[name]
@@ -113,7 +113,7 @@ def _between_its_ends(plan: Plan, name: str, quantity: Quantity) -> bool:
 
 
 def remarks_on_rows(plan: Plan, name: str) -> list[str]:
-    """What `check-model` would say of a user's model at some of a job's own rows, a sentence each.
+    """Sentences of `check-model` on a user's model, at some of a job's own rows.
 
     The corners of the axes are among them, and all rows of a small job. A model of gaitsweep's own or with
     `host_parameters` is not looked at, nor rows of which a formula has no value: their block says so.

@@ -42,7 +42,7 @@ def load_job(path: str | Path, overrides: Sequence[str] = ()) -> Job:
 
 
 def laid_over(path: Path, overrides: Sequence[str]) -> Document:
-    """What a YAML file says, with `--set key=value` laid over it; raises JobError."""
+    """Read a YAML file, with `--set key=value` laid over it; raises JobError."""
     document = read_document(path)
     for override in overrides:
         _lay_over(document, override)

@@ -1,4 +1,4 @@
-"""What a job simulates: the model with its structure, and the parameters and starts that are set."""
+"""The model of a job with its structure, and the parameters and starts that are set."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class ModelSpec:
         }
 
     def unknown(self, name: str, field: str) -> str | None:
-        """Why `name` cannot stand in `params` or `start` (or `vary`), or None where it can."""
+        """Return the reason why `name` cannot stand in `params`, `start` or `vary`, or None."""
         here = {"params": self.parameters, "start": self.starts, "vary": self.quantities}[field]
         if name in here:
             return None

@@ -39,7 +39,7 @@ def rows_of_a_part(block: int | str, n_rows: int) -> int:
 
 
 class NumericsSpec(Part):
-    """How a trajectory is integrated; what is left out is what the model recommends."""
+    """Integration of a trajectory; the model recommends what is left out."""
 
     method: Annotated[
         Literal["auto", "tsit5", "rk4", "propagator6", "propagator", "semi_implicit"],

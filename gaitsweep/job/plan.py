@@ -71,7 +71,7 @@ class Plan:
         }
 
     def columns(self, start: int, stop: int) -> dict[str, np.ndarray]:
-        """What varies in rows start..stop-1: a float64 array (stop - start,) by name.
+        """Values of what varies in rows start..stop-1: a float64 array (stop - start,) by name.
 
         Raises:
             IndexError: rows that the job does not have.
@@ -180,7 +180,7 @@ class Plan:
         return turn and isinstance(points.fraction, Steps) and points.fraction.at == "centre"
 
     def stride(self, position: int) -> int:
-        """How many rows pass before the group at `position` moves on."""
+        """Number of rows after which the group at `position` moves on."""
         return math.prod(group.length for group in self.groups[position + 1 :])
 
     def spans(self, name: str) -> tuple[int, ...]:
@@ -238,7 +238,7 @@ class Plan:
 
 
 def inside(values: np.ndarray, quantity: Quantity) -> np.ndarray:
-    """Where a quantity may have these values; the NaN of a start that the model decides itself passes."""
+    """Mask of allowed values of a quantity; the NaN of a start that the model decides itself passes."""
     if quantity.open_ends:
         within = (values > quantity.low) & (values < quantity.high)
     else:

@@ -1,4 +1,4 @@
-"""How a job is read: each part in its turn, all diagnostics gathered, then its rows laid out and checked."""
+"""Reading of a job: its sections in order, all diagnostics together, then its rows."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def _laid_out(
 
 
 def _scope(plan: Plan | None, spec: ModelSpec | None, moved: str | None) -> Scope:
-    """What expressions under `run`, `numerics` and `figures` may use: the parameters that stay fixed."""
+    """Names for expressions under `run`, `numerics` and `figures`: the parameters that stay fixed."""
     if plan is None or spec is None:
         return Scope(known=False)
     fixed: dict[str, float] = dict(spec.sizes)

@@ -1,4 +1,4 @@
-"""How long the steps of a job's rows are, and whether a step that it asks for is right for all of them."""
+"""Step lengths of a job's rows, and checks of a step that the job asks for."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class RowSteps:
 
     @property
     def digest(self) -> str:
-        """What the model recommends, to six digits: a later version that recommends otherwise has another."""
+        """The recommended step to six digits, so that a changed recommendation is noticed later."""
         text = ",".join(f"{dt:.5e}" for dt in self.dt[np.linspace(0, self.dt.size - 1, 1024).astype(int)])
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -58,7 +58,7 @@ class Group:
 
 @dataclass
 class Vary:
-    """What was read of `vary`: its groups, itself in plain normal form, and what is wrong with it.
+    """Result of reading `vary`: its groups, its normal form, and its diagnostics.
 
     `quantities`: the model's parameters and starts; empty while the model is unknown.
     """

@@ -42,7 +42,7 @@ class _Limit(Exception):
 
 
 class _Counted:
-    """What both loaders do besides composing: they count nodes and how deep they lie, while they compose."""
+    """Limits of both loaders: they count nodes and depth while they compose."""
 
     _nodes = 0
     _depth = 0
@@ -109,7 +109,7 @@ _YAML_SENTENCES = {
 
 @dataclasses.dataclass
 class Document:
-    """What a file says: `data`, and by path the line or the `--set` that said it."""
+    """Content of a file: `data`, and by path the line or the `--set` from which it comes."""
 
     file: str
     data: dict[str, Any]
@@ -220,7 +220,7 @@ def _read_regular(path: Path, name: str) -> bytes:
 
 
 def _kind(mode: int) -> str:
-    """What a file is if it is no regular one, else nothing."""
+    """Return the kind of a file that is not a regular one, else an empty text."""
     if stat.S_ISREG(mode):
         return ""
     kinds = {

@@ -78,7 +78,7 @@ class Records:
 
     @property
     def recorded(self) -> np.ndarray:
-        """Which records have numbers, (n,)."""
+        """Mask of the records that have numbers, (n,)."""
         return np.ones(self.rows.size, bool) if self.place is None else self.place >= 0
 
     def of_row(self, values: np.ndarray) -> np.ndarray:
@@ -111,7 +111,7 @@ def observed(
 
 
 def traits(model: Model) -> list[Column]:
-    """What the model reads together with the gait."""
+    """Observables that the model reads together with the gait."""
 
     def read(records: Records, name: str) -> Any:
         return gaits(model, records.label(name, -1)) if names_gait(name) else records.label(name)

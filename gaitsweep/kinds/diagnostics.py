@@ -1,4 +1,4 @@
-"""What is wrong with a job, as sentences: where it stands, what was found, what is allowed or meant."""
+"""Diagnostics of a job: the place of a fault, what was found, what is allowed, and the near miss."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def shown(path: Path) -> str:
 
 
 def found(value: object) -> str:
-    """What was written, short enough to be quoted; of what is long only the beginning is looked at."""
+    """Quote a value as it was written, cut to a length that fits a sentence."""
     return clipped(_written(value, 0))
 
 

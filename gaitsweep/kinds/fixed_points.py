@@ -1,4 +1,4 @@
-"""What run kinds that follow fixed points of each row's return map have in common."""
+"""Fields and checks that run kinds on fixed points of each row's return map share."""
 
 from __future__ import annotations
 

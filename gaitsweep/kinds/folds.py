@@ -106,7 +106,7 @@ class Folds(FollowsFixedPoints):
                 yield Diagnostic(("run", "within", name), text)
 
     def _check_starts(self, rows: Rows) -> Iterator[Diagnostic]:
-        """Where a row begins outside the ranges."""
+        """Diagnostics for rows that begin outside the ranges."""
         try:
             parameters, _ = rows.values_in(np.arange(rows.n_rows))
         except (ExpressionError, JobError):  # the checks of formulas say so
@@ -187,7 +187,7 @@ class Folds(FollowsFixedPoints):
 
 
 def _fold_column(model: Model, name: str) -> Column:
-    """Where a fold is, for the parameter of this name."""
+    """Column of the parameter's value at the fold."""
     found = next((each for each in model.parameters if each.name == name), None)
     if found is not None:
         found = dataclasses.replace(found, name=f"{name}_fold", meaning=f"{found.meaning}, at the fold")

@@ -1,4 +1,4 @@
-"""What every run kind gives: its fields, recorder, schedule, table, checks and cost."""
+"""The interface of a run kind: its fields, recorder, schedule, table, checks and cost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gaitsweep.kinds.part import Part, kind_of, plain
 
 @dataclasses.dataclass(frozen=True)
 class PlanAxis:
-    """What moves together and how many points it has: one name, or those of a `zip` or `sample`."""
+    """The names of an axis, one or those of a `zip` or `sample`, and its number of points."""
 
     names: tuple[str, ...]
     length: int
@@ -96,7 +96,7 @@ class Cost:
 
 
 class RunKind(Part):
-    """What a job does with each of its rows.
+    """The task of each row of a job.
 
     A kind has a field `kind: Literal["its_name"]` and gives `recorder`, `columns` and `cost`. A kind that
     moves a parameter has the fields `parameter` and `path`, and gives `schedule`. A kind that does not use
@@ -173,11 +173,11 @@ class RunKind(Part):
         return path_values(self.turns)
 
     def recorder(self, model: Model) -> Recorder:
-        """What is kept of each trajectory, and when it ends."""
+        """Recorder of each trajectory, which also decides when it ends."""
         raise NotImplementedError
 
     def schedule(self) -> Schedule | None:
-        """How the parameter moves; None where nothing does."""
+        """Schedule of the parameter that moves; None without one."""
         return None
 
     def columns(self, model: Model) -> list[Column]:
@@ -210,11 +210,11 @@ class RunKind(Part):
     def starting_points(
         self, rows: Rows, work: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
-        """Where a sample of rows (n,) starts, at its own step and a share of it, for the self-check."""
+        """Starts of sampled rows (n,), at their own step and a share of it, for the self-check."""
         raise NotImplementedError
 
     def check(self, rows: Rows, method: str) -> list[Diagnostic]:
-        """What is wrong with its fields, by themselves and for these rows.
+        """Diagnostics of its fields, by themselves and for these rows.
 
         Args:
             rows: the job's rows.
@@ -223,11 +223,11 @@ class RunKind(Part):
         return []
 
     def refined(self, rows: Rows) -> Grid | None:
-        """How it refines the edges between gaits; None where all rows are simulated."""
+        """Refinement of the edges between gaits; None where all rows are simulated."""
         return None
 
     def cost(self, rows: Rows, cycle: float, period: float) -> Cost:
-        """What a row takes.
+        """Estimated attempts and records of a row.
 
         Args:
             rows: the job's rows.

@@ -448,7 +448,7 @@ def _of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
 
 @dataclasses.dataclass(frozen=True)
 class _Begun:
-    """What a model's functions give at starts; leaves (n, ...).
+    """Evaluate a model's functions at starts; leaves (n, ...).
 
     `rates` and `guards` are those of a model with a flow, `stepped` is the state of one without after 1e-6 s.
     `still` is the state after a jump, and `closes` whether a cycle ends, where no event has fired.
@@ -531,7 +531,7 @@ def _by_value(model: Model) -> Iterator[str]:
 def faults_of_rows(
     model: Model, values: Mapping[str, np.ndarray], starts: Mapping[str, np.ndarray], where: Where
 ) -> list[str]:
-    """What `faults` finds of a model, at parameters and starts (n,) of a job's own rows.
+    """Find faults as `faults` does, at parameters and starts (n,) of a job's own rows.
 
     Args:
         model, values, starts: the rows; a model without `host_parameters`.

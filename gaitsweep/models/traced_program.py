@@ -31,7 +31,7 @@ _ADDRESS = re.compile(r"0x[0-9a-f]+")
 
 @dataclasses.dataclass(frozen=True)
 class TracedProgram:
-    """What the functions of a model compute.
+    """Program that the functions of a model compute.
 
     `digests` are those of the functions, by name; empty for gaitsweep's own models, which its version tells.
     `varying` is a function that is another one each time it is traced, or None.
@@ -42,7 +42,7 @@ class TracedProgram:
 
 
 def unrepeatable(model: Model) -> str | None:
-    """Why a model cannot be run again with the same result, in words after its name, or None."""
+    """Return why a model cannot be run again with the same result, in words after its name, or None."""
     varying = traced_program(model).varying
     if varying is None:
         return None

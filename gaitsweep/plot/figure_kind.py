@@ -1,4 +1,4 @@
-"""What every kind of figure gives: its fields in a job, the runs and columns that it needs, its drawing.
+"""The interface of a kind of figure: its fields, the runs and columns that it needs, its drawing.
 
 `figure_kind` makes a kind of a function that draws; its fields in a job are the function's arguments.
 """
@@ -58,7 +58,7 @@ Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 
 @dataclasses.dataclass(frozen=True)
 class PlannedTable:
-    """What is known of a table before its job runs: the rows, the run, and the names of its columns."""
+    """Facts about a table before its job runs: the rows, the run, and the names of its columns."""
 
     rows: Rows
     run: RunKind
@@ -132,11 +132,11 @@ class FigureKind(Part):
         return {place: name for place, name in places.items() if name not in (None, *self.worked_out)}
 
     def check(self, table: PlannedTable) -> Iterator[Refusal]:
-        """Why this kind of figure cannot be drawn of the table, beside what all kinds have in common."""
+        """Return why this kind of figure cannot be drawn of the table, beside the checks of all kinds."""
         yield from ()
 
     def refusals(self, table: PlannedTable) -> Iterator[Refusal]:
-        """Why it cannot be drawn of the table, whose columns and observables that it names are there."""
+        """Return why it cannot be drawn of a table that has the columns and observables named."""
         yield from self._titles()
         along = [(field, getattr(self, field)) for field in self.axis_fields]
         for number, (field, column) in enumerate(along):
@@ -158,7 +158,7 @@ class FigureKind(Part):
         return ("kind",), f"{text} has no such column."
 
     def _titles(self) -> Iterator[Refusal]:
-        """What Matplotlib cannot set between dollar signs."""
+        """Refusals of texts that Matplotlib cannot typeset between dollar signs."""
         texts: list[tuple[Path, str]] = []
         for field in ("title", "titles", "points", "intervals", "ticks"):
             written: Any = getattr(self, field, None)
@@ -177,7 +177,7 @@ class FigureKind(Part):
 
 
 def check_window(figure: Any) -> Iterator[Refusal]:
-    """Why a figure's window shows nothing."""
+    """Return why a figure's window shows nothing, or None."""
     if figure.window is not None and not figure.window[0] < figure.window[1]:
         yield ("window",), f"is {found(figure.window)}, but its begin comes before its end."
 
@@ -249,7 +249,7 @@ def _fields(draw: Callable[..., Figure]) -> dict[str, Any]:
 
 
 def _in_job(annotation: Any) -> Any:
-    """What a job can give of an argument's type: lists and dicts, and no table."""
+    """Type of a figure's argument in a job: lists and dicts, and no table."""
     origin, (first, *rest) = get_origin(annotation), get_args(annotation) or (None,)
     if origin is Annotated:
         return Annotated[_in_job(first), *rest]

@@ -114,7 +114,7 @@ def footprints(
 
 
 def _filled(hops: Sequence[float]) -> str | None:
-    """What the legend says of losses of contact that are filled; None without any."""
+    """Legend entry for losses of contact that are filled; None without any."""
     if not hops:
         return None
     many = f"{len(hops)} loss{'es' * (len(hops) > 1)} of contact"

@@ -1,4 +1,4 @@
-"""What a job would need, before it runs: rows, memory, disk and time."""
+"""Estimate of what a job needs, before it runs: rows, memory, disk and time."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BYTES_A_PART, BYTES_A_COLUMN, BYTES_A_REPEAT = 900, 280, 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """What a job would need. `seconds` is the likely time, `seconds_most` that of rows at their limits.
+    """Needs of a job. `seconds` is the likely time, `seconds_most` that of rows at their limits.
 
     `simulated`: the rows that are likely run; fewer than `rows` where a run refines. `records`: those of the
     table, several for a row where a run records its way; `disk_bytes` are the table's. `steps` are those that
@@ -99,7 +99,7 @@ def estimate(job: Job) -> Estimate:
 
 
 def _bytes_of_record(plan: Plan, job: Job) -> float:
-    """What a record takes in a table: eight bytes for each number that no other record has."""
+    """Bytes of a record in a table: eight for each number that no other record has."""
     columns = job.run.columns(plan.model)
     own = sum(not column.repeats for column in columns)
     if job.run.one_a_row:  # so that each has its own point of a sample
@@ -114,7 +114,7 @@ def _bytes_of_record(plan: Plan, job: Job) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-    """What the first rows tell: attempts of all lanes a second, and attempts and crossings of one simulated.
+    """Measurements on the first rows: attempts a second of all lanes, attempts and crossings of a row.
 
     `rate` is the first, `attempts` and `crossings` the others; `compile_s` was spent before. `at_a_time`:
     rows that run at a time; `host_s`: the host's work for a row, s.

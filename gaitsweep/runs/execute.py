@@ -168,7 +168,7 @@ class _SelfCheck:
             self._begun = self._thread.submit(self_check, self._ready, self._asked, go_on)
 
     def found(self, progress: Progress) -> dict[str, Any]:
-        """What it finds of a complete table, now or when it was made."""
+        """Result for a complete table, from now or from when it was made."""
         if self._known is not None:
             return self._known
         total = self._ready.work.n_rows
@@ -192,7 +192,7 @@ class _SelfCheck:
 
     @property
     def _known(self) -> dict[str, Any] | None:
-        """What an earlier one found, with as many rows."""
+        """Return the result of an earlier one with as many rows, or None."""
         before = self._directory.manifest.get("self_check")
         return before if isinstance(before, dict) and before.get("rows") == self._asked else None
 
@@ -250,7 +250,7 @@ def _run_missing(
 
 @dataclasses.dataclass
 class _Open:
-    """Where a sweep stores finished rows of open blocks: the directory, with the time that they took."""
+    """Store of finished rows of open blocks: the directory, with the time that they took."""
 
     directory: ResultDirectory
     spent: Callable[[], dict[str, float]]

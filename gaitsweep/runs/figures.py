@@ -87,7 +87,7 @@ def _draw_missing_figures(
 
 
 def _figure_digest(file: Path, spec: dict[str, Any]) -> str | None:
-    """What tells a figure that was drawn as asked from another, None where there is none."""
+    """Key of a figure as it was asked for, None where there is none."""
     try:
         drawn = read_file(file)
     except OSError:

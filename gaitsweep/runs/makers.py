@@ -1,4 +1,4 @@
-"""What made the parts of a result directory, and whether the same makes those that it still lacks."""
+"""Programs that made the parts of a result directory, and the check that the same program continues it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def check_program(ready: Prepared, path: Path, manifest: Mapping[str, Any]) -> l
 
 
 def differing(before: Mapping[str, Any]) -> list[str]:
-    """What of an earlier maker differs from this process, in words."""
+    """Describe how an earlier maker differs from this process."""
     old, new = before.get("versions", {}), provenance.versions()
     found = [
         f"{name} {old[name]} (here {value})" for name, value in new.items() if old.get(name, value) != value

@@ -140,7 +140,7 @@ class Drive:
 
 @contextlib.contextmanager
 def naming_the_file() -> Iterator[None]:
-    """What the operating system refuses, as a sentence that names the file."""
+    """Raise errors of the operating system as a sentence that names the file."""
     try:
         yield
     except OSError as error:

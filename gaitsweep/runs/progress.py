@@ -1,4 +1,4 @@
-"""How the progress of a run is told, and as lines for logs and notebooks: one every half minute."""
+"""Progress of a run: its callback, and lines for logs and notebooks, one every half minute."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ENOUGH = 0.01  # share done before a time left is told: of the first few steps 
 
 
 class Progress(Protocol):
-    """Told now and then how far a run is."""
+    """Callback that reports the progress of a run."""
 
     def __call__(self, done: int, total: int, rate: float, fraction: float, note: str) -> None:
         """Rows done and in all, rows a second, the share done (running rows count in part), a remark.

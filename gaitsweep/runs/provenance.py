@@ -1,4 +1,4 @@
-"""What made a table: versions, the commit of the source, and the machine."""
+"""Provenance of a table: versions, the commit of the source, and the machine."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ def _round(
 def _telling(
     progress: RunProgress, number: int, total: int, decided: float
 ) -> Callable[[SweepProgress], None]:
-    """What tells of a round, before which this share of all rows was decided."""
+    """Progress callback of a round, before which this share of all rows was decided."""
 
     def tell(now: SweepProgress) -> None:
         rate = now.share * now.rows / now.seconds if now.seconds > 0 else 0.0

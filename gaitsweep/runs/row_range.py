@@ -136,7 +136,7 @@ def _make(path: Path, ready: Prepared, tell: Callable[[str], None]) -> None:
 
 
 def _patiently(take: Callable[[], T]) -> T:
-    """What `take` returns, which is called again while another process holds the directory."""
+    """Return the result of `take`, which is called again while another process holds the directory."""
     deadline = time.monotonic() + PATIENCE
     while True:
         try:

@@ -66,7 +66,7 @@ class SelfCheckError(UserError):
 
 @dataclasses.dataclass
 class SelfCheck:
-    """What a self-check found.
+    """Result of a self-check.
 
     `rows` repeated, of `of`; `stored_differs`: those whose stored records are not what they give again. With
     finer steps, how many came to another status (`status_differs`), gait (`gait_differs`) or count of
@@ -129,12 +129,12 @@ class Again:
 
 
 def circular(model: Model) -> np.ndarray:
-    """Which observables are angles, (observables,)."""
+    """Mask of the observables that are angles, (observables,)."""
     return np.array([quantity.circular for quantity in model.observables])
 
 
 def changes(model: Model, once: np.ndarray, again: np.ndarray) -> np.ndarray:
-    """How far observables (..., observables) are from each other, angles by the shorter way."""
+    """Distance of observables (..., observables) from each other, of angles by the shorter way."""
     return np.abs(wrap_difference(once - again, circular(model)))
 
 
@@ -156,7 +156,7 @@ def sizes(quantities: tuple[Quantity, ...], values: np.ndarray) -> np.ndarray:
 
 
 def counted(model: Model, *values: np.ndarray) -> np.ndarray:
-    """Which observables (k,) are counts: whole numbers wherever they are known, in all values (..., k)."""
+    """Mask of the observables (k,) that are counts: whole numbers in all known values (..., k)."""
     whole = ~circular(model)
     for each in values:
         known = np.where(np.isfinite(each), each, 0.0).reshape(-1, whole.size)
@@ -274,7 +274,7 @@ def compare_stored(
 def _other_beginnings(
     ready: Prepared, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
-    """Which rows (n,) begin at another fixed point, or at none, where a table's branches begin."""
+    """Mask of the rows (n,) whose branches begin at another fixed point, or at none."""
     model = ready.plan.model
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
@@ -305,7 +305,7 @@ def _beginning(ready: Prepared) -> Recorder:
 
 
 def _other_records(model: Model, again: Again, stored: pd.DataFrame) -> np.ndarray:
-    """Which rows (n,) have other first records in a table than they gave again."""
+    """Mask of the rows (n,) whose first records differ when they run again."""
     recorder, result = again.recorder, again.result
     assert isinstance(result, BlockResult)
     quantities = {f"{q.name}_n": q for q in model.observables} | {q.name: q for q in model.signals}
@@ -340,7 +340,7 @@ def _other_ends(
     stored: pd.DataFrame,
     progress: Callable[[SweepProgress], None] | None,
 ) -> np.ndarray:
-    """Which rows (n,) end otherwise in a table than they did again."""
+    """Mask of the rows (n,) that end otherwise when they run again."""
     model, result = ready.plan.model, again.result
     assert isinstance(result, BlockResult)
     status = stored["status"].astype(str).to_numpy()

@@ -11,7 +11,7 @@ TOLERANCES = 10.0
 
 
 def sentence(found: dict[str, Any]) -> str:
-    """What a self-check found, on one line."""
+    """Format the result of a self-check, on one line."""
     if found.get("verdict") == "off":
         return "Self-check: off."
     rows, of = found["rows"], found.get("of", found["rows"])
@@ -52,7 +52,7 @@ def _largest(found: dict[str, Any]) -> str:
 
 
 def advice(found: dict[str, Any], dt: float | None) -> str:
-    """What to change where a self-check warned."""
+    """Advise what to change where a self-check warned."""
     differs = ("status_differs", "gait_differs", "count_differs", "moved")
     if found.get("stored_differs") and not any(found.get(name) for name in differs):
         text = "The table was made by another model, file of data, cache or version than is here now"

@@ -1,4 +1,4 @@
-"""What a status says of a row, or of a set of constants of a search or a sensitivity analysis."""
+"""Sentences for the statuses of rows, and of sets of constants of a search or a sensitivity analysis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the manifest of a run says: how the rows were run, how they ended, and what the columns hold."""
+"""Summary of a run for its manifest: how the rows were run, how they ended, and what the columns hold."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def sum_up(ready: Prepared, directory: ResultDirectory, timings: dict[str, float
 
 
 def _of_starts(ready: Prepared) -> dict[str, Any]:
-    """What the manifest says of rows that begin on or beyond the surface of an event, by the event's name.
+    """Counts of rows that begin on or beyond the surface of an event, by the event's name.
 
     And of rows whose nominal period is no time, by what it is. `rows` is their number and `row` the first of
     them; of more than `_MOST_STARTS` rows, evenly spaced ones are looked at, whose number is `of`.
@@ -148,7 +148,7 @@ def _rows(found: Mapping[str, Any]) -> str:
 
 
 def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
-    """What the manifest says of the records of a complete table, which are read part by part."""
+    """Summarise the records of a complete table, which are read part by part."""
     known, fields = table_columns(ready.plan, ready.job.run), {}
     stalled = bool(directory.counts().get(Status.event_stall.name))
     counts_gaits, has_distance = _counts_gaits(ready), _has_distance(ready)

@@ -1,4 +1,4 @@
-"""Which rows of a large table its figures show: an even selection, which they say."""
+"""Even selection of the rows of a large table for its figures, which say so."""
 
 from __future__ import annotations
 

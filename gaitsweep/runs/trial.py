@@ -31,7 +31,7 @@ _RATE, _POWER = "_rate_of_change", "_power"
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """What a trial found: `faults` continue a sentence after the model's name, `remarks` are sentences."""
+    """Result of a trial: `faults` continue a sentence after the model's name, `remarks` are sentences."""
 
     faults: list[str]
     remarks: list[str]

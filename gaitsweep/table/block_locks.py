@@ -23,7 +23,7 @@ _RECORD = 128  # bytes
 
 
 class Begun(NamedTuple):
-    """How often a block was begun without coming to an end, and by which process last."""
+    """Count of starts of a block without an end, and the process that began it last."""
 
     times: int
     process: str
@@ -72,7 +72,7 @@ class BlockLocks:
         fcntl.fcntl(self._descriptor, fcntl.F_OFD_SETLK, fields)
 
     def begun(self, number: int) -> Begun:
-        """Who has begun a block that has not come to its end."""
+        """Process that has begun a block and not ended it."""
         times, _, process = os.pread(self._descriptor, _RECORD, number * _RECORD).decode(
             errors="replace"
         ).rstrip("\0 \n").partition(" ")  # fmt: skip

@@ -87,7 +87,7 @@ class Snapshot:
 
     @property
     def without_digests(self) -> str:
-        """What it means that some files have no digest, which are sound as far as they tell themselves."""
+        """Sentence on files without digests, in which damage can go unseen."""
         n, told = len(self.files.undigested), "so not every damage would be found"
         again = "" if self.manifest["format"] == 1 else ". Its job, run again, makes the digests anew"
         return f"{n} file{'s' * (n != 1)} of the table carry no digests, {told}{again}"

@@ -146,7 +146,7 @@ def figure_of(path: Path, caption: str) -> str:
 
 
 def _warnings(snapshot: Snapshot) -> str:
-    """What a reader has to know first."""
+    """Summary at the top of the report."""
     told = []
     if not snapshot.complete:
         told.append("The table is not complete: the same command continues it.")
@@ -194,7 +194,7 @@ def _number(number: int, total: int) -> str:
 
 
 def _reasons(snapshot: Snapshot) -> str:
-    """Why sets of constants failed, most often."""
+    """Most frequent reasons why sets of constants failed."""
     if not snapshot.counts.get("failed"):  # no status of rows, which have none of this name
         return ""
     why = _columns(snapshot, "why")["why"].astype(str)
@@ -231,7 +231,7 @@ def _gaits(snapshot: Snapshot) -> str:
 
 
 def _self_check(snapshot: Snapshot) -> str:
-    """What a sample of rows at half the step said of the numbers."""
+    """Section on the self-check at half the step."""
     found = snapshot.manifest.get("self_check")
     if not isinstance(found, dict):
         return ""
@@ -258,7 +258,7 @@ def _self_check(snapshot: Snapshot) -> str:
 
 
 def _provenance(snapshot: Snapshot) -> str:
-    """What made the table: the manifest in words, the versions last."""
+    """Provenance of the table: the manifest in words, the versions last."""
     manifest = snapshot.manifest
     facts = {_NAMES.get(key, key): value for key, value in manifest.items() if key not in _APART}
     if "git_commit" not in manifest or manifest["git_commit"] is None:

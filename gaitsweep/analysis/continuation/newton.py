@@ -29,7 +29,7 @@ FLOOR = 0.1
 
 
 class NewtonOutcome(ResultCode):
-    """How the search for a fixed point ended, with a sentence each."""
+    """Outcomes of the search for a fixed point, with a sentence each."""
 
     converged = 0, "A fixed point was found."
     not_converged = 1, "The search did not converge in the steps allowed."
@@ -92,7 +92,7 @@ class FixedPoints:
 
     @property
     def converged(self) -> np.ndarray:
-        """Which searches converged, (n,)."""
+        """Mask of the searches that converged, (n,)."""
         return self.outcome == NewtonOutcome.converged
 
 
@@ -220,7 +220,7 @@ class _Search:
         ]
 
     def _accepted(self, rows: np.ndarray, step: np.ndarray, last: bool) -> np.ndarray:
-        """Which steps are accepted, by images alone: if the residual falls; the last wherever defined."""
+        """Mask of accepted steps, by images alone: if the residual falls; the last wherever defined."""
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         values = {name: each[rows] for name, each in self.values.items()}
         images = self.mapping.images(trial, values)

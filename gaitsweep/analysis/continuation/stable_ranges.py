@@ -86,7 +86,7 @@ def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:
 
 
 def _by(special: np.ndarray, end: np.ndarray, k: int) -> str:
-    """What bounds a range at a point."""
+    """Name what ends a range at a point: a special point, the end of a branch, or its start."""
     if special[k] in MARKS:
         return str(special[k])
     if end[k]:

@@ -29,7 +29,7 @@ UNEVEN = 0.0557
 
 
 class EdgeOutcome(ResultCode):
-    """How the search for an edge state ended, with a sentence each."""
+    """Outcomes of the search for an edge state, with a sentence each."""
 
     fixed = 0, "The edge state is a fixed point of the map."
     periodic = 1, "The edge state is a cycle of the map."

@@ -337,7 +337,7 @@ def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
 def _remains(
     drift: Drift, mine: np.ndarray, away: np.ndarray, width: float
 ) -> tuple[float, float, float] | None:
-    """What the line through the points of one side leaves at a zero, its error, and their mean size."""
+    """Value at a zero of the line through the points of one side, its error, and their mean size."""
     if not mine.any():
         return None
     _, change, row, share = (each[mine] for each in drift.points)

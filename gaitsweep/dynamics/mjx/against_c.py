@@ -86,7 +86,7 @@ class Comparison:
 
     @property
     def wrong(self) -> list[Parting]:
-        """Where the motions part for a cause."""
+        """Times at which the motions part for a cause."""
         return [each for each in self.partings if each.cause]
 
 
@@ -133,7 +133,7 @@ class _Both:
         self._program = jax.jit(run).lower(*example).compile(options)
 
     def from_start(self, start: Start) -> tuple[Parting | None, float]:
-        """Where the motion from a start parts from C's, and the largest difference before."""
+        """Time at which the motion from a start parts from C's, and the largest difference before."""
         body = self._state.body
         body = BodyState(
             q=jnp.asarray(start.q),
@@ -192,7 +192,7 @@ class _Both:
 
 
 def at_first_use(model: MjcfModel) -> list[str]:
-    """What is to be known of a model's MJCF beside MuJoCo C: a sentence each, kept in the cache."""
+    """Compare a model's MJCF with MuJoCo C: a sentence for each difference, kept in the cache."""
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
         params, state = _at_default(model)
         control = str(jax.make_jaxpr(model.checked_control)(params, state))

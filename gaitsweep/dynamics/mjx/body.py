@@ -230,7 +230,7 @@ def _clocks(m: mujoco.MjModel) -> int:
 
 
 def _cut(m: mujoco.MjModel) -> np.ndarray:
-    """Which sensors (nsensor,) MuJoCo cuts off."""
+    """Mask of the sensors (nsensor,) that MuJoCo cuts off."""
     uncut = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtSensor.mjSENS_GEOMFROMTO
     return ~np.isin(m.sensor_type, uncut)
 

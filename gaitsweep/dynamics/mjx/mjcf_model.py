@@ -76,7 +76,7 @@ class MjcfModel(Declared, SteppedModel):
         return {}
 
     def sensor(self, state: Any, name: str) -> jax.Array:
-        """What a sensor of the MJCF gave at the beginning of the last step, a number or (n,); 0 before it.
+        """Reading of a sensor of the MJCF at the beginning of the last step, a number or (n,); 0 before it.
 
         Raises:
             ValueError: the MJCF has no such sensor.
@@ -123,7 +123,7 @@ class MjcfModel(Declared, SteppedModel):
         return state.replace(**changes, body=moved, sensors=data.sensordata)
 
     def checked_control(self, params: Any, state: Any) -> jax.Array:
-        """What `control` gives, (nu,).
+        """Values of `control`, (nu,).
 
         Raises:
             ValueError: it has another shape.

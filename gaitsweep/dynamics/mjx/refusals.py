@@ -250,7 +250,7 @@ def _shape(m: mujoco.MjModel, geom: int) -> mujoco.mjtGeom:
 
 
 def _words(member: mujoco.mjtGeom) -> str:
-    """What MJCF calls a member of one of MuJoCo's enumerations."""
+    """MJCF's name of a member of one of MuJoCo's enumerations."""
     return member.name.partition("_")[2].lower()
 
 

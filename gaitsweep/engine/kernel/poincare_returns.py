@@ -117,11 +117,11 @@ class KernelReturns:
         return params, self.crossing.begin(params, state)
 
     def _without_tangent(self, params: Params, trajectory: ReturnState) -> Any:
-        """What a lane holds and carries without a derivative."""
+        """State of a lane without a derivative."""
         return (params, []), _LaneState(trajectory, [])
 
     def _with_zero_tangent(self, params: Params, trajectory: ReturnState) -> Any:
-        """What a lane holds and carries, with a tangent of zeros."""
+        """State of a lane with a tangent of zeros."""
         nothing = jax.tree.map(jnp.zeros_like, (float_leaves(params), float_leaves(trajectory)))
         return (params, nothing[0]), _LaneState(trajectory, nothing[1])
 

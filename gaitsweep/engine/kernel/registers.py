@@ -1,4 +1,4 @@
-"""Which values of a straight-line program stay in a CPU's registers, and which are loaded again.
+"""Allocation of a straight-line program's values to a CPU's registers, and their reloads.
 
 A compiler keeps what it has once loaded, and spills many values of a long program. Here the value whose next
 use is farthest away gives way (Belady's rule): it is loaded again from where it is in memory, or stored once

@@ -10,7 +10,7 @@ from gaitsweep.engine.kernel.program import Kind, Program, Value
 
 
 class Language(Protocol):
-    """How a language writes the parts of a program: `python_source`, `c_source`."""
+    """The syntax of a target language: `python_source`, `c_source`."""
 
     def expression(self, operation: Operation, args: Sequence[str], bits: Literal[32, 64]) -> str:
         """An operation on arguments, the last of which has so many bits."""

@@ -70,7 +70,7 @@ class MapEvaluation(_Batch):
 
     @property
     def sound(self) -> np.ndarray:
-        """Where the map is defined, (n,)."""
+        """Mask of the points at which the map is defined, (n,)."""
         return self.status == ReturnStatus.crossed
 
 
@@ -105,7 +105,7 @@ class Map(abc.ABC):
 
     @property
     def circular(self) -> np.ndarray:
-        """Which coordinates are angles, (size,)."""
+        """Mask of the coordinates that are angles, (size,)."""
         return np.array([quantity.circular for quantity in self.coordinates])
 
     def difference(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -85,7 +85,7 @@ def refusal(name: str, model: Model, precision: str) -> str | None:
 
 
 def derivative_refusal(name: str, model: Model) -> str | None:
-    """Why a return map by a method has no derivative, and what to use instead; None where it has one.
+    """Return why a return map by a method has no derivative, and what to use instead; None where it has one.
 
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.

@@ -1,4 +1,4 @@
-"""Which cells of a grid have to be simulated for its basins to be known, and the labels of the others.
+"""Selection of the cells of a grid that have to be simulated, and the labels of the others.
 
 The grid is laid out in boxes of `coarse` cells a side, and their corners are simulated first. A box in which
 two labels are known (in a corner, on a side that a finer neighbour shares, or inside) is halved along one
@@ -49,7 +49,7 @@ class Grid:
                 sides = halved
 
     def corners(self, axis: int, side: int) -> tuple[np.ndarray, int]:
-        """Where boxes of this side have corners along an axis, and the number of boxes between them."""
+        """Corners of boxes of this side along an axis, and the number of boxes between them."""
         length = self.lengths[axis]
         points = np.arange(0, length, side)
         if self.wraps[axis]:

@@ -1,4 +1,4 @@
-"""What the claims of the paper measure, beside the general measures such as `share` and `value`."""
+"""Measures for the claims of the paper, beside general ones such as `share` and `value`."""
 
 import numpy as np
 import pandas as pd

@@ -14,7 +14,7 @@ from gaitsweep.plot.figure_kind import PlannedTable, Refusal
 
 
 def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Why a figure with x, y and panels would have several rows in one cell."""
+    """Explain why a figure with x, y and panels has several rows in one cell."""
     if figure.x == figure.y or not {figure.x, figure.y} <= set(table.varied):
         return  # cells that only the table has
     if figure.panels not in (None, *table.varied):

@@ -30,7 +30,7 @@ def folds(
     hue: GaitColumn = "gait",
     title: Title = None,
 ) -> Figure:
-    """Where gaits are lost by folds in the plane of two parameters, and where two gaits are stable.
+    """Draw the folds at which gaits are lost in the plane of two parameters, and where two gaits are stable.
 
     A curve is dashed where what is lost there is no stable gait, and thin and dotted over a corner or a jump
     of the map. The area between a curve below which one gait exists and another above which another one does
@@ -104,7 +104,7 @@ def _gaits(curve: pd.DataFrame) -> list[str]:
 
 
 def _marked(curve: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Which points of a curve have a mark, (n,) each."""
+    """Masks of the points of a curve that have a mark, (n,) each."""
     return {
         "cusp": (curve["special"] == "cusp").to_numpy(bool),
         "curve lost": (curve["end"] == "lost").to_numpy(bool),

@@ -1,4 +1,4 @@
-"""Where each gait is lost along a parameter, by settled rows that start in each gait."""
+"""Draw where each gait is lost along a parameter, by settled rows that start in each gait."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _points(
 
 
 def _words(table: pd.DataFrame, x: str, edge: dict[Any, Any]) -> str:
-    """Which gait is lost, in which direction of the parameter, and in which interval."""
+    """Name the gait that is lost, the direction of the parameter, and the interval."""
     ways = {"rising": "rises", "falling": "falls"}
     unit = unit_of(table, x)
     unit = f" {unit}" if unit and unit != "1" else ""

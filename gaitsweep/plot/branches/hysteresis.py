@@ -189,7 +189,7 @@ def _remarked(shown: list[_Panel], table: pd.DataFrame) -> list[_Panel]:
 
 
 def _pace(table: pd.DataFrame) -> str:
-    """How a table's parameter moves, in words, with its speed if the job gives it."""
+    """Describe how a table's parameter moves, with its speed if the job gives it."""
     run = table.attrs.get("job", {}).get("run", {})
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
@@ -273,7 +273,7 @@ def _mark(
 
 
 def _distance(axes: Axes, values: np.ndarray) -> np.ndarray:
-    """How far values are from the bulk of the data of axes, (n,)."""
+    """Distances of values from the bulk of the data of axes, (n,)."""
     data = np.concatenate([[], *(np.asarray(line.get_ydata(), float) for line in axes.lines)])
     data = data[np.isfinite(data)]
     if not len(data):

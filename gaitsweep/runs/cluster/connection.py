@@ -1,4 +1,4 @@
-"""How a cluster is reached: workers of this command, a scheduler's address, its file, or a user's client."""
+"""Connections to a cluster: workers of this command, a scheduler's address, its file, or a user's client."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class RemoteScheduler(Connection):
 
 
 def _certificates() -> dict[str, Any]:
-    """What a connection takes of Dask's settings.
+    """Dask's settings for a connection.
 
     Raises:
         RunError: a file that they name cannot be read.

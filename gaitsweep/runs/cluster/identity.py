@@ -1,4 +1,4 @@
-"""What makes two processes compute the same bits: their program, packages, processor and engine."""
+"""Identity of processes that compute the same bits: program, packages, processor and engine."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class WorkerUnfit(UserError):
 
 
 def identity_of(ready: Prepared) -> Identity:
-    """What this process would compute a job with."""
+    """Identity of this process for a job."""
     return {
         **versions(),
         "gaitsweep's source": _source_digest()[:12],
@@ -47,7 +47,7 @@ def identity_of(ready: Prepared) -> Identity:
 
 
 def difference(there: Identity, here: Identity) -> str | None:
-    """What differs on a worker from the client, in words; None if nothing does."""
+    """Describe how a worker differs from the client; None if it does not."""
     found = [
         f"{name} is {there.get(name, 'unknown')} there and {value} here"
         for name, value in here.items()

@@ -66,7 +66,7 @@ class JobTicket:
 
 @dataclasses.dataclass(frozen=True)
 class Assignment:
-    """What the tasks of one table have in common.
+    """Shared description of the tasks of one table.
 
     Args:
         ticket: the job.
@@ -85,7 +85,7 @@ class Assignment:
 
 
 def examine(ticket: JobTicket) -> str | None:
-    """Why this worker cannot compute a job's blocks, or None; the job is made ready here meanwhile."""
+    """Return why this worker cannot compute a job's blocks, or None; the job is prepared here meanwhile."""
     try:
         _prepared(ticket)
     except WorkerUnfit as error:

@@ -55,7 +55,7 @@ class Workers:
 
     @property
     def resources(self) -> dict[str, float] | None:
-        """What a block takes of a worker."""
+        """Resources that a block needs on a worker."""
         return {"GPU": 1} if self.on_card else None
 
     @property

@@ -1,4 +1,4 @@
-"""Which starts of a map are simulated again: an even subgrid, and those beside a boundary."""
+"""Choice of the starts of a map that are simulated again: an even subgrid, and those beside a boundary."""
 
 from __future__ import annotations
 

@@ -221,7 +221,7 @@ def _gaits(ready: Prepared, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, 
 
 
 def _most_records(table: pd.DataFrame, room: float) -> int:
-    """How many records of a table fit into so many bytes of the page."""
+    """Number of records of a table that fit into so many bytes of the page."""
     some = table.iloc[np.linspace(0, len(table) - 1, min(_MEASURED, len(table))).astype(int)]
     size = len(compressed(_json({"columns": columns_of(some)}))) / len(some)
     return max(int(room / size), 100)
@@ -302,7 +302,7 @@ class _Walks:
         return {"walks": kept, "figure": self._figure(), "series": self.series, "cycle": cycle}
 
     def _following(self, note: str = "") -> None:
-        """Told of each step along branches that are followed again."""
+        """Report progress while branches are followed again."""
         if self._progress is not None:
             self._progress(0, 1, 0.0, 0.0, "following branches again")
 
@@ -333,7 +333,7 @@ class _Walks:
         return crossing_fields(crossings, numbers, low, high)
 
     def _differs(self, record: int, watched: Watched) -> dict[str, Any]:
-        """How a row that was simulated again differs from the table's, where it does."""
+        """Describe how a row that was simulated again differs from the table's, where it does."""
         row, run = self._table.iloc[record], self._ready.job.run
         if run.kind_name == "continuation":  # a fixed point, which the next crossing has to give back
             return self._apart(record, watched, 1, "n")
@@ -392,7 +392,7 @@ class _Walks:
             each["low"], each["high"] = (float(f(values)) if values.size else 0.0 for f in (np.min, np.max))
 
     def _figure(self) -> dict[str, Any] | None:
-        """What the pictures show, and the size of the body; None for a model without a skeleton."""
+        """Parts of the body in the pictures, and its size; None for a model without a skeleton."""
         if self._parts is None or not self._sizes:
             return None
         half, height, depth = np.quantile(np.array(self._sizes), 0.98, axis=0)
@@ -430,7 +430,7 @@ class _Walks:
 
 
 def _about(shown: StartMap, table: pd.DataFrame, ready: Prepared, walks: _Walks) -> dict[str, Any]:
-    """What the page says of itself: its name, its model, the limbs, remarks and provenance."""
+    """Header of the page: name, model, limbs, remarks and provenance."""
     job, model = ready.job, ready.work.model
     manifest = table.attrs.get("manifest", {})
     told = [*remarks(table)]

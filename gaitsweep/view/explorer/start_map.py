@@ -1,4 +1,4 @@
-"""What the explorer draws of a table: where each record stands, and how it ended."""
+"""The explorer's map of a table: the place of each record, and how it ended."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class StartMap:
 
 
 def map_of(table: pd.DataFrame, job: Job, x: str | None, y: str | None, most: int) -> StartMap:
-    """What the page draws of a table.
+    """Map of a table for the page.
 
     Args:
         table: the table, with a column `gait`.

@@ -88,7 +88,7 @@ class Motion:
 
 @dataclasses.dataclass(frozen=True)
 class BodyParts:
-    """What the pictures of a model show: points of each limb, body and spring, in the order of `Pictures`."""
+    """Points of each limb, body and spring of a model, in the order of `Pictures`."""
 
     limbs: tuple[int, ...]
     bodies: tuple[int, ...]

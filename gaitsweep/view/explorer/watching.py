@@ -53,7 +53,7 @@ class Watch(abc.ABC):
         return self._mine[row]
 
     def walker(self) -> Walker:
-        """What simulates its rows again."""
+        """Simulator of its rows."""
         run = self.ready.job.run
         begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
         return Walker(self.ready.work, self.rows, *self.ready.plan.values_in(self.rows), begun)
@@ -281,7 +281,7 @@ def _up_to(end: float, watched: Watched, name: str, period: float) -> list[Stret
 
 
 def _branches_in_time(ready: Prepared, spent: float, rows: int) -> int:
-    """How many of the rows' branches may be followed again, which takes as long as it took the job."""
+    """Number of branches that can be followed again in the time allowed; each takes as long as in the job."""
     each = spent / ready.plan.n_rows
     return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
 

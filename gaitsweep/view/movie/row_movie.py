@@ -36,7 +36,7 @@ Told = Callable[[str], None]
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """What a row recorded: signals (n,) by name at the times `t` (n,) s.
+    """Signals (n,) of a row by name, at the times `t` (n,) s.
 
     `values` are the row's parameters by name; `period` s is its model's nominal cycle; `title` names the row.
     """
@@ -255,7 +255,7 @@ def _write(target: Path, write: Callable[[], object]) -> None:
 
 
 def _end(motion: Motion, start: float, seconds: float | None, tell: Told | None) -> float:
-    """Where the part shown ends, s: with the trace at the latest."""
+    """End of the part shown, s: at the latest that of the trace."""
     first, last = float(motion.t[0]), float(motion.t[-1])
     if not first <= start < last:
         raise PlotError(f"{start:g} s is not in the trace, which goes from {first:g} to {last:g} s.")
@@ -284,7 +284,7 @@ def _pace(speed: float) -> str:
 def _prepared(
     motion: Motion, times: np.ndarray, pace: str, renderer: str, tell: Told | None
 ) -> Iterator[tuple[Clip, Drawn]]:
-    """What is shown at some times, and what draws the body."""
+    """Clip at some times, and the drawing function of the body."""
     signals, name = motion.at(times), motion.model.name
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:

@@ -1,4 +1,4 @@
-"""How far settled states of the multi-legged chain are from its analytic solutions (Ambe 2021, sec. 3.6)."""
+"""Distance of settled states of the multi-legged chain from its analytic solutions (Ambe 2021, sec. 3.6)."""
 
 from __future__ import annotations
 

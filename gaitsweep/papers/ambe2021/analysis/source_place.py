@@ -1,4 +1,4 @@
-"""Where along the multi-legged chain the source of a wave settles, and how fast it moves."""
+"""Place along the multi-legged chain at which the source of a wave settles, and its drift."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def source_drift(table: pd.DataFrame, cycles: int = 20) -> pd.DataFrame:
-    """How fast E, the sum of the relative phases, drifts in each row, beside the law for its ends.
+    """Measure how fast E, the sum of the relative phases, drifts in each row, beside the law for its ends.
 
     The source moves with E: by one leg while E changes by about 4 rad.
 

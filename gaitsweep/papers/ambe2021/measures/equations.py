@@ -119,7 +119,7 @@ def air_in_swing(table: pd.DataFrame) -> float:
 
 @measure
 def phase_gain(table: pd.DataFrame, *, row: int = 0) -> float:
-    """How much leg 1's phase gains on omega t from just before a touchdown to ten tau after it (rad)."""
+    """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
     part, values = one_row(table, row), chain_defaults()
     t, contact = numbers(part, "t"), numbers(part, "contact_1") > 0.5
     phase = np.unwrap(numbers(part, "phase_1"))

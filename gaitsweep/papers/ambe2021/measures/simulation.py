@@ -46,7 +46,7 @@ def _last_steps(table: pd.DataFrame, names: list[str]) -> np.ndarray:
 
 @measure
 def distinct_ends(table: pd.DataFrame, *, within: float = 0.02) -> list[float]:
-    """How many values each relative phase comes to over all rows, taken as one if within `within` rad (1)."""
+    """Number of values of each relative phase over all rows, taken as one if within `within` rad (1)."""
     counts = []
     for name in [name for name in table.columns if name.startswith("psi_") and name.endswith("_n")]:
         parts = (part.sort_values(by="crossing") for _, part in table.groupby("row"))

@@ -34,7 +34,7 @@ _BAR = 0.62
 
 
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Why gaits cannot be read of a table."""
+    """Return why gaits cannot be read of a table, or None."""
     if not has_swing_onsets(table):
         yield figure.needs(table, "when each of four legs begins to swing (planar_quadruped tells it)")
 
