@@ -1,4 +1,4 @@
-"""Whether a wrong model turns what the claims say of the papers: python -m benchmarks.reliability.faults
+"""Whether a wrong model turns what the claims say of the papers: `python -m benchmarks.reliability.faults`.
 
 Each fault is one plausible slip in a model (a sign, a factor 2, another pair of legs, another start), planted
 in a copy of the package, in which `gaitsweep reproduce PAPER --quick` runs. Of the simulated claims that the

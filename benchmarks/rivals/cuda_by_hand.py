@@ -42,7 +42,7 @@ def checked(code: int, what: str) -> None:
 
 @lru_cache(maxsize=1)
 def driver() -> ctypes.CDLL | None:
-    """libcuda with the first device's context current; None where there is no device."""
+    """Libcuda with the first device's context current; None where there is no device."""
     try:
         cuda = ctypes.CDLL("libcuda.so.1")
     except OSError:

@@ -52,7 +52,7 @@ def flow(batch: Batch, z: Array) -> Array:
 
 
 def rk4(batch: Batch, h: Array) -> Array:
-    """z one step later; h (s) is (lanes,)."""
+    """Z one step later; h (s) is (lanes,)."""
     step = h[:, None, None]
     one = flow(batch, batch.z)
     two = flow(batch, batch.z + 0.5 * step * one)
@@ -106,7 +106,7 @@ def jump(batch: Batch) -> NDArray[np.bool_]:
 
 
 def sweep(batch: Batch, crossings: int, dt: float, located: bool) -> tuple[Array, int]:
-    """psi at the first `crossings` crossings of each lane, and the steps (one for all lanes) that it took."""
+    """Psi at the first `crossings` crossings of each lane, and the steps (one for all lanes) that it took."""
     lanes = len(batch.z)
     found = np.full((lanes, crossings, batch.p.N), np.nan)
     count = np.zeros(lanes, int)

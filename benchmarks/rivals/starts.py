@@ -35,7 +35,7 @@ class Row(TypedDict):
 
 
 def reference_crossings() -> Array:
-    """psi (rad) at crossings 0..10 of the base starts that do not graze, (starts, 11, 3)."""
+    """Psi (rad) at crossings 0..10 of the base starts that do not graze, (starts, 11, 3)."""
     with (TESTS / "reference" / "multilegged_crossings.csv").open() as file:
         lines = csv.DictReader(line for line in file if not line.startswith("#"))
         rows = [line for line in lines if line["set"] == "base" and line["graze"] == "0"]

@@ -30,12 +30,14 @@ Kept = Annotated[
 
 
 def result_table(directory: Path) -> Any:
+    """Load the table of a result directory."""
     from gaitsweep.table import load
 
     return load(directory)
 
 
 def print_table(found: Any, digits: int = 4, index: bool = False) -> None:
+    """Print a table with numbers to some digits."""
     print(found.round(digits).to_string(index=index))
 
 

@@ -133,7 +133,16 @@ def directory(snapshot: Snapshot) -> str:
         lines["digests"] = snapshot.without_digests
     if snapshot.job_edited:
         lines["job.yaml"] = "changed after the run; the job that was run is in the manifest"
-    for key, value in snapshot.manifest.items():
+    lines |= _of_manifest(snapshot.manifest)
+    for number, figure in enumerate(snapshot.figures):
+        lines["figures" if number == 0 else " " * (8 + number)] = str(figure)
+    return aligned(lines)
+
+
+def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Entries of a manifest as lines of text, by their titles."""
+    lines: dict[str, str] = {}
+    for key, value in manifest.items():
         if key == "stalls" and isinstance(value, dict):
             lines[key] = stalled(value)
         elif key == "slowest" and isinstance(value, dict):
@@ -153,9 +162,7 @@ def directory(snapshot: Snapshot) -> str:
             lines["self-check"] = sentence(value).removeprefix("Self-check: ")
         elif key not in ("rows", "counts", "quantities", "job", "figures_drawn", "sha256"):
             lines[key] = plain(value)
-    for number, figure in enumerate(snapshot.figures):
-        lines["figures" if number == 0 else " " * (8 + number)] = str(figure)
-    return aligned(lines)
+    return lines
 
 
 def model_list(known: Iterable[tuple[str, type[Model]]]) -> None:

@@ -227,8 +227,10 @@ def _deciding(model: Model, numerics: Numerics, plan: Plan) -> list[str]:
 
 
 def _from_spectrum(plan: Plan, numerics: Numerics, steps: RowSteps) -> np.ndarray:
-    """The longest steps of rows whose model does not say them: from the flow's matrix where it is linear,
-    a share of the nominal period elsewhere."""
+    """Longest steps of rows whose model gives none.
+
+    They come from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
+    """
     model = plan.model
     some = np.unique(np.linspace(0, steps.rows.size - 1, FEW_SETS).astype(int))
     longest = np.full(steps.rows.size, np.inf)

@@ -120,7 +120,7 @@ def test_the_branches_that_cross() -> None:
 
 @pytest.mark.slow
 def test_branches_that_pass_each_other() -> None:
-    """x + r x - x^3 + h has a fold at 3 (h/2)^(2/3), x + r x - x^2 - h at -2 sqrt(h): no branches cross."""
+    """X + r x - x^3 + h has a fold at 3 (h/2)^(2/3), x + r x - x^2 - h at -2 sqrt(h): no branches cross."""
     heights = np.array([1e-2, 1e-4, 1e-6])
     cases = [{"b": -1.0, "h": h, "r": 0.5, "x": x} for h in heights for x in (0.0, -0.7, 0.7)]
     table = followed(2, cases, towards=-1)
@@ -193,7 +193,7 @@ def test_two_coupled_logistic_maps() -> None:
 
 
 def test_with_a_conserved_quantity() -> None:
-    """x + y = E is conserved, and u = x - y -> u + r u - u^3; no step of the first length converges."""
+    """X + y = E is conserved, and u = x - y -> u + r u - u^3; no step of the first length converges."""
     mapping = PlainMap(
         lambda v, at: at + jnp.array([0.5, -0.5]) * (v["r"] * (at[0] - at[1]) - (at[0] - at[1]) ** 3),
         ("x", "y"),
@@ -217,7 +217,7 @@ def test_with_a_conserved_quantity() -> None:
 
 @pytest.mark.slow
 def test_henon() -> None:
-    """x -> 1 - a x^2 + y, y -> b x: the fold at -(1 - b)^2/4, the flip at 3 (1 - b)^2/4; b = .3."""
+    """X -> 1 - a x^2 + y, y -> b x: the fold at -(1 - b)^2/4, the flip at 3 (1 - b)^2/4; b = .3."""
     mapping = PlainMap(
         lambda v, at: jnp.stack([1.0 - v["a"] * at[0] ** 2 + at[1], 0.3 * at[0]]), ("x", "y"), (("a", 0.1),)
     )
@@ -230,7 +230,7 @@ def test_henon() -> None:
 
 
 def test_two_multipliers_at_once() -> None:
-    """x -> (1 + r) x - x |x|^2 in the plane: two cross 1 at r = 0, in every direction at once."""
+    """X -> (1 + r) x - x |x|^2 in the plane: two cross 1 at r = 0, in every direction at once."""
     mapping = PlainMap(lambda v, at: at * (1.0 + v["r"] - at @ at), ("x", "y"), (("r", 0.0),))
     table = continuation(mapping, mapping.points([[0.01, 0.0]]), {}, parameter="r", within=(-0.47, 0.5))
     found = table[table["special"] != ""]
@@ -254,7 +254,7 @@ def test_steps_that_end_at_the_point_itself() -> None:
 
 @pytest.mark.slow
 def test_one_soon_after_the_other() -> None:
-    """x and y lose stability at r = 0 and r = .003, within one step: pitchforks, or flips."""
+    """X and y lose stability at r = 0 and r = .003, within one step: pitchforks, or flips."""
     for sign, kind in ((1.0, LOWER), (-1.0, "flip")):
         mapping = PlainMap(
             lambda v, at: v["sign"] * ((1.0 + v["r"] - jnp.array([0.0, 0.003])) * at - at**3),
@@ -268,7 +268,7 @@ def test_one_soon_after_the_other() -> None:
 
 
 def test_a_pitchfork_begins_no_curve_of_folds() -> None:
-    """x -> x + r x - x^3 from x = .9: the parameter turns at r = 0, and there is no fold."""
+    """X -> x + r x - x^3 from x = .9: the parameter turns at r = 0, and there is no fold."""
     mapping, _ = MAPS[1]
     table = fold_curves(
         mapping,

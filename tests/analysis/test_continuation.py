@@ -42,7 +42,7 @@ CUSP = PlainMap(cusp, ("x",), (("r", 0.0), ("a", 1.0)))
 
 
 def test_around_a_fold() -> None:
-    """x -> x + r - x^2: both branches x = +-sqrt(r), the fold at r = 0 to 1e-8, multiplier 1 - 2x."""
+    """X -> x + r - x^2: both branches x = +-sqrt(r), the fold at r = 0 to 1e-8, multiplier 1 - 2x."""
     table = continuation(
         FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(-0.5, 2.0), begin=0.9, towards=-1
     )
@@ -60,7 +60,7 @@ def test_around_a_fold() -> None:
 
 
 def test_a_table_without_a_fixed_point_has_all_columns() -> None:
-    """x -> x + r - x^2 has none for r < 0; both records say so, with the columns of a branch."""
+    """X -> x + r - x^2 has none for r < 0; both records say so, with the columns of a branch."""
     starts = FOLD.points([[0.5], [2.0]])
     table = continuation(FOLD, starts, {}, parameter="r", within=(-1.0, -0.5))
     whole = continuation(FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(0.5, 1.0))
@@ -71,7 +71,7 @@ def test_a_table_without_a_fixed_point_has_all_columns() -> None:
 
 
 def test_many_branches_over_a_second_parameter() -> None:
-    """x -> x + r + a x - x^3: folds at r = +-2 (a/3)^1.5, flips where 1 + a - 3 x^2 = -1, for a grid of a.
+    """X -> x + r + a x - x^3: folds at r = +-2 (a/3)^1.5, flips where 1 + a - 3 x^2 = -1, for a grid of a.
 
     One S-shaped curve each, in steps of their own.
     """

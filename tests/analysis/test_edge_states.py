@@ -62,7 +62,7 @@ TURNING = PlainMap(turning, ("x",))
 
 @pytest.mark.slow
 def test_the_saddle_of_a_bistable_map() -> None:
-    """s = 0 at any bend and strength, many pairs at once; the table has its multiplier, newton the rest.
+    """S = 0 at any bend and strength, many pairs at once; the table has its multiplier, newton the rest.
 
     As a saddle is a fixed point, `still` is the error but for the factor 1/(multiplier - 1) = 2.
     """

@@ -119,7 +119,7 @@ def test_a_slope_below_minus_one_is_unstable() -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 1.0, 3.0, 6.2])
 def test_maps_of_the_whole_circle(shift: float) -> None:
-    """x' = x + eps sin(x - shift), started all around: one fixed point of each kind, wherever the cut is."""
+    """X' = x + eps sin(x - shift), started all around: one fixed point of each kind, wherever the cut is."""
     x = np.linspace(0, TURN, 120, endpoint=False) + 0.01
     course = [x]
     for _ in range(20):

@@ -84,7 +84,7 @@ def test_the_figure_of_the_lorenz_map_shows_no_such_point() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.004, 0.02])
 @pytest.mark.parametrize("rows", [12, 200])
 def test_a_map_that_jumps_over_the_diagonal(rows: int, noise: float) -> None:
-    """x' = 0.8 x + 0.35 below 0.5, 0.8 x - 0.15 above: a jump by 0.5 over the diagonal, no fixed point."""
+    """X' = 0.8 x + 0.35 below 0.5, 0.8 x - 0.15 above: a jump by 0.5 over the diagonal, no fixed point."""
     jumps = iterated(
         lambda x: 0.8 * x + np.where(x < 0.5, 0.35, -0.15), np.linspace(0.0, 1.0, rows), 40, noise
     )
@@ -116,7 +116,7 @@ def test_a_jump_elsewhere_hides_no_fixed_point(slope: float, noise: float) -> No
 
 
 def test_a_steep_crossing_that_points_resolve_is_no_jump() -> None:
-    """x' = x - 0.3 tanh((x - 0.5)/0.01): slope -29 at the fixed point, over a fifth of the window."""
+    """X' = x - 0.3 tanh((x - 0.5)/0.01): slope -29 at the fixed point, over a fifth of the window."""
     starts = np.linspace(0.0, 1.0, 2001)
     table = crossings(iterated(lambda x: x - 0.3 * np.tanh((x - 0.5) / 0.01), starts, 2))
     assert fixed_points(table, "v")["value"].tolist() == [pytest.approx(0.5, abs=1e-3)]
@@ -144,7 +144,7 @@ def test_the_logistic_map_with_a_gap_in_its_data(rows: int) -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 @pytest.mark.parametrize("depth", [0.3, 2.0])
 def test_an_angle_that_turns_by_half_a_turn_and_more(advance: float, noise: float, depth: float) -> None:
-    """psi' = psi + advance + depth sin(psi): its change passes through pi, where its sign turns, not through
+    """Psi' = psi + advance + depth sin(psi): its change passes through pi, where its sign turns, not through
     zero (advance 3, depth .3), so there is no fixed point."""
     starts = np.linspace(0.0, TURN, 300, endpoint=False)
     values = iterated(lambda x: x + advance + depth * np.sin(x), starts, 4, noise)
@@ -153,7 +153,7 @@ def test_an_angle_that_turns_by_half_a_turn_and_more(advance: float, noise: floa
 
 @pytest.mark.parametrize("place", [0.0, 0.02, 3.0, 6.27])
 def test_the_end_of_the_turn_is_no_break(place: float) -> None:
-    """psi' = psi - 0.3 sin(psi - place): one stable and one unstable point, wherever the circle is cut."""
+    """Psi' = psi - 0.3 sin(psi - place): one stable and one unstable point, wherever the circle is cut."""
     starts = np.linspace(0.0, TURN, 90, endpoint=False) + 0.013
     values = iterated(lambda x: x - 0.3 * np.sin(x - place), starts, 25)
     found = fixed_points(crossings(np.mod(values, TURN), "psi_1"), "psi_1").sort_values("stable")

@@ -182,7 +182,7 @@ def test_a_row_without_crossings_comes_to_rest() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("launch", [0.4, 1.0, 3.0])
 def test_derivative_of_a_landing_time(launch: float) -> None:
-    """d T/d u = 2 d/(w^2 d^2 + u^2) of the flight time, w and d as in the toy's closed form."""
+    """D T/d u = 2 d/(w^2 d^2 + u^2) of the flight time, w and d as in the toy's closed form."""
     model = Toy()
     params = scalars(model)
     run = crossing_of(model, Numerics(dt=1e-3), "xla")

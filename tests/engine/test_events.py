@@ -119,7 +119,7 @@ def test_each_crossing_of_any_wave_is_met_once(size: float, wave: list[float]) -
 
 
 def test_a_surface_that_misses_zero_tells_rounding_from_the_far_side() -> None:
-    """x - 1e6 is known to 1e-10: a state nearer than that lies on the surface, and has crossed it."""
+    """X - 1e6 is known to 1e-10: a state nearer than that lies on the surface, and has crossed it."""
     for distance, armed in ((1e-8, True), (1e-10, False), (0.0, False), (-1e-10, False)):
         surface = EventSurface.seen_from(jnp.asarray(1e6 - distance), lambda x: x - 1e6)
         assert bool(surface.begun(surface.rounding, jnp.ones(()), turned=False).armed) is armed

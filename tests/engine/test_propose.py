@@ -91,7 +91,7 @@ def test_flows_that_are_said_to_be_linear(model: HybridModel) -> None:
 
 
 def crossings_of(chosen: str) -> np.ndarray:
-    """psi (rad) at crossings 0..10 of one set of reference starts, (starts, 11, 3)."""
+    """Psi (rad) at crossings 0..10 of one set of reference starts, (starts, 11, 3)."""
     with REFERENCE.open() as file:
         rows = [row for row in csv.DictReader(x for x in file if x[0] != "#") if row["set"] == chosen]
     psi = np.array([[float(row[f"psi_{i}"]) for i in (1, 2, 3)] for row in rows])

@@ -322,7 +322,7 @@ def test_the_last_observation_is_that_of_the_last_crossing(kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RECORDERS)
 def test_what_left_all_bounds_is_not_told_as_the_last_crossing(kind: str) -> None:
-    """x grows by half each crossing: the last one told is below 1e9, or before the NaN beyond 1e3."""
+    """X grows by half each crossing: the last one told is below 1e9, or before the NaN beyond 1e3."""
 
     class Growing(Escaping):
         def observe(self, params: Params, state: State) -> dict[str, jax.Array]:

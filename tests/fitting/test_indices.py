@@ -83,7 +83,7 @@ def test_morris_takes_whole_trajectories() -> None:
 
 
 def test_one_at_a_time_gives_changes_and_elasticities() -> None:
-    """y = x_1^2 x_2: at (1, 0.5), ranges to both sides of it, and one whose middle is elsewhere."""
+    """Y = x_1^2 x_2: at (1, 0.5), ranges to both sides of it, and one whose middle is elsewhere."""
     ranges = {
         "x_1": Free(low=0.9, high=1.1),
         "x_2": Free(low=0.5, high=1.0),

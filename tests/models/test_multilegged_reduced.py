@@ -48,7 +48,7 @@ def columns(psi: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def cycle(N: int, numerics: Numerics, **params: float) -> Callable:
-    """psi on section 1 -> psi a cycle later, for one trajectory."""
+    """Psi on section 1 -> psi a cycle later, for one trajectory."""
     model = MultileggedReduced(N)
     values = scalars(model, **params)
     run = crossing_of(model, numerics, "xla")

@@ -74,7 +74,7 @@ def in_steps(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
     ("found", "dt", "order"), [(located, [1e-3, 5e-4], 4), (in_steps, [5e-4, 2.5e-4], 1)]
 )
 def test_the_order_holds_across_the_end_of_the_start(found: Any, dt: list[float], order: int) -> None:
-    """x = delta_13 - wanted goes by x' = -2 K_hold sin x until T_hold, so tan(x/2) dies away, and then stays.
+    """X = delta_13 - wanted goes by x' = -2 K_hold sin x until T_hold, so tan(x/2) dies away, and then stays.
 
     An order within .3 at every T_hold: none of them lies at a step's end, where alone a switch in the flow
     would leave it.

@@ -56,7 +56,7 @@ def next_touchdown(N: int, chain: Chain, phi: Array, tie: float = 0.0) -> tuple[
 def cycle(
     N: int, chain: Chain, psi: Array, touchdown: float | None = None, tie: float = 0.0
 ) -> tuple[Array, list[float]]:
-    """psi on section 1 a cycle later, and the phases at which legs touched on the way, that of leg 1 last.
+    """Psi on section 1 a cycle later, and the phases at which legs touched on the way, that of leg 1 last.
 
     Args:
         psi: relative phases on section 1, rad, shape (N,).

@@ -143,7 +143,7 @@ def onsets(quadruped: PlanarQuadruped, duration: float) -> list[tuple[int, float
 
 
 def followed(quadruped: PlanarQuadruped, duration: float) -> dict[str, Any]:
-    """q (n, 11), v (n, 11), u (n, 2, 4) and loads (n, 4) after each step of the first `duration` seconds."""
+    """Q (n, 11), v (n, 11), u (n, 2, 4) and loads (n, 4) after each step of the first `duration` seconds."""
     kept: dict[str, list[Any]] = {"q": [], "v": [], "u": [], "load": []}
     for _ in range(round(duration / quadruped.dt)):
         quadruped.step()

@@ -81,7 +81,7 @@ def test_blocks_without_a_fixed_point() -> None:
 
 @pytest.mark.slow
 def test_branches_that_cross_a_symmetric_gait() -> None:
-    """x' = a x - x^3: x = 0 loses stability at a = 0 to both x^2 = a, whose multipliers are exp(-2 a)."""
+    """X' = a x - x^3: x = 0 loses stability at a = 0 to both x^2 = a, whose multipliers are exp(-2 a)."""
     run = gs.Continuation(parameter="a", path=[-0.5, 0.5], settle=2, crossing=True)
     result = gs.sweep(
         "cusp_flow:CuspFlow", r=0.0, x_0=0.2, run=run, numerics={"method": "rk4", "dt": 1e-2}, verify=0

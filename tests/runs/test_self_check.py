@@ -276,7 +276,7 @@ def judged(model: type, run: Any, **given: Any) -> dict[str, Any]:
 
 
 def test_whole_numbers_are_counts() -> None:
-    """phi is an angle, count a count as long as both runs give whole numbers."""
+    """Phi is an angle, count a count as long as both runs give whole numbers."""
     model, whole = Wheel(), np.array([[3.0], [np.nan], [6.0]])
     assert counted(model, whole, whole + 1.0).tolist() == [True]
     assert counted(model, whole, whole + 1e-9).tolist() == [False]

@@ -45,7 +45,7 @@ def solution_set(
 
 
 def transport(psi: jax.Array, touchdown: jax.Array, source: Leg, target: Leg) -> jax.Array:
-    """psi on the section of leg `target`, from psi on the section of leg `source`.
+    """Psi on the section of leg `target`, from psi on the section of leg `source`.
 
     A leg whose phase exceeds that of the target touches down between the sections, and advances by
     2 pi - touchdown.

@@ -16,7 +16,7 @@ AXES = ["psi_1", "psi_2", "psi_3"]
 
 
 def settle_table(n: int = 4) -> pd.DataFrame:
-    """n x n starts for each of three psi_3; the gait follows from psi_1 alone."""
+    """N x n starts for each of three psi_3; the gait follows from psi_1 alone."""
     cell = (np.arange(n) + 0.5) / n * TURN
     starts = pd.MultiIndex.from_product([[0.4 * np.pi, np.pi, 1.6 * np.pi], cell, cell])
     table = starts.to_frame(index=False, name=["psi_3", "psi_2", "psi_1"])

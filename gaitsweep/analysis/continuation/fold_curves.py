@@ -285,7 +285,7 @@ def _differentiated(
 
 
 def _null_vectors(A: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """v and w (m,) with length 1, and g, of the Jacobian A (m, m) bordered by `b` and `c`."""
+    """V and w (m,) with length 1, and g, of the Jacobian A (m, m) bordered by `b` and `c`."""
     m = len(A)
     full = np.zeros((m + 1, m + 1))
     full[:m, :m], full[:m, m], full[m, :m] = A, b, c

@@ -298,8 +298,7 @@ def _rest_at_ends(drift: Drift, found: list[Zero]) -> list[Zero]:
 
 
 def _confirmed(drift: Drift, place: float, falls: bool) -> bool:
-    """Whether the points confirm a zero: their changes have opposite signs on its sides, and pass through
-    zero.
+    """Whether the points confirm a zero: their changes pass through zero and differ in sign on its sides.
 
     Lines through the points of one side alone, within a bandwidth or a part of it, tell a curve through zero
     from one that bridges a jump: there both leave the zero on the side where their points are.

@@ -234,7 +234,7 @@ def _keyframe(m: Any, name: str) -> int | None:
 
 
 def _places(kind: type[MjcfModel]) -> tuple[np.ndarray, np.ndarray]:
-    """qpos and qvel of the keyframe of a start; of the joints where there is none."""
+    """Qpos and qvel of the keyframe of a start; of the joints where there is none."""
     m = _body(kind).mj_model
     number = _keyframe(m, kind.keyframe)
     if number is None:

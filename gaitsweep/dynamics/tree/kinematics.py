@@ -182,7 +182,7 @@ def rates(tree: Tree, q: Array, v: Array) -> Array:
 
 
 def integrate(tree: Tree, q: Array, v: Array, dt: Scalar) -> Array:
-    """q (nq,) after `dt` (s) at constant v (nv,), as by MuJoCo's mj_integratePos; quaternions have norm 1."""
+    """Q (nq,) after `dt` (s) at constant v (nv,), as by MuJoCo's mj_integratePos; quaternions have norm 1."""
     pieces: list[Array] = []
     for at, to, link in zip(tree.v_of, tree.q_of, tree.links, strict=True):
         if link.kind == "free":

@@ -39,7 +39,7 @@ def skew(r: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a x b, shape (3,)."""
+    """A x b, shape (3,)."""
     return skew(a) @ b
 
 
@@ -193,7 +193,7 @@ def quaternion_exponential(turn: Array) -> Array:
 
 
 def solve_positive(A: Array, b: Array) -> Array:
-    """x of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
+    """X of A x = b for a small symmetric positive definite `A` (n, n), by L D L^T.
 
     The loops are unrolled and read the upper triangle only, without linear algebra routines.
     """

@@ -71,19 +71,19 @@ def _nan(program: Program, x: int) -> int:
 
 
 def before(program: Program, a: int, b: int) -> int:
-    """a < b in sorting order, in which NaN is last."""
+    """A < b in sorting order, in which NaN is last."""
     later = program.apply("and", program.apply("not", _nan(program, a)), _nan(program, b))
     return program.apply("or", program.apply("lt", a, b), later)
 
 
 def alike(program: Program, a: int, b: int) -> int:
-    """a = b in sorting order, in which all NaN are equal."""
+    """A = b in sorting order, in which all NaN are equal."""
     both = program.apply("and", _nan(program, a), _nan(program, b))
     return program.apply("or", program.apply("eq", a, b), both)
 
 
 def not_after(program: Program, a: int, b: int) -> int:
-    """a <= b in sorting order."""
+    """A <= b in sorting order."""
     return program.apply("not", before(program, b, a))
 
 
@@ -95,7 +95,7 @@ def outdone(program: Program, best: int, new: int, order: str) -> int:
 
 
 def quotient(program: Program, a: int, b: int) -> int:
-    """a / b; the quotient of integers is rounded towards zero."""
+    """A / b; the quotient of integers is rounded towards zero."""
     if program.nodes[a].kind == "int":
         return truncated(program, program.apply("div", a, b))
     return program.apply("div", a, b)
@@ -122,7 +122,7 @@ def ceiling(program: Program, x: int) -> int:
 
 
 def rounded(program: Program, x: int, method: object) -> int:
-    """x rounded to the nearest integer; halves away from zero, or to even (JAX's two methods)."""
+    """X rounded to the nearest integer; halves away from zero, or to even (JAX's two methods)."""
     w = Writer(program, x)
     # the fraction is exact, x + 0.5 is not: the float before 0.5 would become 1, and large odd numbers even
     if "EVEN" not in str(method) and str(method) != "1":
@@ -184,7 +184,7 @@ def one_minus_square(program: Program, x: int) -> int:
 
 
 def whole_power(program: Program, x: int, power: int) -> int:
-    """x to an integer power, by repeated squaring."""
+    """X to an integer power, by repeated squaring."""
     if power < 0:
         return program.apply("div", Writer(program, x).number(1.0), whole_power(program, x, -power))
     total, base = Writer(program, x).number(1.0), x

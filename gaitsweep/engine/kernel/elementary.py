@@ -202,7 +202,7 @@ def hyperbolic_sine(program: Program, x: int) -> int:
 
 
 def _corrected(w: Writer, t: int, z: int, double: list[float], single: list[float]) -> int:
-    """t + t z P(z)."""
+    """T + t z P(z)."""
     return w("add", t, w("mul", w("mul", t, z), w.polynomial(z, single if w.single else double)))
 
 

@@ -24,7 +24,7 @@ Step = tuple[Literal["load", "compute", "store", "write"], int]
 CHEAP = 60
 
 
-def steps(
+def steps(  # noqa: C901 - one pass over the program, whose cases share all of its state
     program: Program,
     order: Sequence[int],
     in_memory: Collection[int],

@@ -109,7 +109,7 @@ class Map(abc.ABC):
         return np.array([quantity.circular for quantity in self.coordinates])
 
     def difference(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """a - b of coordinates (..., size); differences of angles are wrapped."""
+        """A - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:

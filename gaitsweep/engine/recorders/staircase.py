@@ -132,8 +132,7 @@ class StepRecorder(Recorder):
 
 
 def _readable(samples: np.ndarray) -> np.ndarray:
-    """Which of a block's records (n, width), in the order of rows, stand on the section: those with a
-    crossing on their own stair."""
+    """Mask of a block's records (n, width), in the order of rows, that have a crossing on their stair."""
     stair, crossing = samples[:, 0], samples[:, 1]
     before = np.where(stair == 0, 0.0, np.roll(crossing, 1))
     return crossing > before

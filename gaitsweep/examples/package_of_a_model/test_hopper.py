@@ -14,7 +14,7 @@ def test_the_model_keeps_the_contract():
 
 
 def test_hops_are_those_of_the_map_in_closed_form():
-    """phase' = phase + 2 omega/g launch;  launch' = restitution launch + push (1 + cos(phase')) / 2."""
+    """Phase' = phase + 2 omega/g launch;  launch' = restitution launch + push (1 + cos(phase')) / 2."""
     starts = {"n": 16, "seed": 1, "of": {"phase_0": [0, "2*pi"], "launch_0": [0.5, 8.0]}}
     hops = gs.sweep(Hopper(), sample=starts, run=gs.ReturnMap(crossings=20)).table
     phase, launch = (hops[name].to_numpy().reshape(16, 21) for name in ("phase_n", "launch_n"))

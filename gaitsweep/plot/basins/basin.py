@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -122,7 +123,7 @@ def _cells(
     limits: tuple | None,
     looks: _Looks,
     whole: tuple[np.ndarray, ...],
-):
+) -> ScalarMappable | None:
     """Draw one panel; returns the artist of the colour scale for a numeric hue."""
     part = rows_where(part, part[x].notna() & part[y].notna())
     if not len(part):

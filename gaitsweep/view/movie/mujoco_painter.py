@@ -24,6 +24,7 @@ _SHADOW = 1024  # pixels; with software OpenGL, MuJoCo's 4096 take most of the t
 
 
 def main() -> None:
+    """Paint the pictures that standard input asks for, and write their pixels to standard output."""
     given = np.load(io.BytesIO(sys.stdin.buffer.read()))
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # output of libraries must not mix with the frames

@@ -156,7 +156,7 @@ def _times(t: np.ndarray, phase: np.ndarray) -> np.ndarray:
 
 
 def relative_phases(part: pd.DataFrame, N: int) -> np.ndarray:
-    """psi (N,), rad, at the last sample before leg 1 touches down: on section 1.
+    """Psi (N,), rad, at the last sample before leg 1 touches down: on section 1.
 
     Args:
         part, N: as in `passages`.

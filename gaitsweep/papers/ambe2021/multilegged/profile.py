@@ -61,7 +61,7 @@ def profile_parameters(N: int) -> tuple[Quantity, ...]:
 
 
 def _places(name: str, N: int) -> dict[int, Fraction]:
-    """x of each inner leg, 2 .. N, or of the middle of each inner spring, 2 .. N - 1."""
+    """X of each inner leg, 2 .. N, or of the middle of each inner spring, 2 .. N - 1."""
     if name == "kappa":
         return {i: Fraction(2 * i - 1, N) - 1 for i in range(2, N)}
     return {i: Fraction(2 * (i - 1), N) - 1 for i in range(2, N + 1)}

@@ -179,8 +179,10 @@ class MultileggedReduced(Multilegged):
         return {f"{name}_{i + 1}": row[i] for name, row in rows.items() for i in range(self.N + 1)}
 
     def failed(self, params: Params, state: State) -> jax.Array:  # type: ignore[override]
-        """Never: a mass cannot be below the tip of its leg. Legs of zero length (a >= L) are not excluded, as
-        in the full model, since no equation depends on that."""
+        """Never: a mass cannot be below the tip of its leg.
+
+        Legs of zero length (a >= L) are allowed, unlike in the full model, since no equation depends on them.
+        """
         return jnp.asarray(False)
 
 

@@ -92,7 +92,7 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
 
 
 def locked_state(chain: Chain) -> jax.Array:
-    """psi on section 1 of the locked state for N = 3, in which legs 2 and 3 stay in phase, rad, shape (3,).
+    """Psi on section 1 of the locked state for N = 3, in which legs 2 and 3 stay in phase, rad, shape (3,).
 
     Legs 2 and 3 land together between legs 1 and 4, which are in phase too. Legs 2 and 3 carry only their own
     weights, so they touch down at 2 pi - m b. Legs 1 and 4 touch down at the same phase, which requires that

@@ -109,7 +109,7 @@ def places(rule: LagRule, s: Scalar) -> jax.Array:
 
 
 def solution(rule: LagRule, s: jax.Array, circle: jax.Array, section: Leg) -> jax.Array:
-    """psi on the section of leg `section` at the free phase s (rad), shape (N,), rad in [0, 2 pi).
+    """Psi on the section of leg `section` at the free phase s (rad), shape (N,), rad in [0, 2 pi).
 
     Args:
         rule: lag rule of the set.

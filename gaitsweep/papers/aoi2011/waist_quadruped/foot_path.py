@@ -36,7 +36,7 @@ class FootPath:
 
     @property
     def PEP(self) -> jax.Array:
-        """x of the posterior extreme position, m."""
+        """X of the posterior extreme position, m."""
         return self.x_c - 0.5 * self.D
 
     def target(

@@ -109,7 +109,7 @@ class WaistMechanics:
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
 
     def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> tuple[jax.Array, jax.Array]:
-        """x and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
+        """X and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
         upper = jnp.stack([q[i] for i in HIP])
         lower = upper + jnp.stack([q[i] for i in KNEE])
         down = -share * self.link_length

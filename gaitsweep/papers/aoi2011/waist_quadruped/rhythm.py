@@ -86,7 +86,7 @@ def landing_points(
     wanted: tuple[jax.Array, jax.Array],
     actual: tuple[jax.Array, jax.Array],
 ) -> tuple[jax.Array, jax.Array]:
-    """x and z (4,), m, of the points (LP) at which the stance lines of landing limbs begin.
+    """X and z (4,), m, of the points (LP) at which the stance lines of landing limbs begin.
 
     A limb that lands late without a reset goes on along the line from the AEP to the PEP.
 

@@ -60,7 +60,7 @@ class WaistBody(abc.ABC):
     def moved(
         self, m: WaistMechanics, s: State, tau: jax.Array, forces: list[PointForce], dt: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """q (16,) and v (15,) after a step of `dt` (s) with joint forces `tau` (15,) and ground forces."""
+        """Q (16,) and v (15,) after a step of `dt` (s) with joint forces `tau` (15,) and ground forces."""
 
 
 class WaistTreeBody(WaistBody):

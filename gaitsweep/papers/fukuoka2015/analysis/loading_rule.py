@@ -190,7 +190,7 @@ def _counts(count: int, draws: int, seed: int) -> np.ndarray:
 
 
 def _pearson(sums: np.ndarray) -> np.ndarray:
-    """r (k,) from sums (k, 6) of 1, x, y, x2, y2 and xy."""
+    """R (k,) from sums (k, 6) of 1, x, y, x2, y2 and xy."""
     n, x, y, xx, yy, xy = sums.T
     with np.errstate(invalid="ignore", divide="ignore"):
         return (n * xy - x * y) / np.sqrt((n * xx - x * x) * (n * yy - y * y))

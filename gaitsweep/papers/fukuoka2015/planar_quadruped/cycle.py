@@ -70,8 +70,11 @@ class Average:
     def with_cycle(
         self, shifts: jax.Array, known: jax.Array, period: jax.Array, pitch: jax.Array, share: jax.Array
     ) -> Average:
-        """The averages with one more cycle of weight `share`: its `shifts` (2, 3) cycles, of which those
-        `known` (2, 1) count 1 and others 0, its `period` (s) and the means `pitch` (6,) in it."""
+        """Add a cycle of weight `share` to the averages.
+
+        Its `shifts` (2, 3) are in cycles, of which those `known` (2, 1) count 1 and others 0; `period` in s;
+        `pitch` (6,) are its means.
+        """
         new = Average(jnp.ones_like(period), known * jnp.cos(TWO_PI * shifts),
                       known * jnp.sin(TWO_PI * shifts), period, period * period, pitch)  # fmt: skip
         return jax.tree.map(lambda old, now: old + share * (now - old), self, new)
