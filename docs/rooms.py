@@ -1,0 +1,87 @@
+"""The rooms of the code and the way of a row through them: `python docs/rooms.py` draws docs/images/rooms.svg.
+
+Rooms, their order and their sentences are read from the import contract in pyproject.toml and the docstrings of
+packages. The way of a row names a function at each step, which has to exist.
+"""
+
+from __future__ import annotations
+
+import ast
+import html
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURE = ROOT / "docs" / "images" / "rooms.svg"
+
+# The way of a row: what happens, and the function where it happens.
+WAY = (
+    ("a YAML file becomes a checked job", "gaitsweep.job.load:load_job"),
+    ("model, recorder, engine and steps are chosen", "gaitsweep.runs.prepare:prepare"),
+    ("blocks of rows that the directory lacks are run", "gaitsweep.runs.execute:run_job"),
+    ("each lane takes the next row of its block", "gaitsweep.engine.sweep.sweep:sweep"),
+    ("a step of one row, its events located", "gaitsweep.engine.advance:attempt"),
+    ("the block's records and labels become a part of the table", "gaitsweep.table.part_writer:PartWriter"),
+    ("parts are checked, joined and read as one table", "gaitsweep.table.reading:load"),
+    ("figures are drawn from the table alone", "gaitsweep.runs.figures:draw_figures"),
+)
+WIDE, HIGH, NAME = 1080, 34, 200
+
+
+def layers() -> list[list[str]]:
+    """Names of the rooms, from the top layer to the ground."""
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    return [[name.strip().removeprefix("gaitsweep.") for name in layer.split("|")] for layer in contract["layers"]]
+
+
+def sentence(room: str) -> str:
+    """First line of a room's docstring."""
+    folder = ROOT / "gaitsweep" / room
+    file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    return (ast.get_docstring(ast.parse(file.read_text())) or "").splitlines()[0]
+
+
+def place(target: str) -> str:
+    """File and line of a function or class `module:name`.
+
+    Raises:
+        LookupError: it does not exist.
+    """
+    module, _, name = target.partition(":")
+    file = ROOT / (module.replace(".", "/") + ".py")
+    known = ast.walk(ast.parse(file.read_text()))
+    if not any(isinstance(each, ast.FunctionDef | ast.ClassDef) and each.name == name for each in known):
+        raise LookupError(f"{file.relative_to(ROOT)} has no {name}")
+    return f"{file.relative_to(ROOT)}:{name}"
+
+
+def picture() -> str:
+    """The picture as SVG text: a bar a layer, and beside it the steps of a row that are made there."""
+    steps: dict[str, list[str]] = {}
+    for number, (_, target) in enumerate(WAY, 1):
+        place(target)
+        steps.setdefault(target.split(".")[1].partition(":")[0], []).append(str(number))
+    lines, y = [], 10
+    for layer in layers():
+        for room in layer:
+            text = html.escape(sentence(room))
+            lines.append(f'<rect x="60" y="{y}" width="{WIDE - 70}" height="{HIGH - 6}" rx="4" fill="#eef2f5"/>')
+            lines.append(f'<text x="72" y="{y + 19}" font-weight="bold">{room}</text>')
+            lines.append(f'<text x="{72 + NAME}" y="{y + 19}">{text}</text>')
+            if room in steps:
+                lines.append(f'<text x="30" y="{y + 19}" text-anchor="middle">{", ".join(steps[room])}</text>')
+            y += HIGH
+        y += 6
+    y += 14
+    for number, (what, target) in enumerate(WAY, 1):
+        lines.append(f'<text x="30" y="{y}" text-anchor="middle">{number}</text>')
+        lines.append(f'<text x="72" y="{y}">{html.escape(what)}: {place(target)}</text>')
+        y += 22
+    body = "\n".join(lines)
+    style = 'font-family="sans-serif" font-size="14" fill="#222"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {y}" {style}>\n{body}\n</svg>\n'
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(picture())
+    print(PICTURE.relative_to(ROOT))
