@@ -46,7 +46,7 @@ def main() -> None:
         # what is removed before each process: the result directory, and the caches too
         commands = {
             "gaitsweep run, nothing cached": (job, [out, cache]),
-            "gaitsweep run": (job, [out]),
+            "gaitsweep run, cached": (job, [out]),
             "gaitsweep run, of a complete job": (job, []),
             "gaitsweep run --dry-run": ([*job, "--dry-run"], []),
             "gaitsweep plot": ([*GAITSWEEP, "plot", str(out)], []),
