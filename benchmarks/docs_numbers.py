@@ -48,14 +48,14 @@ ROOT = Path(__file__).resolve().parents[1]
 _COMMENT = re.compile(r"^<!-- numbers(?:, (\d+) s)?: (.*?)^-->$", re.MULTILINE | re.DOTALL)
 _SOURCED = re.compile(r"^<!-- numbers (given|recorded), ([^:\n]*): (.*?)-->$", re.MULTILINE | re.DOTALL)
 _HEADING = re.compile(r"^#+ .*$", re.MULTILINE)
-_NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
+_NUMBER = r"-?(?:\d+(?:\.\d+)?|\.\d+)(?:e[-+]?\d+)?"
 _GROUPED = r"-?\d{1,3}(?:[ \n]\d{3})+(?![\d.])"
 _BRACES = re.compile(rf"\{{(<?) ?({_GROUPED}|{_NUMBER})(?: \+- ({_NUMBER}))?( %)?\}}")
 # Not measured: code, addresses of links, and what a number only names.
 _UNMEASURED = re.compile(
     r"```.*?```|`[^`]*`|\]\([^)]*\)|(?:Figs?\.|Tables?|Sec\.|eqs?\.|Eqs?\.|et al\.) ?\(?\d[\d., a-z()]*"
-    r"|\$[^$]*\$|[\w:]*:\d+\b|95 %(?= (?:confidence )?intervals?)",
-    re.DOTALL,
+    r"|^(?:#+ |- )?\d+\. |\$[^$]*\$|[\w:]*:\d+\b|95 %(?= (?:confidence )?intervals?)",
+    re.DOTALL | re.MULTILINE,
 )
 _WRITTEN = re.compile(rf"(?<![\w.:/-])(?:{_GROUPED}|{_NUMBER})(?![\w/])")
 
@@ -133,7 +133,11 @@ def sourced(text: str) -> Iterator[tuple[str, str]]:
         if not found:
             raise ValueError(f"line {line}: no number in braces")
         file = ROOT / source
-        held = {float(_plain(n)) for n in re.findall(_NUMBER, file.read_text())} if file.is_file() else None
+        held = (
+            {float(_plain(n)) for n in re.findall(_NUMBER, re.sub(r"(?<=\d)_(?=\d)", "", file.read_text()))}
+            if file.is_file()
+            else None
+        )
         for digits in found:
             _must_stand(digits, section, line)
             if held is not None and float(_plain(digits)) not in held:
