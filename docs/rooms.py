@@ -1,7 +1,6 @@
-"""The rooms of the code and the way of a row through them: `python docs/rooms.py` draws docs/images/rooms.svg.
+"""The rooms of the code and the way of a row: `python docs/rooms.py` draws docs/images/rooms.svg.
 
-Rooms, their order and their sentences are read from the import contract in pyproject.toml and the docstrings of
-packages. The way of a row names a function at each step, which has to exist.
+Rooms and their order are those of the import contract in pyproject.toml, their sentences those of docstrings. The way of a row names a function at each step, which has to exist.
 """
 
 from __future__ import annotations
@@ -30,8 +29,9 @@ WIDE, HIGH, NAME = 1080, 34, 200
 
 def layers() -> list[list[str]]:
     """Names of the rooms, from the top layer to the ground."""
-    contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
-    return [[name.strip().removeprefix("gaitsweep.") for name in layer.split("|")] for layer in contract["layers"]]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    found = settings["tool"]["importlinter"]["contracts"][0]["layers"]
+    return [[name.strip().removeprefix("gaitsweep.") for name in layer.split("|")] for layer in found]
 
 
 def sentence(room: str) -> str:
@@ -65,11 +65,12 @@ def picture() -> str:
     for layer in layers():
         for room in layer:
             text = html.escape(sentence(room))
-            lines.append(f'<rect x="60" y="{y}" width="{WIDE - 70}" height="{HIGH - 6}" rx="4" fill="#eef2f5"/>')
+            size = f'width="{WIDE - 70}" height="{HIGH - 6}"'
+            lines.append(f'<rect x="60" y="{y}" {size} rx="4" fill="#eef2f5"/>')
             lines.append(f'<text x="72" y="{y + 19}" font-weight="bold">{room}</text>')
             lines.append(f'<text x="{72 + NAME}" y="{y + 19}">{text}</text>')
-            if room in steps:
-                lines.append(f'<text x="30" y="{y + 19}" text-anchor="middle">{", ".join(steps[room])}</text>')
+            numbers = ", ".join(steps.get(room, []))
+            lines.append(f'<text x="30" y="{y + 19}" text-anchor="middle">{numbers}</text>')
             y += HIGH
         y += 6
     y += 14
