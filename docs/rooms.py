@@ -1,6 +1,7 @@
 """The rooms of the code and the way of a row: `python docs/rooms.py` draws docs/images/rooms.svg.
 
-Rooms and their order are those of the import contract in pyproject.toml, their sentences those of docstrings. The way of a row names a function at each step, which has to exist.
+Rooms and their order are those of the import contract in pyproject.toml, their sentences those of docstrings.
+The way of a row names a function at each step, which has to exist.
 """
 
 from __future__ import annotations
