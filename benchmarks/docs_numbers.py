@@ -149,7 +149,7 @@ def unsourced(text: str) -> Iterator[tuple[int, str]]:
     for pattern in (_SOURCED, _COMMENT, _UNMEASURED):
         prose = pattern.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), prose)
     for found in _WRITTEN.finditer(prose):
-        digits = " ".join(found[0].split())
+        digits = " ".join(found[0].split()).rstrip(".")  # a full stop; `1.` of a heading
         year = re.fullmatch(r"(19|20)\d\d", digits)
         measured = len(re.sub(r"\D", "", digits)) > 2 or re.search(r"[.e]", digits)
         measured = measured or prose[found.end() : found.end() + 2] == " %"
