@@ -20,7 +20,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
 
     At f = 2.6 Hz the map's jumps leave two narrow attractors between walk and trot, which wander within
     .0004 and .005 rad. So the line from trot to walk meets a third basin there, and the edges of the four
-    basins are the three fixed points of docs/return_maps.md: 2.586, 2.590 and 2.637 rad.
+    basins are the three fixed points, at 2.586, 2.590 and 2.637 rad.
     """
     mapping = BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
     f = np.array([2.4, 2.5, 2.6, 2.7, 2.8])

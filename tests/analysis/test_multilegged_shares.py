@@ -9,7 +9,7 @@ import pytest
 from gaitsweep import plot
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.ambe2021.analysis.chain_of_table import chain_of, chains_of
-from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
+from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares, sets_by_conditions
 
 
 def table(**more: list[float]) -> pd.DataFrame:
@@ -42,6 +42,17 @@ def test_shares_stand_beside_the_conditions() -> None:
     assert shares["source_low"][1] == pytest.approx(0.15, abs=1e-3)
     assert shares["source_high"][1] == pytest.approx(0.85, abs=1e-3)
     assert shares["direct_high"][0] == pytest.approx(1.96**2 / (4 + 1.96**2), abs=1e-3)
+
+
+def test_sets_are_counted_by_the_conditions() -> None:
+    """Inside the conditions all three gaits; above them the source wave alone; below them none."""
+    sets = sets_by_conditions(table())
+    assert sets["conditions"].tolist() == [True, False, False]
+    assert sets[["direct_hold", "source_hold"]].to_numpy().tolist() == [
+        [True, True], [False, True], [False, False],
+    ]  # fmt: skip
+    assert sets[["sets", "with_all", "with_any"]].to_numpy().tolist() == [[1, 1, 1], [1, 0, 1], [1, 0, 0]]
+    assert sets["source"].tolist() == [0.5, 0.75, 0.0]
 
 
 def test_the_chain_of_a_table_follows_its_jobs_formulas() -> None:

@@ -130,7 +130,7 @@ def test_gaits_of_the_chain_at_fixed_E() -> None:
     assert found.converged.all()
     simulated = [[1.1301, 0.9842, 1.4960], [3.959, 5.300, 5.291], [1.130, 1.102, 5.282]]
     np.testing.assert_allclose(found.points.at[:, :3], simulated, atol=0.005)
-    # the page: what is left of neutral drift on the source branch is 1e-4 rad a cycle
+    # what is left of neutral drift on the source branch is 1e-4 rad a cycle
     assert np.all(np.abs(found.drift) < 1.2e-4)
     assert np.all(np.abs(found.drift[:2]) < 1e-8)
     # without it the first two lie on lines, on which E drifts by more than the tolerance or by less

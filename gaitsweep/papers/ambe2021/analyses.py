@@ -21,6 +21,14 @@ def waves(directory: Directory) -> None:
 
 
 @app.command()
+def gait_shares(directory: Directory) -> None:
+    """Count the sets of parameters in which the multi-legged chain has its gaits, by the conditions."""
+    from gaitsweep.papers.ambe2021.analysis.gait_shares import sets_by_conditions
+
+    print_table(sets_by_conditions(result_table(directory)))
+
+
+@app.command()
 def source_place(directory: Directory) -> None:
     """Print at which leg the source of the multi-legged chain's waves settles: shares of the starts."""
     from gaitsweep.papers.ambe2021.analysis.source_place import source_place as places

@@ -57,6 +57,26 @@ def gait_shares(
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
 
+def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
+    """How many sets of parameters have the three gaits, apart by whether the paper's conditions hold.
+
+    Args:
+        table: as for `gait_shares`.
+
+    Returns:
+        A row for each combination of `conditions`, `direct_hold`, `source_hold` and `retrograde_hold` that
+        occurs: the number of `sets`, of those in which starts came to all three gaits and to any of them,
+        `with_all` and `with_any`; the mean share of each gait.
+    """
+    shares = gait_shares(table)
+    came = shares[list(GAITS)] > 0.0
+    kinds = ["conditions", *(f"{gait}_hold" for gait in GAITS)]
+    groups = shares.assign(with_all=came.all(axis=1), with_any=came.any(axis=1)).groupby(kinds)
+    counts = groups[["with_all", "with_any"]].sum()
+    counts.insert(0, "sets", groups.size())
+    return counts.join(groups[list(GAITS)].mean()).iloc[::-1].reset_index()
+
+
 def existence(N: int, chains: Chain, L: np.ndarray) -> dict[str, np.ndarray]:
     """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
 
