@@ -48,7 +48,7 @@ def make_up(path: Path, template: Path, points: int) -> None:
         for number in directory.missing_blocks():
             first, last = directory.rows_of(number)
             frame = records.iloc[np.arange(first, last) % len(records)].reset_index(drop=True)
-            frame = frame.assign(row=np.arange(first, last), **ready.plan.columns(first, last))
+            frame = frame.assign(row=np.arange(first, last), **ready.design.columns(first, last))
             directory.write_part(number, frame)
         sum_up(ready, directory, {})
 

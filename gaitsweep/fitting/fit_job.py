@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from gaitsweep import effort, near_miss
+from gaitsweep.design.design import inside, must
 from gaitsweep.engine.propose import derivative_refusal
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.measure_kinds import MEASURES
@@ -21,12 +22,18 @@ from gaitsweep.job import Job
 from gaitsweep.job.config import Config
 from gaitsweep.job.load import laid_over
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
-from gaitsweep.job.plan import inside, must
 from gaitsweep.kinds import RUN_KINDS
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, Owner, found, from_pydantic, unknown_field
-from gaitsweep.kinds.diagnostics import Path as FieldPath
-from gaitsweep.kinds.part import Part, kind_of
 from gaitsweep.kinds.run_kind import RunKind, table_columns
+from gaitsweep.schema.diagnostics import (
+    Diagnostic,
+    JobError,
+    SchemaSection,
+    found,
+    from_pydantic,
+    unknown_field,
+)
+from gaitsweep.schema.diagnostics import Path as FieldPath
+from gaitsweep.schema.strict_model import StrictModel, kind_of
 from gaitsweep.shipped import job_file
 
 # Fields of a job that have no place beside sets of constants.
@@ -107,9 +114,9 @@ class FitJob:
             )
             job = self._job_with(given)
         numbers = [name for name in self.free if name in self.spec.quantities]
-        there = job.plan.at(np.zeros(1, int), numbers)
+        there = job.design.at(np.zeros(1, int), numbers)
         return {
-            name: float(there[name][0]) if name in there else getattr(job.plan.model, name)
+            name: float(there[name][0]) if name in there else getattr(job.design.model, name)
             for name in self.free
         }
 
@@ -165,7 +172,7 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
 
 
 def read_measure(
-    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[Part] | None = None
+    value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
 ) -> Measure | None:
     """A measure; what is wrong with it is added to `wrong`; `beside` has other fields that stand there."""
     if not isinstance(value, Mapping):
@@ -181,7 +188,10 @@ def read_measure(
         wrong.append(Diagnostic((*path, "kind"), f"is {found(kind)}, which is none{near}"))
         return None
     part = MEASURES[kind]
-    own, more = Owner(str(path[-1]), part).fields, () if beside is None else Owner("", beside).fields
+    own, more = (
+        SchemaSection(str(path[-1]), part).fields,
+        () if beside is None else SchemaSection("", beside).fields,
+    )
     unknown = [key for key in value if key not in own]
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
     fields = {key: each for key, each in value.items() if key in own}
@@ -213,13 +223,13 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
     return read_part(kinds[kind], value, path, wrong)
 
 
-def read_part(part: type[Part], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
+def read_part(part: type[StrictModel], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
     """A part of pydantic, or None where something is wrong with it, which is added to `wrong`."""
     words = str(path[-1])
     try:
         return part.model_validate(value)
     except ValidationError as error:
-        wrong.extend(from_pydantic(error, {words: Owner(words, part)}, words, path))
+        wrong.extend(from_pydantic(error, {words: SchemaSection(words, part)}, words, path))
         return None
 
 
@@ -271,16 +281,16 @@ def read_fit_job(
             job = fit.job_of(structure)
         except JobError as error:
             raise _at_the_choices(error, fit) from None
-        of_the_job = table_columns(job.plan, job.run)
+        of_the_job = table_columns(job.design, job.run)
         for name, measure in measures.items():
             columns = of_the_job
             if (run := measure.own_run) is not None:
                 columns = _columns_of_run(fit, structure, run, (field, listed, name, "run"), wrong)
             method = job.integration.method
-            if measure.on_map and (refusal := derivative_refusal(method, job.plan.model)) is not None:
+            if measure.on_map and (refusal := derivative_refusal(method, job.design.model)) is not None:
                 text = f"is fixed_point, but by {method} a return map has no derivative: {refusal}"
                 wrong.append(Diagnostic((field, listed, name, "kind"), text))
-            if (bad := measure.wrong(columns, job.plan.model)) is not None:
+            if (bad := measure.wrong(columns, job.design.model)) is not None:
                 key, text = bad
                 wrong.append(Diagnostic((field, listed, name, key), text))
         _refuse(wrong)
@@ -305,7 +315,7 @@ def _columns_of_run(
         )
         _refuse(wrong)
         raise
-    return table_columns(job.plan, job.run)
+    return table_columns(job.design, job.run)
 
 
 def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:

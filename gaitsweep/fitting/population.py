@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model
+from gaitsweep.design.design import inside
 from gaitsweep.engine.numerics import SHARE
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.block import BlockResult
@@ -21,9 +22,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.measures import FixedPoint, Measure, Measured
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
 from gaitsweep.job import Job, JobError
-from gaitsweep.job.plan import Plan, inside
 from gaitsweep.job.step_lengths import longer_than_right
-from gaitsweep.job.vary import Group
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.runs.prepare import Prepared, prepare
 
@@ -34,21 +33,6 @@ Condition = tuple[tuple[str, float], ...]
 Values = dict[str, np.ndarray]
 # Told how far the rows of a batch are; None where nobody is.
 Tell = Callable[[SweepProgress], None] | None
-
-
-@dataclasses.dataclass(frozen=True)
-class Column:
-    """Numbers (length,) of one name, as a plan reads its points."""
-
-    numbers: np.ndarray
-    formulas: tuple[str, ...] = ()
-
-    @property
-    def length(self) -> int:
-        return self.numbers.size
-
-    def at(self, index: np.ndarray, names: Mapping[str, Any]) -> np.ndarray:
-        return self.numbers[index]
 
 
 class Population:
@@ -177,7 +161,7 @@ class Population:
                     at_points = self._on_map(ready, constants, measure, mine.size, share)
                     found[name].values[mine], found[name].why[mine] = at_points
                 elif good.size:
-                    seen = self._seen(measure, self._rows_of[name], rows, ready.plan.model)
+                    seen = self._seen(measure, self._rows_of[name], rows, ready.design.model)
                     found[name].values[good], found[name].why[good] = seen
         return found
 
@@ -278,7 +262,7 @@ class Population:
         blocks: dict[int, pd.DataFrame] = {}
 
         def keep(number: int, result: BlockResult) -> None:
-            blocks[number] = ready.job.run.table(ready.plan.model, {}, result)
+            blocks[number] = ready.job.run.table(ready.design.model, {}, result)
 
         sweep(work, range(-(-rows.size // _BLOCK)), keep, progress)
         tables = [blocks[number] for number in sorted(blocks)]
@@ -296,7 +280,7 @@ class Population:
         for places in _alike(self._conditions).values():
             table = self.run_elsewhere(self._job_of_rows(ready, constants, places), progress)
             if not ready.job.run.one_a_row:
-                columns = ready.job.run.columns(ready.plan.model)
+                columns = ready.job.run.columns(ready.design.model)
                 part = {name: _array(table[name]) for name in ("row", *(column.name for column in columns))}
                 part["row"] = part["row"] // len(places) * each + np.array(places)[part["row"] % len(places)]
                 records.append(part)
@@ -399,7 +383,7 @@ def _values(
     ready: Prepared, constants: Values, conditions: Sequence[Condition], n: int
 ) -> tuple[Values, Values, np.ndarray]:
     """Parameters and starts of the rows of n sets, set by set, and why a set is refused, or ""."""
-    each, model = len(conditions), ready.plan.model
+    each, model = len(conditions), ready.design.model
     params = {q.name: np.empty(n * each) for q in model.parameters}
     starts = {q.name: np.empty(n * each) for q in model.initial_conditions}
     refused = np.full(n, "", object)
@@ -408,9 +392,9 @@ def _values(
         columns = {name: np.repeat(column.astype(float), len(places)) for name, column in constants.items()}
         # a condition that sets a free constant goes before it
         columns |= {name: np.tile(given[:, i].astype(float), n) for i, name in enumerate(names)}
-        plan = rows_with(ready.plan, {name: Column(column) for name, column in columns.items()})
-        rows = np.arange(plan.n_rows)
-        there = plan.at(rows, [*params, *starts])
+        design = ready.design.with_columns(columns)
+        rows = np.arange(design.n_rows)
+        there = design.at(rows, [*params, *starts])
         at = (np.arange(n)[:, None] * each + np.array(places)).ravel()
         for held in (params, starts):
             for name, column in held.items():
@@ -422,16 +406,9 @@ def _values(
                 len(places),
                 f"{quantity.name} out of range",
             )
-        too_long = longer_than_right(plan, ready.job.run, ready.work.numerics)
+        too_long = longer_than_right(design, ready.job.run, ready.work.numerics)
         _note(refused, too_long, len(places), "steps too long")
     return params, starts, refused
-
-
-def rows_with(plan: Plan, columns: Mapping[str, Column]) -> Plan:
-    """A plan in which these names vary together, and nothing else does."""
-    settings = {name: value for name, value in plan.settings.items() if name not in columns}
-    group = Group(dict(columns), {})  # type: ignore[arg-type]
-    return dataclasses.replace(plan, groups=(group,), settings=settings)
 
 
 def _lanes(ready: Prepared, n_rows: int) -> int:

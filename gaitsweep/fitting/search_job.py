@@ -22,10 +22,10 @@ from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Aim, Target
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
-from gaitsweep.kinds.numbers import Count, CountOrZero, Positive, Seed, Text, word
-from gaitsweep.kinds.part import Part, plain
 from gaitsweep.runs.prepare import Prepared
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
+from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
 
 # Columns of a search's table beside constants and targets.
@@ -38,7 +38,7 @@ _MOST_OF_A_FRONT = 2048
 _SIDE_BY_SIDE = 4
 
 
-class Choice(Part):
+class Choice(StrictModel):
     """How a search chooses its sets."""
 
     method: Annotated[Literal["sobol", "cma", "nsga3"], word(*METHODS)] = Field(

@@ -146,7 +146,7 @@ def run_sensitivity(
         if half_step is not None and half_step.many:
             tell(f"Warning: {half_step.sentence}")
         progress(n, n, 0.0, 1.0, "indices")
-        found = dataclasses.replace(_analysed(job, table, ready.plan.model), path=path, half_step=half_step)
+        found = dataclasses.replace(_analysed(job, table, ready.design.model), path=path, half_step=half_step)
         _write(found, path)
     return found
 
@@ -204,7 +204,7 @@ def _records(
 
 def _describe(job: SensitivityJob, ready: Prepared, directory: ResultDirectory) -> None:
     """Say in the manifest what the columns hold, and with what the sets are run."""
-    model = ready.plan.model
+    model = ready.design.model
     directory.update_manifest(
         engine=ready.engine,
         device=ready.device,
@@ -250,7 +250,7 @@ def _at_half_the_step(
 ) -> HalfStep | None:
     """What some sets give at half the step, now or when it was asked before; None where none are asked."""
     n, ready = len(table), population.prepared({})
-    model, asked = ready.plan.model, min(ready.job.verify, n)
+    model, asked = ready.design.model, min(ready.job.verify, n)
     known = directory.manifest.get("half_step")
     names = {field.name for field in dataclasses.fields(HalfStep)}
     if isinstance(known, dict) and known.keys() == names and known["sets"] == asked:

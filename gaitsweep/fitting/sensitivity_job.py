@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.designs import METHODS, Design, design_of
+from gaitsweep.fitting.designs import METHODS, SensitivityDesign, design_of
 from gaitsweep.fitting.fit_job import (
     FitJob,
     read_file,
@@ -32,9 +32,9 @@ from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found, unknown_field
-from gaitsweep.kinds.numbers import Count, Seed, word
-from gaitsweep.kinds.part import Part
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.schema.numbers import Count, Seed, word
+from gaitsweep.schema.strict_model import StrictModel
 
 # The output that tells which sets fail.
 FAILURES = "failures"
@@ -45,7 +45,7 @@ MOST_SETS = 10**7
 _FEWEST = {"morris": 4, "sobol": 8}  # trajectories, base points
 
 
-class Analysis(Part):
+class Analysis(StrictModel):
     """How sensitivity is measured."""
 
     method: Annotated[Literal["one_at_a_time", "morris", "sobol"], word(*METHODS)] = Field(
@@ -90,7 +90,7 @@ class SensitivityJob:
         return self.fit.spec
 
     @functools.cached_property
-    def design(self) -> Design:
+    def design(self) -> SensitivityDesign:
         """The sets of parameters, a row of the table each."""
         chosen = self.analysis
         return design_of(chosen.method, chosen.n, chosen.seed, self.parameters, self.base)
@@ -262,7 +262,7 @@ def _read_analysis(
 
 def _written(measure: Measure) -> dict[str, Any]:
     """The fields of a measure as plain values: the run of one may be a part of its own."""
-    return {name: each.model_dump() if isinstance(each, Part) else each for name, each in measure}
+    return {name: each.model_dump() if isinstance(each, StrictModel) else each for name, each in measure}
 
 
 def _own_values(fit: FitJob) -> FitJob:
@@ -278,7 +278,7 @@ def _own_values(fit: FitJob) -> FitJob:
 
 
 def _own_values_of(job: Job, names: Sequence[str]) -> dict[str, float]:
-    values = job.plan.at(np.array([0]), names)
+    values = job.design.at(np.array([0]), names)
     return {name: float(values[name][0]) for name in names}
 
 
@@ -287,7 +287,7 @@ def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Mea
     set_by_outputs = {name for measure in outputs.values() for name in measure.at}
     wrong = []
     for name in names:
-        if follows := sorted((job.plan.closure([name]) - {name}) & set_by_outputs):
+        if follows := sorted((job.design.closure([name]) - {name}) & set_by_outputs):
             text = f"follows {follows[0]}, which outputs set: give it a number under params."
             wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
     return wrong

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.contract import Status
+from gaitsweep.design import Design
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.engine.sweep.engines import polls_per_chunk
 from gaitsweep.engine.sweep.labels import labels_of
 from gaitsweep.engine.sweep.lane import ChunkOutput
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.job import Job, Plan
-from gaitsweep.job.axes import Drawn, Spread
+from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.runs.prepare import Prepared, nominal_period, prepare
 from gaitsweep.table.parts import part_bytes
@@ -68,15 +68,15 @@ def estimate(job: Job) -> Estimate:
     ready = prepare(job)
     work = ready.work
     pace = _measured(ready)
-    cost = job.run.cost(ready.plan, pace.attempts / pace.crossings, 1.0 / pace.crossings)
+    cost = job.run.cost(ready.design, pace.attempts / pace.crossings, 1.0 / pace.crossings)
     slots = pace.at_a_time
     # the last rows of a sweep leave lanes idle, so a sweep takes a whole number of its rows' rounds at least
     simulated = (
-        math.ceil(REFINED_SHARE * work.n_rows) if job.run.refined(ready.plan) is not None else work.n_rows
+        math.ceil(REFINED_SHARE * work.n_rows) if job.run.refined(ready.design) is not None else work.n_rows
     )
     rounds, rounds_most = (max(rows / slots, 1.0) for rows in (simulated, work.n_rows))
-    columns = table_columns(ready.plan, job.run)
-    a_record = _bytes_of_record(ready.plan, job)
+    columns = table_columns(ready.design, job.run)
+    a_record = _bytes_of_record(ready.design, job)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     kept = min(work.block, work.n_rows) * cost.records * len(columns) * BYTES_A_NUMBER
     blocks = math.ceil(work.n_rows / work.block)
@@ -98,17 +98,17 @@ def estimate(job: Job) -> Estimate:
     )
 
 
-def _bytes_of_record(plan: Plan, job: Job) -> float:
+def _bytes_of_record(design: Design, job: Job) -> float:
     """What a record takes in a table: eight bytes for each number that no other record has."""
-    columns = job.run.columns(plan.model)
+    columns = job.run.columns(design.model)
     own = sum(not column.repeats for column in columns)
     if job.run.one_a_row:  # so that each has its own point of a sample
         own += sum(
-            group.length == plan.n_rows and isinstance(points, Spread) and isinstance(points.fraction, Drawn)
-            for group in plan.groups
-            for points in group.points.values()
+            group.length == design.n_rows and axis.drawn
+            for group in design.groups
+            for axis in group.axes.values()
         )
-    repeated = 1 + len(plan.names) + len(columns) - own  # the row's number too
+    repeated = 1 + len(design.names) + len(columns) - own  # the row's number too
     return own * BYTES_A_NUMBER + repeated * BYTES_A_REPEAT
 
 
@@ -155,7 +155,7 @@ def _measured(ready: Prepared) -> Measured:
         return float(sum(np.sum(of(output)[group.block_of >= 0]) for group, output in given))
 
     simulated, crossings = total(lambda output: output.t), total(lambda output: output.record.cycles)
-    nominal = 1.0 / nominal_period(ready.plan)
+    nominal = 1.0 / nominal_period(ready.design)
     if crossings < 2.0 * ran:  # too few to tell
         crossings = nominal * simulated
     if not simulated > 0.0:

@@ -93,7 +93,7 @@ def run_job(
         if missing:
             for caveat in work.model.caveats():
                 tell(f"Warning: {caveat}")
-            for remark in remarks_on_rows(ready.plan, job.model):
+            for remark in remarks_on_rows(ready.design, job.model):
                 tell(f"Warning: {remark}")
             if _rows_leave_the_host_idle(ready):
                 check.begin()
@@ -228,12 +228,12 @@ def _run_missing(
             with cluster.serve(
                 ready, directory, lambda: progress(before, total, 0.0, before / total, cluster.note)
             ):
-                if (grid := ready.job.run.refined(ready.plan)) is not None:
+                if (grid := ready.job.run.refined(ready.design)) is not None:
                     refine(ready, grid, directory, progress, timings, cluster)
                 else:
                     cluster.run_blocks(directory, missing, tell)
             directory.update_manifest(cluster={"workers": cluster.workers.most})
-        elif (grid := ready.job.run.refined(ready.plan)) is not None:
+        elif (grid := ready.job.run.refined(ready.design)) is not None:
             refine(ready, grid, directory, progress, timings)
         elif ready.job.run.own_blocks:
             _run_own_blocks(ready, directory, missing, progress, timings)
@@ -280,7 +280,7 @@ def _run_own_blocks(
         began = time.perf_counter()
         first, last = directory.rows_of(number)
         # told of each step too, so that Ctrl-C need not wait for the block's end
-        frame = ready.job.run.block_table(ready.plan, work, first, last, lambda note="": told(0.0, note))
+        frame = ready.job.run.block_table(ready.design, work, first, last, lambda note="": told(0.0, note))
         directory.write_part(number, frame)
         timings.run_s += time.perf_counter() - began
         done += last - first

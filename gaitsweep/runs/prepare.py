@@ -15,13 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep.design import Design
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.engine.sweep.xla import local_devices
 from gaitsweep.errors import UserError
 from gaitsweep.expression import functions_of, resolve
-from gaitsweep.job import Job, Plan
+from gaitsweep.job import Job
 from gaitsweep.job.step_lengths import RowSteps, row_steps, values_with_right_steps
 from gaitsweep.kinds.run_kind import Schedule
 from gaitsweep.models.own_modules import modules_beside
@@ -44,7 +45,7 @@ class Prepared:
     """
 
     job: Job
-    plan: Plan
+    design: Design
     work: SweepSpec
     note: str | None
     job_hash: str
@@ -52,13 +53,13 @@ class Prepared:
 
     def table(self, block: BlockResult) -> pd.DataFrame:
         """The records of a block of rows."""
-        axes = self.plan.columns(block.first, block.first + len(block.status))
-        return self.job.run.table(self.plan.model, axes, block)
+        axes = self.design.columns(block.first, block.first + len(block.status))
+        return self.job.run.table(self.design.model, axes, block)
 
     @property
     def program(self) -> Mapping[str, str]:
         """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
-        return traced_program(self.plan.model).digests
+        return traced_program(self.design.model).digests
 
     @property
     def engine(self) -> str:
@@ -80,7 +81,7 @@ def prepare(job: Job) -> Prepared:
         devices = local_devices(job.engine.devices)
     except ValueError as error:
         raise RunError(str(error)) from error
-    rows = job.plan
+    rows = job.design
     numerics = job.integration
     recorder, schedule, moved = job.run.recorder(rows.model), job.run.schedule(), job.run.moved
     drive = None if schedule is None or moved is None else Drive(rows, moved, schedule)
@@ -112,10 +113,10 @@ def prepare(job: Job) -> Prepared:
     return Prepared(job, rows, work, note, job_hash, steps)
 
 
-def nominal_period(plan: Plan) -> float:
+def nominal_period(design: Design) -> float:
     """The nominal period (s) of the first of some rows that has one; NaN where none has."""
-    values, _ = plan.values_in(np.unique(np.linspace(0, plan.n_rows - 1, _LOOKED_AT).astype(np.int64)))
-    model = plan.model
+    values, _ = design.values_in(np.unique(np.linspace(0, design.n_rows - 1, _LOOKED_AT).astype(np.int64)))
+    model = design.model
     periods = jax.vmap(lambda given: model.period(model.params(given)))
     found = np.asarray(jax.jit(periods)(model.on_host(values)))
     sound = found[(found > 0.0) & (found < np.inf)]
@@ -128,7 +129,7 @@ class Drive:
     `times` (s): where its passes begin and end, and some between, by which the length of steps is chosen.
     """
 
-    def __init__(self, rows: Plan, moved: str, schedule: Schedule) -> None:
+    def __init__(self, rows: Design, moved: str, schedule: Schedule) -> None:
         self._rows, self._moved, self._schedule = rows, moved, schedule
         self._following = rows.following(moved)
         self.times = schedule.times

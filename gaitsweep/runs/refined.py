@@ -46,13 +46,13 @@ class Round(Prepared):
         work = dataclasses.replace(
             ready.work,
             n_rows=n_rows,
-            values=lambda first, stop: ready.plan.values_in(rows_in(first, stop)),
+            values=lambda first, stop: ready.design.values_in(rows_in(first, stop)),
         )
-        return cls(ready.job, ready.plan, work, ready.note, ready.job_hash, ready.steps, rows_in)
+        return cls(ready.job, ready.design, work, ready.note, ready.job_hash, ready.steps, rows_in)
 
     def table(self, block: BlockResult) -> pd.DataFrame:
         rows = self.rows_in(block.first, block.first + len(block.status))
-        return self.job.run.table(self.plan.model, self.plan.at(rows, self.plan.names), block)
+        return self.job.run.table(self.design.model, self.design.at(rows, self.design.names), block)
 
 
 def refine(
@@ -82,7 +82,7 @@ def refine(
     while (rows := np.flatnonzero(wanted(known, grid))).size:
         tell = _telling(progress, len(frames), known.size, decided)
         frame = _round(ready, directory, len(frames), rows, tell, timings, cluster)
-        known.reshape(-1)[rows] = _labels(frame, ready.plan.model.gaits)
+        known.reshape(-1)[rows] = _labels(frame, ready.design.model.gaits)
         frames.append(frame)
         decided = max(decided, float(np.mean(inferred(known, grid) != UNKNOWN)))
         simulated = sum(len(frame) for frame in frames)
@@ -167,7 +167,7 @@ def _write_parts(
 
 def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: pd.DataFrame) -> pd.DataFrame:
     """Records of rows (n,) that were not simulated: the gait of their neighbours, and no numbers."""
-    plan, model, n = ready.plan, ready.plan.model, rows.size
+    design, model, n = ready.design, ready.design.model, rows.size
 
     def unread(name: str) -> np.ndarray:
         kind = like[name].to_numpy().dtype
@@ -188,6 +188,6 @@ def _inferred_frame(ready: Prepared, rows: np.ndarray, gaits: np.ndarray, like: 
         owner=np.zeros(0, np.int64),
         samples=np.zeros((0, 0)),
     )
-    frame = ready.job.run.table(model, plan.at(rows, plan.names), nothing)
+    frame = ready.job.run.table(model, design.at(rows, design.names), nothing)
     frame["row"] = rows
     return frame

@@ -59,7 +59,7 @@ def run_rows(
     """
     path = RESULTS / job.name if out is None else Path(out)
     ready = prepare(job)
-    if job.run.refined(ready.plan) is not None:
+    if job.run.refined(ready.design) is not None:
         raise RunError(
             "run.refine is boundary, so which rows are simulated follows from others: use --cluster."
         )

@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.contract import Model, Quantity, Status, Verdict
+from gaitsweep.design import Design
 from gaitsweep.engine.numerics import SHARE, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.propose import own_steps
@@ -32,7 +33,6 @@ from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.errors import UserError
-from gaitsweep.job import Plan
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints
 from gaitsweep.runs.prepare import Prepared, nominal_period
@@ -166,31 +166,31 @@ def counted(model: Model, *values: np.ndarray) -> np.ndarray:
 
 def rows_to_repeat(ready: Prepared) -> int:
     """Rows of the sample: those that the job names, else at most 32 and `MOST_WORK` of the run's own work."""
-    job, plan = ready.job, ready.plan
-    if "verify" in job.model_fields_set or plan.n_rows <= LEAST_ROWS:
-        return min(job.verify, plan.n_rows)
-    if math.isnan(period := nominal_period(plan)):
+    job, design = ready.job, ready.design
+    if "verify" in job.model_fields_set or design.n_rows <= LEAST_ROWS:
+        return min(job.verify, design.n_rows)
+    if math.isnan(period := nominal_period(design)):
         return min(job.verify, LEAST_ROWS)
-    cycles = job.run.cost(plan, 1.0, period).likely  # of a row, as a number of cycles
+    cycles = job.run.cost(design, 1.0, period).likely  # of a row, as a number of cycles
     if job.run.compared in ("settled", "ends"):
         repeated = (1.0 + 1.0 / FINER) * cycles
     else:
         repeated = (2.0 + 1.0 / FINER) * min(cycles, CROSSINGS)
-    most = int(MOST_WORK * plan.n_rows * cycles / max(repeated, 1e-300))
-    return min(job.verify, plan.n_rows, max(LEAST_ROWS, most))
+    most = int(MOST_WORK * design.n_rows * cycles / max(repeated, 1e-300))
+    return min(job.verify, design.n_rows, max(LEAST_ROWS, most))
 
 
-def sample_rows(plan: Plan, count: int) -> np.ndarray:
+def sample_rows(design: Design, count: int) -> np.ndarray:
     """Rows (n,) that stand for all: both ends of each axis, and points that fill the others evenly.
 
     Args:
-        plan: the job's rows.
+        design: the job's rows.
         count: how many at most; all rows where there are no more.
     """
-    if plan.n_rows <= count:
-        return np.arange(plan.n_rows, dtype=np.int64)
-    lengths = np.array([axis.length for axis in plan.axes], dtype=np.int64)
-    strides = np.array([plan.stride(place) for place in range(lengths.size)], dtype=np.int64)
+    if design.n_rows <= count:
+        return np.arange(design.n_rows, dtype=np.int64)
+    lengths = np.array([group.length for group in design.groups], dtype=np.int64)
+    strides = np.array([design.stride(place) for place in range(lengths.size)], dtype=np.int64)
     # the additive recurrence of Roberts (2018): powers of the root of x^(d+1) = x + 1
     root = 1.5
     for _ in range(64):
@@ -225,8 +225,8 @@ def self_check(
     """
     if count == 0:
         return None, None
-    rows, compared = sample_rows(ready.plan, count), ready.job.run.compared
-    check = SelfCheck(rows=rows.size, of=ready.plan.n_rows)
+    rows, compared = sample_rows(ready.design, count), ready.job.run.compared
+    check = SelfCheck(rows=rows.size, of=ready.design.n_rows)
     check.finer = f"{FINER:.2g} of the step"
     if ready.work.numerics.adaptive:
         check.finer = f"tolerances {1.0 / tolerance_scale(FINER):.0f} times finer"
@@ -266,8 +266,8 @@ def compare_stored(
         recorder = _beginning(ready)
         if recorder != again.recorder:
             work, few = dataclasses.replace(ready.work, recorder=recorder), again.rows[:LEAST_ROWS]
-            again = Again(few, recorder, _repeated(work, ready.plan, [(few, 1.0, 0.0)], progress)[0])
-        differs = _other_records(ready.plan.model, again, stored(again.rows))
+            again = Again(few, recorder, _repeated(work, ready.design, [(few, 1.0, 0.0)], progress)[0])
+        differs = _other_records(ready.design.model, again, stored(again.rows))
     check.stored_differs = int(differs.sum())
 
 
@@ -275,7 +275,7 @@ def _other_beginnings(
     ready: Prepared, once: StartingPoints, rows: np.ndarray, stored: pd.DataFrame
 ) -> np.ndarray:
     """Which rows (n,) begin at another fixed point, or at none, where a table's branches begin."""
-    model = ready.plan.model
+    model = ready.design.model
     first = stored.drop_duplicates("row").set_index("row").reindex(rows)
     sound = (first["status"] == Status.complete.name).to_numpy(bool)
     differs = sound != once.found
@@ -341,7 +341,7 @@ def _other_ends(
     progress: Callable[[SweepProgress], None] | None,
 ) -> np.ndarray:
     """Which rows (n,) end otherwise in a table than they did again."""
-    model, result = ready.plan.model, again.result
+    model, result = ready.design.model, again.result
     assert isinstance(result, BlockResult)
     status = stored["status"].astype(str).to_numpy()
     simulated = status != Status.inferred.name
@@ -355,7 +355,7 @@ def _other_ends(
     if off.any():
         some = np.flatnonzero(off.any(axis=1))
         lanes = [(again.rows[some], 1.0, MOVED)]
-        moved = end_values_of(again.recorder, _repeated(ready.work, ready.plan, lanes, progress)[0])
+        moved = end_values_of(again.recorder, _repeated(ready.work, ready.design, lanes, progress)[0])
         own = changes(model, moved, now[some]) / MOVED * ROUNDING_ERROR
         off[some] &= changes(model, now, before)[some] > own
     return differs | off.any(axis=1)
@@ -368,7 +368,7 @@ def end_values_of(recorder: Recorder, result: BlockResult) -> np.ndarray:
 
 def _repeated(
     work: SweepSpec,
-    plan: Plan,
+    design: Design,
     lanes: list[tuple[np.ndarray, float, float]],
     progress: Callable[[SweepProgress], None] | None,
 ) -> list[BlockResult]:
@@ -379,7 +379,7 @@ def _repeated(
 
     def values(first: int, last: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         part = slice(first, last)
-        parameters, starts = plan.values_in(rows[part])
+        parameters, starts = design.values_in(rows[part])
         moved = {
             name: start + np.where(np.isnan(start), 0.0, moves[part] * np.maximum(np.abs(start), 1.0))
             for name, start in starts.items()
@@ -409,8 +409,8 @@ def _compare_ends(
     ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> tuple[Again, np.ndarray]:
     """Compare how rows (n,) end; gives them as they ran again, and which of them came to rest, both times."""
-    work, plan, model = ready.work, ready.plan, ready.plan.model
-    once, finer = _repeated(work, plan, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
+    work, design, model = ready.work, ready.design, ready.design.model
+    once, finer = _repeated(work, design, [(rows, 1.0, 0.0), (rows, FINER, 0.0)], progress)
     at_times = ready.job.run.compared == "ends"
     ends, finer_ends = (end_values_of(work.recorder, each) for each in (once, finer))
     sound = np.isin(once.status, [each for each in Status if each.verdict is Verdict.sound])
@@ -436,7 +436,7 @@ def _compare_ends(
     if differs.size:
         some = rows[differs]
         flips, spread = np.zeros(some.size, bool), np.zeros((some.size, change.shape[1]))
-        for moved in _repeated(work, plan, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
+        for moved in _repeated(work, design, [(some, 1.0, MOVED), (some, 1.0, -MOVED)], progress):
             flips |= moved.status != once.status[differs]
             flips |= moved.labels["gait"] != once.labels["gait"][differs]
             flips |= at_times & (moved.cycles != once.cycles[differs])
@@ -455,8 +455,8 @@ def _compare_ends(
 
 def _with_starts(ready: Prepared, rows: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """The observables (2 n, k) of rows where they start and where they end."""
-    model, drive = ready.plan.model, ready.work.drive
-    values, starts = ready.plan.values_in(rows)
+    model, drive = ready.design.model, ready.work.drive
+    values, starts = ready.design.values_in(rows)
 
     def observed(held: Any, start: Any) -> Any:
         params = model.params(held) if drive is None else drive(held, 0.0)
@@ -468,8 +468,8 @@ def _with_starts(ready: Prepared, rows: np.ndarray, ends: np.ndarray) -> np.ndar
 
 
 def _compare_starting_points(ready: Prepared, rows: np.ndarray, check: SelfCheck) -> Again:
-    model, work = ready.plan.model, ready.work
-    once, finer = ready.job.run.starting_points(ready.plan, work, rows, FINER)
+    model, work = ready.design.model, ready.work
+    once, finer = ready.job.run.starting_points(ready.design, work, rows, FINER)
     both = once.found & finer.found
     check.status_differs = int(np.sum(once.found != finer.found))
     change = changes(model, once.observed, finer.observed)
@@ -487,19 +487,19 @@ def _compare_crossings(
     ready: Prepared, rows: np.ndarray, check: SelfCheck, progress: Callable[[SweepProgress], None] | None
 ) -> Again:
     """Compare the first crossings of rows (n,), with their times; gives them as they ran again."""
-    plan, model = ready.plan, ready.plan.model
+    design, model = ready.design, ready.design.model
     recorder = _beginning(ready)
     if not isinstance(recorder, CrossingRecorder):
         recorder = CrossingRecorder(model, crossings=CROSSINGS)
     lanes = [(rows, 1.0, 0.0), (rows, FINER, 0.0), (rows, 1.0, MOVED)]
     work = dataclasses.replace(ready.work, recorder=recorder)
-    once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
+    once, finer, moved = repeated = _repeated(work, design, lanes, progress)
     seen = [_crossings(each, rows.size, recorder.after_cycles) for each in repeated]
     if not np.any(np.isfinite(seen[0][:, 1:])) and math.isfinite(end := _comparable_time(ready)):
         # no section was crossed: the state is compared after as many nominal periods
         recorder = FixedTimeRecorder(model, end)
         work = dataclasses.replace(ready.work, recorder=recorder)
-        once, finer, moved = repeated = _repeated(work, plan, lanes, progress)
+        once, finer, moved = repeated = _repeated(work, design, lanes, progress)
         begun = _with_starts(ready, rows, np.zeros((0, len(model.observables))))
         seen = [np.stack([begun, end_values(each)], axis=1) for each in repeated]
         seen = [np.concatenate([np.zeros((*each.shape[:2], 1)), each], axis=2) for each in seen]
@@ -538,7 +538,7 @@ def _comparable_time(ready: Prepared) -> float:
 
     Infinite where no row has a period, and the run no end.
     """
-    period = nominal_period(ready.plan)
+    period = nominal_period(ready.design)
     longest = getattr(ready.work.recorder, "duration", None) or math.inf
     return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 

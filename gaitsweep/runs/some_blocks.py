@@ -32,4 +32,4 @@ def run_blocks(
         return
     for number in blocks:
         first, last = number * work.block, min((number + 1) * work.block, work.n_rows)
-        write(number, kind.block_table(ready.plan, work, first, last, lambda note="": between(None)))
+        write(number, kind.block_table(ready.design, work, first, last, lambda note="": between(None)))

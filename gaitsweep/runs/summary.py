@@ -45,8 +45,8 @@ def describe(ready: Prepared, directory: ResultDirectory) -> None:
         method=ready.work.numerics.method,
         dt=[float(np.min(steps)), float(np.max(steps))] if steps.size else [],
         axes=[
-            {"names": list(group.points), "length": group.length, "drawn": group.drawn}
-            for group in ready.plan.groups
+            {"names": list(group.names), "length": group.length, "drawn": group.drawn}
+            for group in ready.design.groups
         ],
         quantities=quantities_of(ready.work.model, ready.job.run.columns(ready.work.model)),
         **_model_folder(ready, directory.path),
@@ -90,7 +90,7 @@ def _of_starts(ready: Prepared) -> dict[str, Any]:
     found: dict[str, dict[str, dict[str, int]]] = {}
     for first in range(0, rows.size, width):
         some = rows[first : first + width]
-        parameters, starts = ready.plan.values_in(np.append(some, np.full(width - some.size, some[0])))
+        parameters, starts = ready.design.values_in(np.append(some, np.full(width - some.size, some[0])))
         with jax.default_device(host_device()):
             period, beyond = begun(model.on_host(parameters), starts)
         times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
@@ -149,7 +149,7 @@ def _rows(found: Mapping[str, Any]) -> str:
 
 def _of_records(ready: Prepared, directory: ResultDirectory) -> dict[str, Any]:
     """What the manifest says of the records of a complete table, which are read part by part."""
-    known, fields = table_columns(ready.plan, ready.job.run), {}
+    known, fields = table_columns(ready.design, ready.job.run), {}
     stalled = bool(directory.counts().get(Status.event_stall.name))
     counts_gaits, has_distance = _counts_gaits(ready), _has_distance(ready)
     columns = {"stalled_by", "t_end", "t"} if stalled else set()
@@ -208,18 +208,18 @@ def summed_up(ready: Prepared, directory: ResultDirectory) -> bool:
 def _counts_gaits(ready: Prepared) -> bool:
     if tuple(ready.work.model.gaits) == ("none",):  # no gait is told from another
         return False
-    return ready.job.run.one_a_row and "gait" in table_columns(ready.plan, ready.job.run)
+    return ready.job.run.one_a_row and "gait" in table_columns(ready.design, ready.job.run)
 
 
 def _counts_slowest(ready: Prepared, directory: ResultDirectory) -> bool:
     """Whether rows did not settle, and say which observable kept them from it."""
-    known = table_columns(ready.plan, ready.job.run)
+    known = table_columns(ready.design, ready.job.run)
     return "slowest" in known and bool(directory.counts().get(Status.cycle_limit.name))
 
 
 def _has_distance(ready: Prepared) -> bool:
     """Whether rows say how far they settle from analytic solutions, if they do."""
-    known = table_columns(ready.plan, ready.job.run)
+    known = table_columns(ready.design, ready.job.run)
     return ready.job.run.one_a_row and {"distance", "gait"} <= set(known)
 
 

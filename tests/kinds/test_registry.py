@@ -18,9 +18,9 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError, schema
 from gaitsweep.kinds.columns import CROSSING, STATUS, Column, observed
-from gaitsweep.kinds.numbers import Count, Text
 from gaitsweep.kinds.run_kind import Cost, Rows
 from gaitsweep.runs.estimate import estimate
+from gaitsweep.schema.numbers import Count, Text
 
 
 class Doublings(kinds.RunKind):

@@ -220,7 +220,7 @@ def test_profiles_follow_one_number() -> None:
             "run": {"kind": "settle"},
         }
     )
-    values, _ = job.plan.values(0, 2)
+    values, _ = job.design.values(0, 2)
     x = np.array([-3 / 5, -1 / 5, 1 / 5, 3 / 5])
     for row, slope in enumerate((0.0, 0.2)):
         found = [values[f"m_{i}"][row] for i in range(2, 6)]

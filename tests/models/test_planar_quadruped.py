@@ -374,8 +374,8 @@ def test_bodies_in_jobs(tmp_path: Path) -> None:
         given = {"name": "p", "model": "planar_quadruped", "run": {"kind": "settle"}, "numerics": {"dt": DT}}
         return Job(**(given | changed))
 
-    assert job().plan.model == PlanarQuadruped("tree")
-    assert job(structure={"body": "mjx"}).plan.model == PlanarQuadruped("mjx")
+    assert job().design.model == PlanarQuadruped("tree")
+    assert job(structure={"body": "mjx"}).design.model == PlanarQuadruped("mjx")
     with pytest.raises(JobError, match=r'structure\.body is "mjy"; did you mean mjx\? Allowed: tree, mjx'):
         job(structure={"body": "mjy"})
     with pytest.raises(ValueError, match=r"body is 'tre'; did you mean tree\? Allowed: tree, mjx"):

@@ -166,8 +166,8 @@ def job(**changed: Any) -> Job:
 
 
 def test_bodies_in_jobs() -> None:
-    assert job().plan.model == WaistQuadruped("mjx")
-    assert job(structure={}).plan.model == WaistQuadruped("tree")
+    assert job().design.model == WaistQuadruped("mjx")
+    assert job(structure={}).design.model == WaistQuadruped("tree")
     assert job().hash() != job(structure={}).hash()
     with pytest.raises(JobError, match=r"numerics\.method is rk4, .* body mjx\. Allowed: semi_implicit"):
         job(numerics={"method": "rk4"})

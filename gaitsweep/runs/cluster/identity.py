@@ -63,7 +63,7 @@ def difference(there: Identity, here: Identity) -> str | None:
 def own_modules(ready: Prepared) -> tuple[tuple[str, str], ...]:
     """The user's modules that a job needs, with the folders from which they are imported."""
     found: dict[str, str] = {}
-    for own in (type(ready.plan.model), type(ready.job.run)):
+    for own in (type(ready.design.model), type(ready.job.run)):
         module = inspect.getmodule(own)
         file = getattr(module, "__file__", None)
         if module is None or file is None or module.__name__.startswith("gaitsweep.") or installed(module):

@@ -209,7 +209,7 @@ def _gaits(ready: Prepared, rows: np.ndarray, t: np.ndarray, seen: Mapping[str, 
     """The number of the gait (n,) that the observables of n records, at times `t` (n,) s, are labelled as."""
     model, drive = ready.work.model, ready.work.drive
     some, place = np.unique(rows, return_inverse=True)
-    parameters, _ = ready.plan.values_in(some)
+    parameters, _ = ready.design.values_in(some)
     held = {name: jnp.asarray(each)[place] for name, each in model.on_host(parameters).items()}
 
     def one(values: Any, time: jax.Array, observed: Any) -> jax.Array:

@@ -56,7 +56,7 @@ class Watch(abc.ABC):
         """What simulates its rows again."""
         run = self.ready.job.run
         begun = {run.moved: run.turns[0]} if run.moved and run.turns else {}
-        return Walker(self.ready.work, self.rows, *self.ready.plan.values_in(self.rows), begun)
+        return Walker(self.ready.work, self.rows, *self.ready.design.values_in(self.rows), begun)
 
     @abc.abstractmethod
     def windows(self, period: float) -> Windows:
@@ -234,7 +234,7 @@ class WatchBranches(Watch):
     ) -> None:
         run = ready.job.run
         assert isinstance(run, Continuation)
-        mapping, values, found = run.followed(ready.plan, ready.work, rows, between, with_points=True)
+        mapping, values, found = run.followed(ready.design, ready.work, rows, between, with_points=True)
         of_row, point = table["row"].to_numpy(np.int64), table["point"].to_numpy(np.int64)
         known = {(row, n): record for record, (row, n) in enumerate(zip(of_row, point, strict=True))}
         records, points, moved, branch = [], [], [], []
@@ -282,7 +282,7 @@ def _up_to(end: float, watched: Watched, name: str, period: float) -> list[Stret
 
 def _branches_in_time(ready: Prepared, spent: float, rows: int) -> int:
     """How many of the rows' branches may be followed again, which takes as long as it took the job."""
-    each = spent / ready.plan.n_rows
+    each = spent / ready.design.n_rows
     return max(1, min(rows, int(_LONGEST / each) if each > 0.0 else rows))
 
 

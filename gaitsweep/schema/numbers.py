@@ -21,7 +21,7 @@ from pydantic_core import PydanticCustomError
 
 from gaitsweep import effort, near_miss
 from gaitsweep.expression import CONSTANTS, ExpressionError, evaluate, names_in
-from gaitsweep.kinds.diagnostics import Diagnostic, JobError, found
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found
 
 
 @dataclass(frozen=True)

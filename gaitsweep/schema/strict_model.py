@@ -13,13 +13,13 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 
-class Part(BaseModel):
+class StrictModel(BaseModel):
     """A part of a job: it has no field but its own and is frozen; its numbers may be expressions."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def kind_of(part: type[Part]) -> str:
+def kind_of(part: type[StrictModel]) -> str:
     """The value of the field `kind` that selects a part.
 
     Raises:
@@ -32,10 +32,10 @@ def kind_of(part: type[Part]) -> str:
     return values[0]
 
 
-PartT = TypeVar("PartT", bound=Part)
+ModelT = TypeVar("ModelT", bound=StrictModel)
 
 
-class Registry(Mapping[str, type[PartT]]):
+class Registry(Mapping[str, type[ModelT]]):
     """Parts by their kind, in the order in which they were registered.
 
     Args:
@@ -43,13 +43,13 @@ class Registry(Mapping[str, type[PartT]]):
         parts: the members that are always there.
     """
 
-    def __init__(self, noun: str, parts: Iterable[type[PartT]]) -> None:
+    def __init__(self, noun: str, parts: Iterable[type[ModelT]]) -> None:
         self.noun = noun
-        self._parts: dict[str, type[PartT]] = {}
+        self._parts: dict[str, type[ModelT]] = {}
         for part in parts:
             self.register(part)
 
-    def register(self, part: type[PartT]) -> type[PartT]:
+    def register(self, part: type[ModelT]) -> type[ModelT]:
         """Add a part; usable as a decorator.
 
         Raises:
@@ -69,7 +69,7 @@ class Registry(Mapping[str, type[PartT]]):
         """
         del self._parts[kind]
 
-    def __getitem__(self, kind: str) -> type[PartT]:
+    def __getitem__(self, kind: str) -> type[ModelT]:
         return self._parts[kind]
 
     def __iter__(self) -> Iterator[str]:
@@ -103,7 +103,7 @@ class OneOf:
 
 
 @functools.lru_cache(maxsize=8)
-def _union(parts: tuple[type[Part], ...]) -> TypeAdapter[Any]:
+def _union(parts: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
     union: Any = Annotated[functools.reduce(operator.or_, parts), Field(discriminator="kind")]
     return TypeAdapter(union)
 
