@@ -99,7 +99,7 @@ def measure(case: Case, lanes: int = 131072, contraction: bool = True) -> Measur
     spec = SweepSpec(
         model=case.model,
         recorder=case.recorder,
-        numerics=dataclasses.replace(case.numerics, contraction=contraction),
+        numerics=dataclasses.replace(case.numerics, contraction=contraction).resolve(case.model),
         n_rows=lanes,
         block=lanes,
         lanes=lanes,

@@ -61,9 +61,10 @@ def measure(
         repeats: timed runs.
     """
     chosen = local_devices(devices)
-    model, numerics = Multilegged(), Numerics(dt=dt or STEPS[method], method=method)
+    model, dt = Multilegged(), dt or STEPS[method]
+    numerics = Numerics(dt=dt, method=method).resolve(model)
     recorder = CrossingRecorder(model, crossings=crossings)
-    name = f"gaitsweep, {engine}, {method}, dt {1e3 * numerics.dt:g} ms"
+    name = f"gaitsweep, {engine}, {method}, dt {1e3 * dt:g} ms"
     try:
         choose(engine, chosen[0], model, recorder, numerics, None)
     except EngineError as error:
@@ -126,7 +127,7 @@ def operations(method: str) -> int:
     model = Multilegged()
     numerics = Numerics(dt=STEPS[method], method=method)
     local_devices()  # sets float64 on
-    chunk = kernel_of(model, CrossingRecorder(model, crossings=1), numerics, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=1), numerics.resolve(model), None).chunk
     program = chunk.program
     return sum(
         not program.steady[at] and program.nodes[at].op not in ("input", "constant")

@@ -66,7 +66,7 @@ def run_rows(
     work = SweepSpec(
         model=model,
         recorder=recorder,
-        numerics=numerics or Numerics(),
+        numerics=(numerics or Numerics()).resolve(model),
         n_rows=n,
         block=block or n,
         lanes=lanes,

@@ -246,7 +246,7 @@ class PoincareMap:
         return self.settled({}, 0)
 
     def _require_derivative(self) -> None:
-        method = self.mapping.numerics.of(self.model).method
+        method = self.mapping.integration.method
         if (refusal := derivative_refusal(method, self.model)) is not None:
             raise ArgumentError(
                 f"The return map of {self.model.name} by {method} has no derivative: {refusal}"

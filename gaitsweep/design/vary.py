@@ -7,20 +7,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import AXIS_KINDS, MOST_LISTED, Axis, RangeAxis, Sample, Values
-from gaitsweep.schema.diagnostics import Diagnostic, Path, SchemaSection, found, from_pydantic, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, Path, found, read_model, unknown_field
 
 MOST_ROWS = 10**9
 MOST_DRAWN = 2 * 10**7  # numbers of random and sobol points, which are held while a job runs
 
 _LONG = 1000  # points of a list
-
-_SECTIONS = {kind: SchemaSection(f"an axis ({kind})", model) for kind, model in AXIS_KINDS.items()}
-_SECTIONS["sample"] = SchemaSection("a sample", Sample)
 
 
 @dataclass(frozen=True)
@@ -129,10 +126,9 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> tuple[Axis, dic
             vary.refuse((*path, "values"), text)
             return None
         value["values"] = [_switch(item, vary.quantities.get(name)) for item in listed]
-    try:
-        written = _many_numbers(value) or AXIS_KINDS[kinds[0]].model_validate(value)
-    except ValidationError as error:
-        vary.diagnostics.extend(from_pydantic(error, _SECTIONS, kinds[0], path))
+    kind, words = AXIS_KINDS[kinds[0]], f"an axis ({kinds[0]})"
+    written = _many_numbers(value) or read_model(kind, value, path, vary.diagnostics, words)
+    if written is None:
         return None
     axis = written.axis(name)
     _check_order(axis, (*path, kinds[0]), vary)
@@ -194,10 +190,8 @@ def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
         text = f"is {found(value)}, but takes fields. {near_miss.allowing(Sample.model_fields)}"
         vary.refuse(path, text)
         return {}
-    try:
-        sample = Sample.model_validate(dict(value))
-    except ValidationError as error:
-        vary.diagnostics.extend(from_pydantic(error, _SECTIONS, "sample", path))
+    sample = read_model(Sample, dict(value), path, vary.diagnostics, "a sample")
+    if sample is None:
         return {}
     axes = sample.axes()
     paths: dict[str, Path] = {name: (*path, "of", name) for name in axes}

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from gaitsweep import effort, near_miss
 from gaitsweep.design.design import inside, must
@@ -29,7 +28,8 @@ from gaitsweep.schema.diagnostics import (
     JobError,
     SchemaSection,
     found,
-    from_pydantic,
+    read_model,
+    refuse,
     unknown_field,
 )
 from gaitsweep.schema.diagnostics import Path as FieldPath
@@ -105,7 +105,7 @@ class FitJob:
         if isinstance(given, str):
             job = self._job_with({}, config=given)
         else:
-            _refuse(
+            refuse(
                 [
                     Diagnostic((name,), f"is not free here{near_miss.suggestion(name, self.free)}")
                     for name in given
@@ -166,7 +166,7 @@ def read_free(value: Any, path: FieldPath, wrong: list[Diagnostic]) -> dict[str,
             )
             wrong.append(Diagnostic((*path, str(name)), text))
             continue
-        if (part := read_part(Free, each, (*path, str(name)), wrong)) is not None:
+        if (part := read_model(Free, each, (*path, str(name)), wrong)) is not None:
             read[str(name)] = part
     return read
 
@@ -199,7 +199,7 @@ def read_measure(
         if (run := _read_run(part, fields["run"], (*path, "run"), wrong)) is None:
             return None
         fields["run"] = run
-    return read_part(part, fields, path, wrong)
+    return read_model(part, fields, path, wrong)
 
 
 def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
@@ -220,17 +220,7 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
     if value.get("refine") is not None:
         wrong.append(Diagnostic((*path, "refine"), "has no place in the run of a measure: take it out."))
         return None
-    return read_part(kinds[kind], value, path, wrong)
-
-
-def read_part(part: type[StrictModel], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> Any:
-    """A part of pydantic, or None where something is wrong with it, which is added to `wrong`."""
-    words = str(path[-1])
-    try:
-        return part.model_validate(value)
-    except ValidationError as error:
-        wrong.extend(from_pydantic(error, {words: SchemaSection(words, part)}, words, path))
-        return None
+    return read_model(kinds[kind], value, path, wrong)
 
 
 def read_fit_job(
@@ -268,14 +258,14 @@ def read_fit_job(
         params = config.raw.get("params")
         spec, _ = read_model_spec(config.raw["model"], config.raw.get("structure"), params, [folder])
     if spec is None:
-        _refuse(wrong)
+        refuse(wrong)
         Job.model_validate(given, context={"folder": folder})  # says what is wrong with the model
         raise JobError([Diagnostic(("model",), "is missing.")])
     fit = FitJob(field, given, folder, free, measures, spec, config.raw)
     wrong.extend(_wrong_run(fit))
     wrong.extend(wrong_constants(fit))
     wrong.extend(wrong_measures(fit, listed))
-    _refuse(wrong)
+    refuse(wrong)
     for structure in fit.structures:
         try:
             job = fit.job_of(structure)
@@ -293,7 +283,7 @@ def read_fit_job(
             if (bad := measure.wrong(columns, job.design.model)) is not None:
                 key, text = bad
                 wrong.append(Diagnostic((field, listed, name, key), text))
-        _refuse(wrong)
+        refuse(wrong)
     return fit
 
 
@@ -313,7 +303,7 @@ def _columns_of_run(
             for each in error.diagnostics
             if each.path[:1] == ("run",)
         )
-        _refuse(wrong)
+        refuse(wrong)
         raise
     return table_columns(job.design, job.run)
 
@@ -331,11 +321,6 @@ def read_file(path: str | Path, overrides: Sequence[str], read: Any) -> Any:
             return read(document.data, path.parent)
         except JobError as error:
             raise document.located(error) from None
-
-
-def _refuse(wrong: Sequence[Diagnostic]) -> None:
-    if wrong:
-        raise JobError(wrong)
 
 
 def wrong_constants(fit: FitJob) -> list[Diagnostic]:

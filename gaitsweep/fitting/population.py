@@ -13,7 +13,7 @@ import pandas as pd
 
 from gaitsweep.contract import Model
 from gaitsweep.design.design import inside
-from gaitsweep.engine.numerics import SHARE
+from gaitsweep.engine.numerics import STEP_FACTOR
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import default_lanes
@@ -236,7 +236,7 @@ class Population:
         params, starts, refused = _values(ready, constants, self._conditions, n)
         if not each:
             return {}, refused
-        starts[SHARE] = np.full(n * each, share)
+        starts[STEP_FACTOR] = np.full(n * each, share)
         good = np.flatnonzero(refused == "")
         if not good.size:
             return {}, refused
@@ -338,7 +338,7 @@ class Population:
         good = np.flatnonzero(refused == "")
         if good.size:
             work = ready.work
-            mapping = BatchedReturnMap(work.model, (), work.numerics, work.engine, share=share)
+            mapping = BatchedReturnMap(work.model, (), work.numerics.refined(share), work.engine)
             values, begun = ({k: column[good] for k, column in each.items()} for each in (params, starts))
             found.values[good], found.why[good] = measure.of_starts(mapping, values, begun, good.size)
         return found

@@ -17,13 +17,13 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure, read_part
+from gaitsweep.fitting.fit_job import FitJob, read_file, read_fit_job, read_free, read_measure
 from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Aim, Target
 from gaitsweep.runs.prepare import Prepared
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.schema.strict_model import StrictModel, plain
 from gaitsweep.table import TableError, load
@@ -232,7 +232,7 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         allowed = ["free", "targets", *Choice.model_fields]
         wrong.append(unknown_field(("search", str(key)), "search", allowed))
         del rest[key]
-    choice = read_part(Choice, rest, ("search",), wrong)
+    choice = read_model(Choice, rest, ("search",), wrong)
     every = targets
     if choice is not None and choice.robust is not None:
         wrong.extend(wrong_robust(choice.robust, free, targets))
@@ -291,8 +291,7 @@ def _known(search: Search, fit: FitJob) -> tuple[dict[str, Any], ...]:
     if not wrong and len(sets) > search.choice.budget:
         text = f"has {len(sets)} sets, but the budget is {search.choice.budget}."
         wrong.append(Diagnostic(("search", "known"), text))
-    if wrong:
-        raise JobError(wrong)
+    refuse(wrong)
     return tuple(sets)
 
 
@@ -332,7 +331,7 @@ def _read_targets(value: Any, free: Mapping[str, Free], wrong: list[Diagnostic])
             wrong.append(Diagnostic(here, f"is {found(each)}, but takes fields (key: value)."))
             continue
         aims = {key: field for key, field in each.items() if key in Aim.model_fields}
-        aim = read_part(Aim, aims, here, wrong)
+        aim = read_model(Aim, aims, here, wrong)
         measured = {key: field for key, field in each.items() if key not in aims}
         measure = read_measure(measured, here, wrong, beside=Aim)
         if not str(name).isidentifier():

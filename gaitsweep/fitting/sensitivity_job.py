@@ -23,7 +23,6 @@ from gaitsweep.fitting.fit_job import (
     read_fit_job,
     read_free,
     read_measure,
-    read_part,
     wrong_constants,
     wrong_measures,
 )
@@ -32,7 +31,7 @@ from gaitsweep.fitting.measures import Measure
 from gaitsweep.fitting.population import Population
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec
-from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
 from gaitsweep.schema.numbers import Count, Seed, word
 from gaitsweep.schema.strict_model import StrictModel
 
@@ -159,7 +158,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     for name in shares:
         if (unknown := fit.spec.unknown(name, "vary")) is not None:
             wrong.append(Diagnostic(("sensitivity", "parameters", name), unknown))
-    _refuse(wrong)
+    refuse(wrong)
     own = _own_values_of(base, [*ranges, *shares])
     fixed = [*ranges, *shares] if analysis.method == "one_at_a_time" else list(shares)
     wrong.extend(_follow_conditions(base, fixed, outputs))
@@ -169,9 +168,9 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
             free[name] = ranges[name]
         elif (around := _around(name, own[name], shares[name], wrong)) is not None:
             free[name] = around
-    _refuse(wrong)
+    refuse(wrong)
     fit = dataclasses.replace(fit, free=free)
-    _refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
+    refuse([*wrong_constants(fit), *wrong_measures(fit, "outputs")])
     if analysis.method != "one_at_a_time" and importlib.util.find_spec("SALib") is None:
         raise ArgumentError(
             f"sensitivity.method {analysis.method} needs the package SALib: pip install 'gaitsweep[search]'."
@@ -233,7 +232,7 @@ def _read_analysis(
         allowed = ["parameters", "outputs", *Analysis.model_fields]
         wrong.append(unknown_field(("sensitivity", str(key)), "sensitivity", allowed))
         del rest[key]
-    analysis = read_part(Analysis, rest, ("sensitivity",), wrong)
+    analysis = read_model(Analysis, rest, ("sensitivity",), wrong)
     if analysis is None:
         return None
     method, n, path = analysis.method, analysis.n, ("sensitivity", "n")
@@ -302,8 +301,3 @@ def _around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> F
         return None
     low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
     return Free(low=low, high=high)
-
-
-def _refuse(wrong: Sequence[Diagnostic]) -> None:
-    if wrong:
-        raise JobError(wrong)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.schema import former_names
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, checked, read_real, read_whole, word
 from gaitsweep.schema.strict_model import StrictModel
@@ -76,10 +76,10 @@ class NumericsSpec(StrictModel):
         default=1e-12, description="error of an event's time, as a share of the nominal period"
     )
 
-    def engine(self, model: Model) -> Numerics:
-        """The engine's numerics for a model, the method and the tolerances resolved."""
-        fields = self.model_dump()
-        return Numerics(**{**fields, "dt": None if self.dt == "auto" else self.dt}).of(model)
+    def resolve(self, model: Model, contraction: bool) -> ResolvedNumerics:
+        """The numerics of a job's rows; `contraction` as `EngineChoice` has it."""
+        dt = None if self.dt == "auto" else self.dt
+        return Numerics(**{**self.model_dump(), "dt": dt, "contraction": contraction}).resolve(model)
 
 
 class EngineChoice(StrictModel):

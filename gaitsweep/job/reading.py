@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import Group, read_vary
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.expression import ExpressionError, evaluate, names_in
 from gaitsweep.job.checks import check_figures, check_names, check_ranges
 from gaitsweep.job.config import Config
@@ -27,8 +28,8 @@ _READ_HERE = ("params", "start", "vary", "structure")  # parts of a job that pyd
 
 def read_job(
     data: Any, folder: Path, handler: Callable[[Any], Any], sections: dict[str, SchemaSection]
-) -> tuple[Any, Design]:
-    """A job as pydantic makes it, and its rows.
+) -> tuple[Any, Design, ResolvedNumerics]:
+    """A job as pydantic makes it, its rows, and its numerics.
 
     Model, structure, params, start and vary come first, since expressions in the other parts use them.
 
@@ -98,9 +99,10 @@ def read_job(
     if moving is not None:
         first = {moving: job.run.turns[0]} if job.run.turns else {}  # a trace may lack it: its check says so
         design = dataclasses.replace(design, settings={**design.settings, **first})
-    config.refuse(_check_whole(design, spec, job))
-    config.refuse(check_steps(design, job.run, job.numerics.engine(spec.model)))
-    return job, design
+    numerics = job.numerics.resolve(spec.model, job.engine.contraction)
+    config.refuse(_check_whole(design, spec, job, numerics))
+    config.refuse(check_steps(design, job.run, numerics))
+    return job, design, numerics
 
 
 def _plain(value: Any) -> Any:
@@ -176,7 +178,7 @@ def _scope(design: Design | None, spec: ModelSpec | None, moved: str | None) -> 
     return Scope(fixed, moving)
 
 
-def _check_whole(design: Design, spec: ModelSpec, job: Any) -> list[Diagnostic]:
+def _check_whole(design: Design, spec: ModelSpec, job: Any, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about a job whose parts are all well formed, but do not fit together."""
     run, moving = job.run, job.run.moved
     diagnostics: list[Diagnostic] = []
@@ -188,8 +190,8 @@ def _check_whole(design: Design, spec: ModelSpec, job: Any) -> list[Diagnostic]:
                 text = f"is {parameter}{moves}: {name} is compiled into a row's body"
                 text += " and cannot move while it runs."
                 diagnostics.append(Diagnostic(movement.named, text))
-    diagnostics.extend(run.check(design, job.numerics.engine(spec.model).method))
-    diagnostics.extend(check_numerics(spec.model, job.numerics))
+    diagnostics.extend(run.check(design, numerics.method))
+    diagnostics.extend(check_numerics(spec.model, job.numerics, numerics))
     columns = table_columns(design, run)
     places = [(name, path, "varies") for group in design.groups for name, path in group.paths.items()]
     if moving is not None:

@@ -22,7 +22,7 @@ from pydantic import (
 from gaitsweep import effort
 from gaitsweep.design.design import Design
 from gaitsweep.design.vary import vary_schema
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.job.job_hash import job_hash
 from gaitsweep.job.numerics import EngineChoice, NumericsSpec, rows_of_a_part
 from gaitsweep.job.reading import read_job
@@ -90,6 +90,7 @@ class Job(StrictModel):
     )
 
     _design: Design = PrivateAttr()
+    _integration: ResolvedNumerics = PrivateAttr()
 
     @model_validator(mode="wrap")
     @classmethod
@@ -98,8 +99,7 @@ class Job(StrictModel):
             return data
         with effort.limited():
             folder = (info.context or {}).get("folder", Path.cwd())
-            job, design = read_job(data, folder, handler, _sections())
-            job._design = design
+            job, job._design, job._integration = read_job(data, folder, handler, _sections())
         return job
 
     @property
@@ -108,10 +108,9 @@ class Job(StrictModel):
         return self._design
 
     @property
-    def integration(self) -> Numerics:
-        """The engine's numerics, what the job leaves open taken from its model."""
-        numerics = self.numerics.engine(self._design.model)
-        return dataclasses.replace(numerics, contraction=self.engine.contraction)
+    def integration(self) -> ResolvedNumerics:
+        """The numerics of its rows, what the job leaves open taken from its model."""
+        return self._integration
 
     @property
     def block(self) -> int:

@@ -17,7 +17,13 @@ from gaitsweep.design.design import Design
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.dependence import dependences
 from gaitsweep.engine.flow_spectrum import slowest_limit
-from gaitsweep.engine.numerics import FEWEST_STEPS, Numerics, longest_step, recommended_step, unknown_step
+from gaitsweep.engine.numerics import (
+    FEWEST_STEPS,
+    ResolvedNumerics,
+    longest_step,
+    recommended_step,
+    unknown_step,
+)
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.sweep.xla import see_all_cores
 from gaitsweep.expression import functions_of, resolve
@@ -39,10 +45,9 @@ LARGEST_EVENT_TOLERANCE = 1e-3
 _ROUNDING = 1.0 + 1e-9
 
 
-def check_numerics(model: Model, numerics: NumericsSpec) -> list[Diagnostic]:
-    """Diagnostics about numerics that do not suit a model, whatever its parameters."""
+def check_numerics(model: Model, numerics: NumericsSpec, resolved: ResolvedNumerics) -> list[Diagnostic]:
+    """Diagnostics about numerics, and what they are resolved to, that do not suit a model at all."""
     diagnostics = []
-    resolved = numerics.engine(model)
     if numerics.event_tolerance > LARGEST_EVENT_TOLERANCE:
         most = f"at most {LARGEST_EVENT_TOLERANCE:g} of a period"
         text = f"is {numerics.event_tolerance:g}, but must be {most}."
@@ -83,7 +88,7 @@ class RowSteps:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def row_steps(design: Design, run: RunKind, numerics: Numerics) -> RowSteps:
+def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSteps:
     """The steps of all rows.
 
     Args:
@@ -99,12 +104,11 @@ def row_steps(design: Design, run: RunKind, numerics: Numerics) -> RowSteps:
     most = FEW_SETS if model.host_parameters else most
     sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
     rows = design.rows_over(sets, spans)
-    parts = [_steps(design, run, numerics, rows[i : i + _CHUNK]) for i in range(0, rows.size, _CHUNK)]
-    dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    dt, longest = _steps(design, run, numerics, rows)
     return RowSteps(rows, design.n_rows / count, dt, longest, count > most)
 
 
-def check_steps(design: Design, run: RunKind, numerics: Numerics) -> list[Diagnostic]:
+def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> list[Diagnostic]:
     """Diagnostics about a step that is too long for some rows, or that nobody has said."""
     if numerics.dt is None:
         dt, _ = _steps(design, run, numerics, np.zeros(1, np.int64))
@@ -132,20 +136,16 @@ def check_steps(design: Design, run: RunKind, numerics: Numerics) -> list[Diagno
     return [Diagnostic(("numerics", "dt"), text)]
 
 
-def longer_than_right(design: Design, run: RunKind, numerics: Numerics) -> np.ndarray:
+def longer_than_right(design: Design, run: RunKind, numerics: ResolvedNumerics) -> np.ndarray:
     """Whether each row's step (n_rows,) is known to be too long for its parameters."""
     if numerics.dt is None:
         return np.zeros(design.n_rows, bool)
-    parts = [
-        _steps(design, run, numerics, np.arange(first, min(first + _CHUNK, design.n_rows)))
-        for first in range(0, design.n_rows, _CHUNK)
-    ]
-    dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    dt, longest = _steps(design, run, numerics, np.arange(design.n_rows))
     return dt > longest * _ROUNDING
 
 
 def values_with_right_steps(
-    design: Design, run: RunKind, numerics: Numerics, steps: RowSteps
+    design: Design, run: RunKind, numerics: ResolvedNumerics, steps: RowSteps
 ) -> Callable[[int, int], tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
     """`Design.values`, which refuses rows whose step is too long where not all were looked at beforehand."""
     if numerics.dt is None or not steps.sampled or design.model.host_parameters:
@@ -176,9 +176,14 @@ def _rounded_down(value: float) -> float:
 
 
 def _steps(
-    design: Design, run: RunKind, numerics: Numerics, rows: np.ndarray
+    design: Design, run: RunKind, numerics: ResolvedNumerics, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The steps that rows (n,) take, and the longest that are right for them."""
+    if rows.size > _CHUNK:
+        chunks = [rows[first : first + _CHUNK] for first in range(0, rows.size, _CHUNK)]
+        parts = [_steps(design, run, numerics, chunk) for chunk in chunks]
+        dt, longest = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return dt, longest
     # the first computation of most runs, which must not leave JAX with one core
     see_all_cores()
     model = design.model
@@ -199,7 +204,7 @@ def _steps(
 
 
 @cached_by_content(maxsize=16)
-def _function(model: Model, numerics: Numerics) -> Any:
+def _function(model: Model, numerics: ResolvedNumerics) -> Any:
     """`values -> (dt, longest)` of many rows."""
 
     def one(values: Any) -> tuple[jax.Array, jax.Array]:
@@ -212,7 +217,7 @@ def _function(model: Model, numerics: Numerics) -> Any:
     return jax.jit(jax.vmap(one))
 
 
-def _deciding(model: Model, numerics: Numerics, design: Design) -> list[str]:
+def _deciding(model: Model, numerics: ResolvedNumerics, design: Design) -> list[str]:
     """The parameters on which the length of steps depends."""
     names = [quantity.name for quantity in model.parameters]
     if model.host_parameters:
@@ -228,7 +233,7 @@ def _deciding(model: Model, numerics: Numerics, design: Design) -> list[str]:
     return sorted(deciding)
 
 
-def _from_spectrum(design: Design, numerics: Numerics, steps: RowSteps) -> np.ndarray:
+def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> np.ndarray:
     """The longest steps of rows whose model does not say them: from the flow's matrix where it is linear,
     a share of the nominal period elsewhere."""
     model = design.model

@@ -20,7 +20,7 @@ import pandas as pd
 
 from gaitsweep.contract import Model, Quantity, Status, Verdict
 from gaitsweep.design import Design
-from gaitsweep.engine.numerics import SHARE, tolerance_scale
+from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.propose import own_steps
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
@@ -384,7 +384,7 @@ def _repeated(
             name: start + np.where(np.isnan(start), 0.0, moves[part] * np.maximum(np.abs(start), 1.0))
             for name, start in starts.items()
         }
-        return parameters, {**moved, SHARE: shares[part]}
+        return parameters, {**moved, STEP_FACTOR: shares[part]}
 
     # programs of XLA are compiled for the width of the run that is checked
     width = work.lanes if work.engine == "xla" else min(work.lanes, max(8, rows.size))

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -14,7 +15,7 @@ from pydantic_core import ErrorDetails
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
 from gaitsweep.schema import former_names
-from gaitsweep.schema.strict_model import StrictModel
+from gaitsweep.schema.strict_model import ModelT, StrictModel
 
 Path = tuple[str | int, ...]  # where a field stands in a job: ("vary", "psi_1", "linspace", 0)
 
@@ -125,6 +126,12 @@ def _some(texts: Iterator[str]) -> Iterator[str]:
             return
 
 
+def refuse(wrong: Sequence[Diagnostic]) -> None:
+    """Raise JobError where something is wrong."""
+    if wrong:
+        raise JobError(wrong)
+
+
 def unknown_field(
     path: Path, section: str, allowed: Iterable[str], former: Mapping[str, str] | None = None
 ) -> Diagnostic:
@@ -162,6 +169,21 @@ def from_pydantic(
         prefix: the path of what was validated inside the job.
     """
     return [_from_details(details, sections, top, prefix) for details in error.errors(include_url=False)]
+
+
+def read_model(
+    model: type[ModelT], value: Any, path: Path, wrong: list[Diagnostic], words: str = ""
+) -> ModelT | None:
+    """The value at `path` as a strict model, or None with what is wrong with it added to `wrong`.
+
+    `words` name it in a sentence, by default the last step of its path.
+    """
+    words = words or str(path[-1])
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        wrong.extend(from_pydantic(error, {words: SchemaSection(words, model)}, words, path))
+        return None
 
 
 def _from_details(

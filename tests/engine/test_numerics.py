@@ -146,9 +146,9 @@ def test_steps_are_stable_at_their_limit_and_not_far_beyond() -> None:
 def test_every_model_knows_its_step(name: str) -> None:
     model = models.find(name)()
     params = scalars(model)
-    dt = float(step_of(model, Numerics(), params))
+    dt = float(step_of(model, Numerics().resolve(model), params))
     assert 0.0 < dt < float(model.period(params)) / 8.0
-    longest = longest_step(model, Numerics().of(model).method, params)
+    longest = longest_step(model, Numerics().resolve(model).method, params)
     assert longest is not None
     assert dt <= float(longest) * (1 + 1e-12)
 

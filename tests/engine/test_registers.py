@@ -108,7 +108,7 @@ def test_a_product_in_sums_alone_is_fused_in_all_of_them() -> None:
     """What is written at an event and beside it is rounded alike: each sum is one node."""
     numerics = Numerics(dt=4e-3, method="rk4")
     model = Multilegged()
-    chunk = kernel_of(model, CrossingRecorder(model, crossings=2), numerics, None).chunk
+    chunk = kernel_of(model, CrossingRecorder(model, crossings=2), numerics.resolve(model), None).chunk
     fused = contracted(chunk)
     program = fused.program
 

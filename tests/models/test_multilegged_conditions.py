@@ -73,7 +73,7 @@ def chains(n: int, N: int) -> Chain:
 def errors_and_conditions(N: int, chain: Chain) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Of one chain: what a cycle changes at a point of each wave, rad; what should stay; landing's margin."""
     model = MultileggedReduced(N)
-    run = crossing_of(model, STEPS, "xla")
+    run = crossing_of(model, STEPS.resolve(model), "xla")
     fixed = {
         "sigma": 20.0,
         "m_B": chain.m_1,

@@ -84,7 +84,7 @@ def test_solutions_of_a_profile_are_fixed_points_of_the_reduced_chain(N: int) ->
     assert bool(retrograde.hold)
     assert all(bool(source_conditions(N, chain, k).hold) for k in range(3, N + 1))
     model = MultileggedReduced(N, profile=True)
-    params, run = scalars(model, **values), crossing_of(model, STEPS, "xla")
+    params, run = scalars(model, **values), crossing_of(model, STEPS.resolve(model), "xla")
 
     def cycle(psi: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}

@@ -51,7 +51,7 @@ def cycle(N: int, numerics: Numerics, **params: float) -> Callable:
     """psi on section 1 -> psi a cycle later, for one trajectory."""
     model = MultileggedReduced(N)
     values = scalars(model, **params)
-    run = crossing_of(model, numerics, "xla")
+    run = crossing_of(model, numerics.resolve(model), "xla")
 
     def once(psi: jax.Array) -> jax.Array:
         start = {f"psi_{i + 1}": psi[i] for i in range(N)}

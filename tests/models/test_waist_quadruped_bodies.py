@@ -140,12 +140,13 @@ def test_mjx_has_steps_alone() -> None:
         "Allowed: semi_implicit."
     )
     with pytest.raises(ValueError, match=r"method is rk4, which needs a flow"):
-        advance(model, Numerics(method="rk4"))
+        advance(model, Numerics(method="rk4").resolve(model))
 
 
 def test_mjx_is_left_to_xla() -> None:
     model, device = WaistQuadruped("mjx"), jax.local_devices()[0]
-    how = model, CrossingRecorder(model, 3), Numerics(dt=DT, method="semi_implicit"), None
+    numerics = Numerics(dt=DT, method="semi_implicit").resolve(model)
+    how = model, CrossingRecorder(model, 3), numerics, None
     engine, note = choose("auto", device, *how)
     assert engine == "xla"
     assert note is not None

@@ -52,7 +52,7 @@ def left(state: Any) -> jax.Array:
 
 
 def located(T_hold: jax.Array, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
-    attempt = advance(MODEL, Numerics(method="rk4"))
+    attempt = advance(MODEL, Numerics(method="rk4").resolve(MODEL))
 
     def tried(_: Any, carry: Any) -> Any:
         return attempt(params, dataclasses.replace(carry, halt=jnp.zeros_like(carry.halt)))
