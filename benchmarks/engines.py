@@ -74,7 +74,7 @@ def measure(
 
     def run(rows: int) -> tuple[Timings, BlockResult]:
         given: list[BlockResult] = []
-        work = SweepSpec(
+        spec = SweepSpec(
             model=model,
             recorder=recorder,
             numerics=numerics,
@@ -85,7 +85,7 @@ def measure(
             values=lambda first, last: _values(true[np.arange(first, last) % len(true), 0]),
             engine=engine,
         )
-        return sweep(work, [0], lambda _, block: given.append(block)), given[0]
+        return sweep(spec, [0], lambda _, block: given.append(block)), given[0]
 
     at_once = lanes * len(chosen)
     rows = at_once

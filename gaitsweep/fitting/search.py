@@ -109,18 +109,18 @@ def run_search(
     path = RESULTS / job.name if out is None else Path(out)
     show = progress or (lambda *_, **__: None)
     population = job.fit.population()
-    ready = population.prepared(job.fit.structures[0])
-    if ready.note is not None:
-        tell(ready.note)
-    for caveat in ready.work.model.caveats():
+    context = population.prepared(job.fit.structures[0])
+    if context.note is not None:
+        tell(context.note)
+    for caveat in context.model.caveats():
         tell(f"Warning: {caveat}")
-    platform = ready.work.devices[0].platform
-    together = job.sets_together(ready, population.rows_of_a_set)
+    platform = context.spec.devices[0].platform
+    together = job.sets_together(context, population.rows_of_a_set)
     versions = {name: provenance.version_of(name) for name in _DECIDING}
-    side_by_side = job.batches_side_by_side(ready)
+    side_by_side = job.batches_side_by_side(context)
     job_hash = job.hash(
         device=platform,
-        engine=ready.engine,
+        engine=context.engine,
         population=together,
         side_by_side=side_by_side,
         versions=versions,
@@ -131,12 +131,12 @@ def run_search(
     ):
         for note in directory.notes:
             tell(note)
-        continue_directory(ready, directory, tell)
+        continue_directory(context, directory, tell)
         directory.update_manifest(
-            engine=ready.engine,
-            device=ready.device,
-            precision=ready.work.numerics.precision,
-            method=ready.work.numerics.method,
+            engine=context.engine,
+            device=context.device,
+            precision=context.spec.numerics.precision,
+            method=context.spec.numerics.method,
             quantities=_quantities(job, population),
             versions=provenance.versions() | versions,
         )

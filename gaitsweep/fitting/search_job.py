@@ -22,7 +22,7 @@ from gaitsweep.fitting.free import Free
 from gaitsweep.fitting.optimisers import METHODS, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, own_constants, robust_target, wrong_robust
 from gaitsweep.fitting.targets import MISS, Aim, Target
-from gaitsweep.runs.prepare import Prepared
+from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, JobError, found, read_model, refuse, unknown_field
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, word
 from gaitsweep.schema.strict_model import StrictModel, plain
@@ -143,24 +143,24 @@ class SearchJob(Search):
         ]
         return np.array(shares).reshape(len(self.known), len(self.free))
 
-    def sets_together(self, ready: Prepared, rows_of_a_set: int) -> int:
+    def sets_together(self, context: RunContext, rows_of_a_set: int) -> int:
         """Sets that are measured together."""
         sets = self.choice.population
         if sets is None:
             sets = _SETS_TOGETHER
-            platform = ready.work.devices[0].platform
+            platform = context.spec.devices[0].platform
             if platform != "cpu" and rows_of_a_set:
-                at_a_time = default_lanes(ready.engine, 2**20, platform) * len(ready.work.devices)
+                at_a_time = default_lanes(context.engine, 2**20, platform) * len(context.spec.devices)
                 sets = max(sets, math.ceil(at_a_time / rows_of_a_set))
             if self.choice.method == "nsga3":
                 sets = min(sets, _MOST_OF_A_FRONT)
         return min(sets, self.choice.budget)
 
-    def batches_side_by_side(self, ready: Prepared) -> int:
+    def batches_side_by_side(self, context: RunContext) -> int:
         """Batches that run at a time."""
         if self.choice.side_by_side is not None:
             return self.choice.side_by_side
-        return 1 if ready.work.devices[0].platform == "cpu" else _SIDE_BY_SIDE
+        return 1 if context.spec.devices[0].platform == "cpu" else _SIDE_BY_SIDE
 
     def resolved(self) -> dict[str, Any]:
         """The job as plain values, as the result directory keeps it."""

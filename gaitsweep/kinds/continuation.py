@@ -92,10 +92,10 @@ class Continuation(FollowsFixedPoints):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self, rows: Design, work: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The branches of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, table = self.followed(rows, work, np.arange(first, last), between)
+        mapping, values, table = self.followed(rows, spec, np.arange(first, last), between)
         row = table["row"].to_numpy(np.int64)
         axes = {name: each[row] for name, each in rows.columns(first, last).items()}
         renamed = {q.name: f"{q.name}_n" for q in rows.model.observables}
@@ -118,14 +118,14 @@ class Continuation(FollowsFixedPoints):
         return table if found.any() else table.assign(stable=pd.Series([None] * len(table), dtype=object))
 
     def followed(
-        self, rows: Design, work: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
+        self, rows: Design, spec: SweepSpec, numbers: np.ndarray, between: Between, with_points: bool = False
     ) -> tuple[BatchedReturnMap, dict[str, Any], pd.DataFrame]:
         """The branches of the rows `numbers` (n,), as `analysis.continuation` gives them.
 
         Returns:
             The return map, the parameters (n,) that do not move, and the table, whose `row` counts from 0.
         """
-        mapping, values, starts = self.return_map(rows, work, numbers)
+        mapping, values, starts = self.return_map(rows, spec, numbers)
         begin, end = self.path
         points, _ = mapping.settled(starts, values, self.settle)
         del values[self.parameter]

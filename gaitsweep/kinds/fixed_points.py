@@ -85,10 +85,10 @@ class FollowsFixedPoints(RunKind):
         return wrong
 
     def starting_points(
-        self, rows: Design, work: SweepSpec, sample: np.ndarray, share: float
+        self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
         """The fixed points at which branches begin, found again with a share of the step."""
-        mapping, values, starts = self.return_map(rows, work, sample)
+        mapping, values, starts = self.return_map(rows, spec, sample)
 
         def found(one: BatchedReturnMap) -> StartingPoints:
             points, _ = one.settled(starts, values, self.settle)
@@ -99,12 +99,12 @@ class FollowsFixedPoints(RunKind):
         return found(mapping), found(mapping.refined(share))
 
     def return_map(
-        self, rows: Design, work: SweepSpec, numbers: np.ndarray
+        self, rows: Design, spec: SweepSpec, numbers: np.ndarray
     ) -> tuple[BatchedReturnMap, dict[str, Any], Values]:
         """The return map of rows (n,), their parameters where they begin, and their starts."""
         parameters, starts = rows.values_in(numbers)
         following = rows.following(*(each.parameter for each in self.movements))
-        mapping = BatchedReturnMap(rows.model, tuple(following.items()), work.numerics, work.engine)
+        mapping = BatchedReturnMap(rows.model, tuple(following.items()), spec.numerics, spec.engine)
         values = {name: each for name, each in parameters.items() if name not in following}
         return mapping, {**values, **self.first_values()}, starts
 

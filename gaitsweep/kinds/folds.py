@@ -132,10 +132,10 @@ class Folds(FollowsFixedPoints):
         return Cost(likely, most, max(points, 1.0))
 
     def block_table(
-        self, rows: Design, work: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The curves of rows first..last-1; `between` is called before each of their steps."""
-        mapping, values, starts = self.return_map(rows, work, np.arange(first, last))
+        mapping, values, starts = self.return_map(rows, spec, np.arange(first, last))
         points, _ = mapping.settled(starts, values, self.settle)
         curves = []
         for row in range(last - first):

@@ -170,13 +170,13 @@ class RunKind(StrictModel):
         return pd.DataFrame(found)
 
     def block_table(
-        self, rows: Design, work: SweepSpec, first: int, last: int, between: Between
+        self, rows: Design, spec: SweepSpec, first: int, last: int, between: Between
     ) -> pd.DataFrame:
         """The records of rows first..last-1, where `own_blocks`; `between` is called now and then."""
         raise NotImplementedError
 
     def starting_points(
-        self, rows: Design, work: SweepSpec, sample: np.ndarray, share: float
+        self, rows: Design, spec: SweepSpec, sample: np.ndarray, share: float
     ) -> tuple[StartingPoints, StartingPoints]:
         """Where a sample of rows (n,) starts, at its own step and a share of it, for the self-check."""
         raise NotImplementedError

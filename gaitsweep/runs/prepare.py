@@ -1,4 +1,4 @@
-"""A job made ready: its engine, devices and lanes, and the hash that its directory carries."""
+"""The context of a run: engine, devices and lanes of a job, and the hash of its directory."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from gaitsweep.contract import Model
 from gaitsweep.design import Design
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes
@@ -38,40 +39,44 @@ class RunError(UserError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Prepared:
-    """A job made ready: its rows, the engine's work, and the hash that its directory carries.
+class RunContext:
+    """A job on this machine: its rows, the specification of their sweep, and the hash of its directory.
 
-    `note` says why the engine is another than the one preferred, if it is.
+    `steps` are the lengths of the rows' steps; `note` says why the engine is another than the one preferred.
     """
 
     job: Job
     design: Design
-    work: SweepSpec
+    spec: SweepSpec
     note: str | None
     job_hash: str
     steps: RowSteps
 
+    @property
+    def model(self) -> Model:
+        return self.design.model
+
     def table(self, block: BlockResult) -> pd.DataFrame:
         """The records of a block of rows."""
         axes = self.design.columns(block.first, block.first + len(block.status))
-        return self.job.run.table(self.design.model, axes, block)
+        return self.job.run.table(self.model, axes, block)
 
     @property
     def program(self) -> Mapping[str, str]:
         """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
-        return traced_program(self.design.model).digests
+        return traced_program(self.model).digests
 
     @property
     def engine(self) -> str:
-        return self.work.engine
+        return self.spec.engine
 
     @property
     def device(self) -> str:
-        first = self.work.devices[0]
-        return f"{len(self.work.devices)} x {first.platform} ({first.device_kind})"
+        first = self.spec.devices[0]
+        return f"{len(self.spec.devices)} x {first.platform} ({first.device_kind})"
 
 
-def prepare(job: Job) -> Prepared:
+def prepare(job: Job) -> RunContext:
     """Choose engine, devices and lanes for a job.
 
     Raises:
@@ -92,7 +97,7 @@ def prepare(job: Job) -> Prepared:
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
     lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
     steps = row_steps(rows, job.run, numerics)
-    work = SweepSpec(
+    spec = SweepSpec(
         model=rows.model,
         recorder=recorder,
         numerics=numerics,
@@ -110,7 +115,7 @@ def prepare(job: Job) -> Prepared:
         job_hash = _with_source(job_hash, own)
     if digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + digest).encode()).hexdigest()
-    return Prepared(job, rows, work, note, job_hash, steps)
+    return RunContext(job, rows, spec, note, job_hash, steps)
 
 
 def nominal_period(design: Design) -> float:
