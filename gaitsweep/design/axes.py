@@ -114,7 +114,6 @@ class ListAxis:
     """Points given one by one: numbers or expressions, or an array (length,) of numbers."""
 
     numbers: tuple[float | str, ...] | np.ndarray
-    evenly_spaced: ClassVar[bool] = False
     drawn: ClassVar[bool] = False
 
     @property
@@ -203,19 +202,9 @@ class RangeAxis:
     logarithmic: bool = False
 
     @property
-    def evenly_spaced(self) -> bool:
-        """Whether its points have equal differences or ratios."""
-        return isinstance(self.fraction, LinearSpacing)
-
-    @property
     def drawn(self) -> bool:
-        """Whether its points are random, or of a Sobol sequence."""
+        """Whether its points are random, or of a Sobol sequence; others have equal differences or ratios."""
         return isinstance(self.fraction, RandomAxis)
-
-    @property
-    def centred(self) -> bool:
-        """Whether its points are the middles of equal cells."""
-        return isinstance(self.fraction, LinearSpacing) and self.fraction.at == "centre"
 
     @property
     def formulas(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.design.axes import ListAxis, RangeAxis
+from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
 from gaitsweep.design.vary import Group
 from gaitsweep.expression import names_in, resolve
 from gaitsweep.schema.diagnostics import Diagnostic, JobError
@@ -114,6 +114,11 @@ class Design:
                 known = resolve({name: self.settings[name]}, known)
         return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
 
+    def row(self, number: int) -> dict[str, float]:
+        """All parameters and starts of a row; NaN for a start that the model itself decides."""
+        values = self.at(np.array([number]), self.order)
+        return {name: float(value[0]) for name, value in values.items()}
+
     def closure(self, names: Iterable[str]) -> set[str]:
         """The names and all that their formulas use, directly or not."""
         reached: set[str] = set()
@@ -152,7 +157,7 @@ class Design:
             name: GridAxis(place, self._closed(name, axis))
             for place, group in enumerate(self.groups)
             for name, axis in group.axes.items()
-            if len(group.axes) == 1 and isinstance(axis, RangeAxis) and axis.evenly_spaced
+            if len(group.axes) == 1 and isinstance(axis, RangeAxis) and not axis.drawn
         }
 
     def in_cells(self, name: str) -> bool:
@@ -162,14 +167,16 @@ class Design:
         axis = self.groups[self._places[name]].axes[name]
         if axis.formulas or axis.length > MOST_CELLS:
             return False
-        return axis.evenly_spaced or np.unique(axis.at(np.arange(axis.length), {})).size <= 4
+        regular = isinstance(axis, RangeAxis) and not axis.drawn
+        return regular or np.unique(axis.at(np.arange(axis.length), {})).size <= 4
 
     def _closed(self, name: str, axis: RangeAxis) -> bool:
         """Whether an axis is an angle whose cells fill one turn."""
         quantities = {q.name: q for q in (*self.model.parameters, *self.model.initial_conditions)}
-        if not quantities[name].circular or axis.logarithmic or axis.formulas or not axis.centred:
+        if not quantities[name].circular or axis.logarithmic or axis.formulas:
             return False
-        return math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
+        turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
+        return turn and axis.fraction == LinearSpacing(axis.length, "centre")
 
     def with_columns(self, columns: Mapping[str, np.ndarray]) -> Design:
         """The design whose rows are the entries of these columns (n,); nothing else varies in it."""

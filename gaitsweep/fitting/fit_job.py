@@ -31,6 +31,7 @@ from gaitsweep.schema.diagnostics import (
     read_model,
     refuse,
     unknown_field,
+    wrong_kind,
 )
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.strict_model import StrictModel, kind_of
@@ -113,11 +114,9 @@ class FitJob:
                 ]
             )
             job = self._job_with(given)
-        numbers = [name for name in self.free if name in self.spec.quantities]
-        there = job.design.at(np.zeros(1, int), numbers)
+        values = job.design.row(0)
         return {
-            name: float(there[name][0]) if name in there else getattr(job.design.model, name)
-            for name in self.free
+            name: values[name] if name in values else getattr(job.design.model, name) for name in self.free
         }
 
     def _job_with(self, values: Mapping[str, Any], config: str | None = None) -> Job:
@@ -175,23 +174,13 @@ def read_measure(
     value: Any, path: FieldPath, wrong: list[Diagnostic], beside: type[StrictModel] | None = None
 ) -> Measure | None:
     """A measure; what is wrong with it is added to `wrong`; `beside` has other fields that stand there."""
-    if not isinstance(value, Mapping):
-        text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(MEASURES)}"
-        wrong.append(Diagnostic(path, text))
+    if (bad := wrong_kind(path, value, MEASURES)) is not None:
+        wrong.append(bad)
         return None
-    kind = value.get("kind")
-    if kind is None:
-        wrong.append(Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(MEASURES)}"))
-        return None
-    if not isinstance(kind, str) or kind not in MEASURES:
-        near = near_miss.suggestion(str(kind), MEASURES)
-        wrong.append(Diagnostic((*path, "kind"), f"is {found(kind)}, which is none{near}"))
-        return None
+    kind = value["kind"]
     part = MEASURES[kind]
-    own, more = (
-        SchemaSection(str(path[-1]), part).fields,
-        () if beside is None else SchemaSection("", beside).fields,
-    )
+    own = SchemaSection("", part).fields
+    more = () if beside is None else SchemaSection("", beside).fields
     unknown = [key for key in value if key not in own]
     wrong.extend(unknown_field((*path, str(key)), f"a measure ({kind})", [*own, *more]) for key in unknown)
     fields = {key: each for key, each in value.items() if key in own}

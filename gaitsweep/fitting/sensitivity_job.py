@@ -159,7 +159,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
         if (unknown := fit.spec.unknown(name, "vary")) is not None:
             wrong.append(Diagnostic(("sensitivity", "parameters", name), unknown))
     refuse(wrong)
-    own = _own_values_of(base, [*ranges, *shares])
+    own = base.design.row(0)
     fixed = [*ranges, *shares] if analysis.method == "one_at_a_time" else list(shares)
     wrong.extend(_follow_conditions(base, fixed, outputs))
     free = {}
@@ -274,11 +274,6 @@ def _own_values(fit: FitJob) -> FitJob:
         and name not in (fit.given.get("start") or {})
     }
     return dataclasses.replace(fit, free=needed)
-
-
-def _own_values_of(job: Job, names: Sequence[str]) -> dict[str, float]:
-    values = job.design.at(np.array([0]), names)
-    return {name: float(values[name][0]) for name in names}
 
 
 def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Measure]) -> list[Diagnostic]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
@@ -218,19 +218,26 @@ def _from_details(
 
 def _about_kind(path: Path, value: object, sections: dict[str, SchemaSection]) -> Diagnostic:
     kinds = [tag.rpartition(".")[2] for tag, section in sections.items() if section.union == path[0]]
-    if not isinstance(value, dict):
-        return Diagnostic(
-            path, f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
-        )
+    former = former_names.RUN_KINDS if path[0] == "run" else None
+    return wrong_kind(path, value, kinds, former) or Diagnostic(path, f"is {found(value)}.")
+
+
+def wrong_kind(
+    path: Path, value: object, kinds: Collection[str], former: Mapping[str, str] | None = None
+) -> Diagnostic | None:
+    """The diagnostic of fields whose `kind` is not one of `kinds`; None where it is."""
+    if not isinstance(value, Mapping):
+        text = f"is {found(value)}, but takes fields, kind among them. {near_miss.allowing(kinds)}"
+        return Diagnostic(path, text)
     if "kind" not in value:
         return Diagnostic((*path, "kind"), f"is missing. {near_miss.allowing(kinds)}")
     kind = value["kind"]
-    former = former_names.RUN_KINDS.get(kind) if path[0] == "run" and isinstance(kind, str) else None
-    if former is not None:
-        return Diagnostic((*path, "kind"), f"is {kind}, which is called {former} now: write {former}.")
-    return Diagnostic(
-        (*path, "kind"), f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
-    )
+    if isinstance(kind, str) and kind in kinds:
+        return None
+    text = f"is {found(kind)}, which is none{near_miss.suggestion(str(kind), kinds)}"
+    if former and isinstance(kind, str) and kind in former:
+        text = f"is {kind}, which is called {former[kind]} now: write {former[kind]}."
+    return Diagnostic((*path, "kind"), text)
 
 
 def _without_tags(loc: Path, sections: dict[str, SchemaSection]) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import operator
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
@@ -35,7 +35,7 @@ def kind_of(part: type[StrictModel]) -> str:
 ModelT = TypeVar("ModelT", bound=StrictModel)
 
 
-class Registry(Mapping[str, type[ModelT]]):
+class Registry(dict[str, type[ModelT]]):
     """Parts by their kind, in the order in which they were registered.
 
     Args:
@@ -44,8 +44,8 @@ class Registry(Mapping[str, type[ModelT]]):
     """
 
     def __init__(self, noun: str, parts: Iterable[type[ModelT]]) -> None:
+        super().__init__()
         self.noun = noun
-        self._parts: dict[str, type[ModelT]] = {}
         for part in parts:
             self.register(part)
 
@@ -57,7 +57,7 @@ class Registry(Mapping[str, type[ModelT]]):
             ValueError: the registry has another part of this kind.
         """
         kind = kind_of(part)
-        if self._parts.setdefault(kind, part) is not part:
+        if self.setdefault(kind, part) is not part:
             raise ValueError(f"There is a kind of {self.noun} named {kind}: give this one another name.")
         return part
 
@@ -67,16 +67,7 @@ class Registry(Mapping[str, type[ModelT]]):
         Raises:
             KeyError: the registry has no such part.
         """
-        del self._parts[kind]
-
-    def __getitem__(self, kind: str) -> type[ModelT]:
-        return self._parts[kind]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._parts)
-
-    def __len__(self) -> int:
-        return len(self._parts)
+        del self[kind]
 
 
 @dataclasses.dataclass(frozen=True)
