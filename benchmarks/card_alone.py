@@ -17,8 +17,8 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.cuda import CudaLanes
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.settle import SettleRecorder

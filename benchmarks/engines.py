@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.engines import EngineError, choose, default_lanes

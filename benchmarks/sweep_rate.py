@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitsweep.contract import HybridModel, SteppedModel
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import default_lanes
 from gaitsweep.engine.sweep.sweep import Timings, sweep

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from gaitsweep.contract import Model
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.sweep.block import BlockResult
 from gaitsweep.engine.sweep.sweep import sweep

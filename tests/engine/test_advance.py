@@ -13,7 +13,8 @@ from sweeping import run_rows, scalars
 from toy_model import Toy, bounce_times, flight_time
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import GOING, Numerics, advance, start
+from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder

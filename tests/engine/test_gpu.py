@@ -9,10 +9,10 @@ import pytest
 from multilegged_crossings import reference, simulated, wrapped
 from sweeping import run_rows, same
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.card import Card, Numbers, missing
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

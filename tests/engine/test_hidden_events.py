@@ -15,8 +15,8 @@ from sweeping import run_rows
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.hidden_events import may_bend, may_hide, switch_unseen
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 

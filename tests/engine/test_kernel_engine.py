@@ -23,9 +23,9 @@ from sweeping import run_rows, same
 from toy_model import Toy
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu_program, llvm_code
 from gaitsweep.engine.kernel.lanes import kernel_of
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule
 from gaitsweep.engine.recorders.settle import SettleRecorder

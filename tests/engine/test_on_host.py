@@ -11,7 +11,7 @@ import pytest
 from sweeping import run_rows
 from toy_model import Params, Toy
 
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose

@@ -17,7 +17,7 @@ from toy_model import Toy, flight_time
 
 from gaitsweep import models
 from gaitsweep.contract import HybridModel, Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import crossing_of
 from gaitsweep.engine.propose import METHODS, refusal
 from gaitsweep.engine.propose.exponential import PROPAGATOR, PROPAGATOR6

@@ -9,7 +9,7 @@ from sweeping import run_rows
 from toy_model import Toy, bounce_times, launches
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.fixed_time import FixedTimeRecorder
 from gaitsweep.engine.recorders.ramp import RampSchedule

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from sweeping import run_rows, same
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel import lanes as kernel_lanes
 from gaitsweep.engine.kernel.contraction import contracted
@@ -14,6 +13,7 @@ from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.registers import steps
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 

@@ -16,7 +16,8 @@ from toy_model import Toy, flight_time
 from gaitsweep.analysis.continuation.floquet import multipliers
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.dynamics.tree.spatial import quaternion_product
-from gaitsweep.engine.advance import GOING, Numerics, advance, start
+from gaitsweep.engine.advance import GOING, advance, start
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap

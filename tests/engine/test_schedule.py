@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from gaitsweep.engine.advance import Numerics
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.schedule import most_alive, scheduled
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 

@@ -9,7 +9,7 @@ import pytest
 from sweeping import run_rows, scalars
 
 from gaitsweep.dynamics.single_precision import worked_in
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

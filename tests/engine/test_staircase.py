@@ -18,7 +18,7 @@ from sweeping import run_rows
 from toy_model import Toy
 
 from gaitsweep.contract import Quantity, Status, SteppedModel
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.stairs import StepSchedule
 from gaitsweep.engine.sweep.block import BlockResult

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sweeping import run_rows, same
 from toy_model import Toy
 
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged

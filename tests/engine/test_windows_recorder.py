@@ -8,7 +8,7 @@ from sweeping import run_rows
 from toy_model import Toy, bounce_times, launches
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.windows import WindowsRecorder
 
 W, D = 2.0, 0.5  # rad/s, m: the toy's defaults

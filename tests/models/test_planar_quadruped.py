@@ -19,7 +19,7 @@ from reference.planar_quadruped_mujoco import PlanarQuadruped as InMujoco
 from sweeping import complete, run_rows
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.job import Job, JobError

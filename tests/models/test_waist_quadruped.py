@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from sweeping import run_rows
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

@@ -16,7 +16,8 @@ from reference.waist_quadruped_mujoco import Landing, landings
 from sweeping import complete, run_rows
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics, advance
+from gaitsweep.engine.advance import advance
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.propose import refusal
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.engine.sweep.engines import EngineError, choose

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from sweeping import complete, run_rows, scalars
 
 from gaitsweep.contract import Status
-from gaitsweep.engine.advance import Numerics
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.crossings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from sweeping import run_rows, scalars
 
-from gaitsweep.engine.advance import Numerics, advance, start
+from gaitsweep.engine.advance import advance, start
+from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.trace import TraceRecorder
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import phase_rates
