@@ -1,4 +1,4 @@
-"""What is wrong with a job, as sentences: where it stands, what was found, what is allowed or meant."""
+"""Error messages of jobs: the field and its line, the value found, what is allowed, the near miss."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DEEPEST = 4  # lists inside lists that are quoted
 
 @dataclasses.dataclass(frozen=True)
 class Diagnostic:
-    """One thing that is wrong: the field's path, the sentence's end, and where it is written, if known."""
+    """An error: the path of the field, the end of the sentence, and the file and line, if known."""
 
     path: Path
     text: str
@@ -93,7 +93,7 @@ def shown(path: Path) -> str:
 
 
 def found(value: object) -> str:
-    """What was written, short enough to be quoted; of what is long only the beginning is looked at."""
+    """A value as it was written, shortened to be quoted; only the beginning of a long one is read."""
     return clipped(_written(value, 0))
 
 
@@ -160,7 +160,7 @@ class SchemaSection:
 def from_pydantic(
     error: ValidationError, sections: dict[str, SchemaSection], top: str, prefix: Path = ()
 ) -> list[Diagnostic]:
-    """Our sentence for each thing that pydantic refused.
+    """A diagnostic for each error of pydantic.
 
     Args:
         error: what pydantic raised.
