@@ -80,7 +80,7 @@ class BatchedReturnMap(Map):
 
     @cached_property
     def integration(self) -> ResolvedNumerics:
-        """The numerics of a job's map are resolved already; those of a map made in Python are not."""
+        """The resolved numerics; those of a job's map are resolved already."""
         given = self.numerics
         return given if isinstance(given, ResolvedNumerics) else given.resolve(self.model)
 

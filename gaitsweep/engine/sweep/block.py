@@ -61,7 +61,7 @@ class Block:
         self.first = number * spec.block
         self.rows = min(spec.block, spec.n_rows - self.first)
         params, starts = spec.values(self.first, self.first + self.rows)
-        self.starts = {STEP_FACTOR: np.ones(self.rows), **starts}
+        self.starts = {STEP_FACTOR: np.full(self.rows, spec.numerics.factor), **starts}
         self.params = spec.model.on_host(params)
         self.opened = 0  # rows of `waiting` that have a lane already
         self.status = np.zeros(self.rows, np.int32)
